@@ -1,0 +1,50 @@
+"""Every error that this package raises on purpose.
+
+    SmartPlayError
+    ├── UnknownNameError      no game, player or tokenizer of that name; the message lists near ones
+    ├── MissingExtraError     a feature whose optional dependency is not installed; the message is the remedy
+    ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
+    └── TranscriptError       a file that is not a transcript, or not one that can be replayed here
+
+What a *model* does wrong never raises: it is a `ToolResult` with `is_error`. What a *user* does wrong raises one
+sentence that names the remedy: one of the above, or a `ValueError` for a bad argument. Anything else is a bug.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class SmartPlayError(Exception):
+    """The root of the tree above."""
+
+
+class UnknownNameError(SmartPlayError, KeyError):
+    """A name that is not registered."""
+
+    def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
+        known = list(known)
+        near = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(known)}."
+        self.message = f"There is no {kind} {name!r}; {hint}"
+        super().__init__(self.message)
+
+    def __str__(self) -> str:
+        # KeyError prints the repr of its argument, which would quote the sentence.
+        return self.message
+
+
+class MissingExtraError(SmartPlayError, ImportError):
+    """An optional dependency is missing."""
+
+    def __init__(self, feature: str, extra: str) -> None:
+        super().__init__(f"{feature} needs an optional dependency: pip install 'smartplay-tools[{extra}]'")
+
+
+class PromptOverflowError(SmartPlayError):
+    """The pinned parts of a prompt need more than `prompt_tokens`."""
+
+
+class TranscriptError(SmartPlayError, ValueError):
+    """A file is not a transcript that can be read or replayed."""

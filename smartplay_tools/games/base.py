@@ -1,0 +1,165 @@
+"""TextGame: what every game of the benchmark is, seen from outside.
+
+A text game is a Gymnasium environment whose observation is the text that a player reads. The subclass brings rules
+and words (`_reset`, `_step`, `_state`); this class brings what all games share: the score sheet, the history text as
+the original prints it, the `info` dictionary and the hash that makes a replay checkable. Games do not count steps:
+the rollout limit belongs to Gymnasium's `TimeLimit` and to `Episode`.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from importlib import resources
+from typing import Any, ClassVar
+
+import gymnasium
+from gymnasium import spaces
+
+
+@functools.cache
+def read_text(package: str, name: str) -> str:
+    """Return a text file that lies beside a game, without the line end that closes the file."""
+    return resources.files(package).joinpath(name).read_text(encoding="utf-8").removesuffix("\n")
+
+
+def with_action_list(manual: str, actions: Sequence[str]) -> str:
+    """Append the numbered action list that ends every manual but Crafter's."""
+    lines = [f"{number}. {action}" for number, action in enumerate(actions, start=1)]
+    return "\n".join([f"{manual}\n", "List of all actions:", *lines])
+
+
+def history_text(observations: Sequence[tuple[int, str]]) -> str:
+    """Print past observations, (step, text) oldest first, as the original does; empty when there are none.
+
+    Step 0 is the observation of the reset. The current observation is not part of its own history.
+    """
+    if not observations:
+        return ""
+    items = [f"Player Observation Step {step}:\n{text}" for step, text in observations]
+    return "\n\n".join([f"Most recent {len(items)} steps of the player's in-game observation:", *items]).strip()
+
+
+class TextGame(gymnasium.Env[str, Any]):
+    """A game that is read and played in words.
+
+    Attributes:
+        actions: the names of the actions; the index is the action of `step`, in the order of the original.
+        numbered_actions: the names in the order in which the manual numbers them, from 1.
+        manual: the text that explains the game, as the original prints it.
+        score: the benchmark's score of the episode so far (paper, section 3.2).
+        completed: whether the game's objective has been reached.
+        observation: the current observation, the text that `reset` or `step` returned last.
+        history: how many past observations `info["history"]` holds at most; None for all.
+        hash_every: how many steps lie between two state hashes of a record, a constant of the game.
+
+    The only source of randomness is the seed of `reset`: games draw from `self.np_random` and nothing else.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 4}  # noqa: RUF012 - Gymnasium's attribute
+    hash_every: ClassVar[int] = 1
+
+    actions: tuple[str, ...]
+    manual: str
+
+    def __init__(
+        self,
+        *,
+        history: int | None,
+        longest_observation: int,
+        characters: str,
+        render_mode: str | None = None,
+    ) -> None:
+        """`longest_observation` (characters) and `characters` bound the observation space truly."""
+        if history is not None and history < 0:
+            raise ValueError(f"history must be 0 or more, or None for all steps, not {history}.")
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"render_mode must be one of {self.metadata['render_modes']}, not {render_mode!r}.")
+        self.history = history
+        self.render_mode = render_mode
+        self.action_space = spaces.Discrete(len(self.actions))
+        self.observation_space = spaces.Text(
+            min_length=1, max_length=longest_observation, charset="".join(sorted(set(characters)))
+        )
+        self.score: float = 0
+        self.completed = False
+        self.observation = ""
+        self._steps = 0
+        self._past: deque[tuple[int, str]] = deque(maxlen=history)
+
+    @property
+    def numbered_actions(self) -> tuple[str, ...]:
+        """The actions as the manual numbers them; the same as `actions` unless a game's manual says otherwise."""
+        return self.actions
+
+    # What a game brings.
+
+    @abstractmethod
+    def _reset(self) -> str:
+        """Start an episode from `self.np_random`; return the first observation."""
+
+    @abstractmethod
+    def _step(self, action: int) -> tuple[str, float, bool, bool]:
+        """Play an action; return observation, reward, terminated and truncated. Updates score and completed."""
+
+    @abstractmethod
+    def _state(self) -> Any:
+        """The whole state of the game's rules as JSON, or as bytes; the random stream is added by `state_hash`."""
+
+    # What every game has.
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[str, dict[str, Any]]:
+        """Start an episode. Without a seed the random stream goes on where it was, as in all of Gymnasium."""
+        super().reset(seed=seed)
+        self.score, self.completed, self._steps = 0, False, 0
+        self._past.clear()
+        self.observation = self._reset()
+        return self.observation, self._info()
+
+    def step(self, action: Any) -> tuple[str, float, bool, bool, dict[str, Any]]:
+        """Play `actions[action]`."""
+        if self.history != 0:
+            self._past.append((self._steps, self.observation))
+        self.observation, reward, terminated, truncated = self._step(int(action))
+        self._steps += 1
+        return self.observation, float(reward), terminated, truncated, self._info()
+
+    def render(self) -> str:
+        """Return the current observation (render mode `ansi`)."""
+        return self.observation
+
+    def recent(self, steps: int | None = None) -> str:
+        """The history text of at most `steps` past observations; None for as many as `history` keeps."""
+        past = list(self._past)
+        return history_text(past if steps is None else past[max(0, len(past) - steps) :])
+
+    def state_hash(self) -> str:
+        """The 32 hex digits of blake2b-128 over the whole state, random stream included.
+
+        Equal hashes mean that the same actions lead to the same future, in any process and on any machine.
+        """
+        state = self._state()
+        digest = hashlib.blake2b(state if isinstance(state, bytes) else _canonical(state), digest_size=16)
+        digest.update(_canonical([self._steps, self.score, self.completed, self._random_state()]))
+        return digest.hexdigest()
+
+    def _random_state(self) -> Any:
+        """The state of the game's random stream as JSON."""
+        return self.np_random.bit_generator.state
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "obs": self.observation,
+            "manual": self.manual,
+            "history": history_text(self._past) if self._past else "",
+            "score": self.score,
+            "completed": int(self.completed),
+        }
+
+
+def _canonical(value: Any) -> bytes:
+    return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()

@@ -1,0 +1,116 @@
+"""Rock Paper Scissors (paper section 3.3): fifty rounds against an opponent of fixed but hidden habits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate, permutations
+from typing import Any
+
+from smartplay_tools.games.bandit import Chance
+from smartplay_tools.games.base import TextGame, read_text, with_action_list
+
+# --- Rules -----------------------------------------------------------------------------------------------------------
+
+HANDS = 3
+"""Rock, Paper, Scissor are 0, 1, 2: each hand beats the one before it, and Rock beats Scissor."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """What a hand means in this episode: how often the opponent plays it, and what winning with it scores."""
+
+    probabilities: tuple[float, ...]
+    scores: tuple[int, ...]
+
+    def expected_reward(self, hand: int) -> float:
+        """The mean reward of a round in which `hand` is played."""
+        return sum(p * reward(self, hand, other) for other, p in enumerate(self.probabilities))
+
+
+def shuffle(table: Table, chance: Chance) -> Table:
+    """Deal the (probability, score) pairs to the hands in random order, each order as likely as the others."""
+    orders = list(permutations(zip(table.probabilities, table.scores, strict=True)))
+    pairs = orders[int(chance.random() * len(orders))]
+    return Table(tuple(p for p, _ in pairs), tuple(s for _, s in pairs))
+
+
+def opponent_hand(table: Table, chance: Chance) -> int:
+    """Draw what the opponent plays."""
+    draw = chance.random()
+    return sum(draw >= edge for edge in list(accumulate(table.probabilities))[:-1])
+
+
+def reward(table: Table, hand: int, other: int) -> int:
+    """The score of a win with `hand`, minus the score of the opponent's win with `other`, 0 for a draw."""
+    if hand == other:
+        return 0
+    return table.scores[hand] if (hand - other) % HANDS == 1 else -table.scores[other]
+
+
+def best(table: Table) -> int:
+    """Return the hand with the largest expected reward, the optimal action of every step."""
+    return max(range(HANDS), key=table.expected_reward)
+
+
+# --- Text ------------------------------------------------------------------------------------------------------------
+
+ACTIONS = ("Rock", "Paper", "Scissor")
+START = "New round begins."
+
+
+def manual(scores: tuple[int, ...]) -> str:
+    """The manual with each hand's true score beside it."""
+    rock, paper, scissors = scores
+    rules = read_text(__package__, "rock_paper_scissors.txt").format(rock=rock, paper=paper, scissors=scissors)
+    return with_action_list(rules, ACTIONS)
+
+
+def describe(hand: int, other: int, score: int) -> str:
+    """The observation after a round; `score` is its reward. The original's word for a draw is "tied"."""
+    outcome = "tied" if hand == other else "won" if (hand - other) % HANDS == 1 else "lost"
+    return (
+        f"You chose {ACTIONS[hand]}, and the opponent chose {ACTIONS[other]}. "
+        f"You {outcome} and received score {score}.\n{START}"
+    )
+
+
+# --- Environment -----------------------------------------------------------------------------------------------------
+
+
+class RockPaperScissors(TextGame):
+    """Rock Paper Scissors against a biased opponent.
+
+    Action space: `Discrete(3)`: rock, paper, scissors. Observation: both hands and the score of the round. Reward:
+    that score. Score: the number of rounds in which the hand of largest expected reward was played. The game never
+    ends by itself; a rollout has 50 steps.
+
+    Arguments: `probabilities` and `scores`, dealt in pairs to the three hands at every reset. The manual states the
+    scores of the episode at hand.
+    """
+
+    actions = ACTIONS
+
+    def __init__(
+        self, *, probabilities: tuple[float, float, float], scores: tuple[int, int, int], **options: Any
+    ) -> None:
+        self._setting = self._table = Table(tuple(probabilities), tuple(scores))
+        self.manual = manual(self._table.scores)
+        pairs = [(hand, other) for hand in range(HANDS) for other in range(HANDS)]
+        rewards = [sign * score for score in self._table.scores for sign in (1, -1)]
+        texts = [describe(hand, other, score) for hand, other in pairs for score in [0, *rewards]]
+        super().__init__(longest_observation=max(map(len, texts)), characters="".join(texts), **options)
+
+    def _reset(self) -> str:
+        self._table = shuffle(self._setting, self.np_random)
+        self._best = best(self._table)
+        self.manual = manual(self._table.scores)
+        return START
+
+    def _step(self, action: int) -> tuple[str, float, bool, bool]:
+        other = opponent_hand(self._table, self.np_random)
+        score = reward(self._table, action, other)
+        self.score += action == self._best
+        return describe(action, other, score), score, False, False
+
+    def _state(self) -> Any:
+        return [self._table.probabilities, self._table.scores]

@@ -1,0 +1,1 @@
+"""Players: things that answer a prompt - random, rule-based, a model, a person."""

@@ -1,0 +1,26 @@
+"""Bandit: try each machine, then pull the one with the best mean of what is visible."""
+
+from __future__ import annotations
+
+import re
+
+from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.records import Message
+
+PULL = re.compile(r"You pulled slot machine (\d+), you received reward (-?\d+)\.")
+
+
+def plays(reading: Reading) -> bool:
+    """Whether the actions are slot machines."""
+    return all(action.startswith("Pull slot machine") for action in reading.actions)
+
+
+def decide(reading: Reading) -> Message:
+    """Pull a machine of which nothing is visible, else the one with the best visible mean."""
+    rewards: dict[int, list[int]] = {machine: [] for machine in range(1, len(reading.actions) + 1)}
+    for observation in reading.observations:
+        if match := PULL.search(observation):
+            rewards[int(match[1])].append(int(match[2]))
+    untried = [machine for machine, received in rewards.items() if not received]
+    best = untried[0] if untried else max(rewards, key=lambda machine: sum(rewards[machine]) / len(rewards[machine]))
+    return call("act", action=reading.actions[best - 1])

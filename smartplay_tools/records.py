@@ -1,0 +1,251 @@
+"""The plain data that everything here speaks: budgets, messages, calls, results, prompts and replies.
+
+Chat messages are dictionaries in the shape of OpenAI's chat completions, because that is what most people can read
+and most servers take: one canonical form, and every adapter converts to it first. What travels often (`ToolCall`,
+`ToolResult`, `Prompt`) is a dataclass; what is stored and read back (`Budget`, `EpisodeResult`) is a pydantic model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, NotRequired, Protocol, Required, TypedDict, runtime_checkable
+
+from pydantic import BaseModel, ConfigDict, Field
+
+TOOL_NAMES = ("observe", "act", "read_manual")
+"""The agent's whole surface. There is no reset, seed or score tool."""
+
+
+class FunctionCall(TypedDict):
+    """Name and arguments of a tool call; the arguments are JSON text, as the model wrote it."""
+
+    name: str
+    arguments: Any
+
+
+class MessageToolCall(TypedDict, total=False):
+    """A tool call as it stands in an assistant message."""
+
+    id: str
+    type: Literal["function"]
+    function: Required[FunctionCall]
+
+
+class Message(TypedDict, total=False):
+    """One chat message.
+
+    `content` is text or a list of text parts. `provider_items` holds what a provider wants back unchanged, such as
+    reasoning items: it is recorded and counted (its visible text), and stays out of the prompt's hash.
+    """
+
+    role: Required[Literal["system", "developer", "user", "assistant", "tool"]]
+    content: Required[str | list[dict[str, Any]] | None]
+    name: NotRequired[str]
+    tool_calls: NotRequired[list[MessageToolCall]]
+    tool_call_id: NotRequired[str]
+    reasoning_content: NotRequired[str]
+    provider_items: NotRequired[list[Any]]
+
+
+Count = Annotated[int, Field(strict=True, ge=0)]
+Cap = Annotated[int, Field(strict=True, ge=1)]
+
+
+class Budget(BaseModel):
+    """What an agent may see and spend. None is no limit; tokens are budget tokens (`smartplay_tools.tokens`)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    history: Count | Literal["game"] | None = "game"
+    """Past steps visible beside the current observation; "game" is the paper's number for the game."""
+    prompt_tokens: Cap | None = None
+    """Cap on every prompt: head, tool schemas, turns and priming."""
+    reply_tokens: Cap | None = None
+    """Cap on every reply."""
+    episode_tokens: Cap | None = None
+    """Cap on all prompts and replies of an episode together."""
+    result_tokens: Cap | Literal["auto"] | None = "auto"
+    """Cap on one tool result. "auto" is a quarter of what `prompt_tokens` leaves beside head and schemas (for the
+    manual a third), at least 32, and no cap without `prompt_tokens`; a number holds for every result."""
+    tool_calls: Cap | Literal["game"] | None = "game"
+    """Cap on tool calls; "game" is 4 x rollout + 16, so that looking without acting ends some day."""
+    slack: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """How much of the window is given up at once when it is full, so that the prompt's beginning stays the same for
+    many calls and provider caches keep working. 0 shows as much as fits, always."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToolSpec:
+    """A tool as the model is told about it; `parameters` is JSON Schema that strict modes accept."""
+
+    name: str
+    description: str
+    parameters: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class ToolCall:
+    """A call of a tool. `arguments` is what the model sent: JSON text, or an object where the framework parsed it.
+
+    `call_id` is the transport's idempotency key; never the model's own id, which models repeat.
+    """
+
+    name: str
+    arguments: Any = None
+    call_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ToolResult:
+    """The answer to a call. `text` is exactly what the model sees; `data` is for the harness and never shown to it."""
+
+    text: str
+    is_error: bool = False
+    done: bool = False
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Usage(BaseModel):
+    """Tokens as a provider reports them. `cached` is a part of `prompt`, `reasoning` a part of `reply`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    prompt: int = 0
+    reply: int = 0
+    cached: int = 0
+    reasoning: int = 0
+    requests: int = 1
+    """Attempts that were made for one reply; each of them is billed."""
+
+    def __add__(self, other: Usage) -> Usage:
+        return Usage(**{name: getattr(self, name) + getattr(other, name) for name in Usage.model_fields})
+
+
+@dataclass(frozen=True, slots=True)
+class Prompt:
+    """What a player is given: messages in chat form, the tools, and how many tokens the reply may have."""
+
+    messages: list[Message]
+    tools: tuple[ToolSpec, ...]
+    max_tokens: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """What a player gives back: an assistant message, and the provider's usage if there is one."""
+
+    message: Message
+    usage: Usage | None = None
+
+
+@runtime_checkable
+class Player(Protocol):
+    """Anything that answers a prompt: a rule, a model behind an endpoint, a person at a terminal."""
+
+    name: str
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Answer the prompt."""
+        ...
+
+
+@runtime_checkable
+class AsyncPlayer(Protocol):
+    """A player that waits, such as a model behind a network."""
+
+    name: str
+
+    async def areply(self, prompt: Prompt) -> Reply:
+        """Answer the prompt."""
+        ...
+
+
+EndReason = Literal[
+    "terminated",
+    "rollout",
+    "tool_calls",
+    "episode_tokens",
+    "prompt_tokens",
+    "no_tool_call",
+    "player_error",
+    "game_error",
+    "run_budget",
+    "closed",
+]
+"""Why an episode is over. `terminated` and `rollout` are the game's own ends; a spent budget truncates."""
+
+
+class Tokens(BaseModel):
+    """The tokens of an episode: our count, and the provider's beside it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    prompt: int = 0
+    """Sum over all prompts."""
+    reply: int = 0
+    """Sum over all replies."""
+    prefix: int = 0
+    """The part of `prompt` that stood unchanged at the beginning of the prompt before: what a cache can serve."""
+    overruns: int = 0
+    """Replies that were longer than they were allowed to be; charged in full."""
+    provider: Usage | None = None
+
+
+class EpisodeResult(BaseModel):
+    """How an episode went. A row of `results.jsonl`; it has no times in it, so equal play gives equal rows."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    game: str
+    engine: str | None = None
+    seed: int
+    score: float
+    normalized_score: float | None
+    reward: float
+    completed: bool
+    steps: int
+    turns: int
+    tool_calls: int
+    """Calls that were answered while the episode ran, mistakes included."""
+    illegal_actions: int
+    malformed_calls: int
+    refused_calls: int
+    """Calls that the batch policy refused, or that came after the end."""
+    idle_replies: int
+    """Replies without a tool call."""
+    tokens: Tokens
+    cut_results: int
+    end_reason: EndReason
+    error: str | None = None
+    """The exception's type and message for `player_error` and `game_error`; its traceback is in the transcript."""
+    state_hash: str
+    context: Literal["window", "host"]
+    deviations: dict[str, Any]
+    """What differs from the paper's protocol: name -> {"paper": ..., "played": ...}."""
+    versions: dict[str, str]
+
+
+def text_of(message: Mapping[str, Any]) -> str:
+    """Return the text of a message; parts are joined. A part that is not text raises a ValueError."""
+    content = message.get("content")
+    if content is None:
+        return ""
+    if isinstance(content, str):
+        return content
+    return "".join(_text_of_part(part) for part in content)
+
+
+def _text_of_part(part: Any) -> str:
+    if isinstance(part, str):
+        return part
+    for key in ("text", "refusal"):
+        if isinstance(part.get(key), str):
+            text: str = part[key]
+            return text
+    raise ValueError(f"A message may hold text only, not a part of type {part.get('type')!r}.")
+
+
+def calls_of(message: Mapping[str, Any]) -> Sequence[MessageToolCall]:
+    """Return the tool calls of a message, in the order in which it lists them."""
+    return message.get("tool_calls") or ()
