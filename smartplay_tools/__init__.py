@@ -16,6 +16,7 @@ from smartplay_tools.context import ContextWindow, View
 from smartplay_tools.conversation import Conversation
 from smartplay_tools.episode import Episode
 from smartplay_tools.errors import (
+    InvalidArgumentError,
     MissingExtraError,
     SmartPlayError,
     TranscriptError,
@@ -54,6 +55,7 @@ __all__ = [
     "Episode",
     "EpisodeResult",
     "GameSpec",
+    "InvalidArgumentError",
     "Message",
     "MissingExtraError",
     "Player",

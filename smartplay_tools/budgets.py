@@ -5,6 +5,7 @@ They are resolved once, when an episode begins, and the numbers are what the rec
 
 from __future__ import annotations
 
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.records import Budget, ResolvedBudget
 from smartplay_tools.specs import GameSpec
 
@@ -36,7 +37,7 @@ def resolve(asked: Budget, spec: GameSpec, head_tokens: int) -> ResolvedBudget:
 def check_head(budget: Budget, least: int) -> None:
     """Raise a ValueError if the smallest prompt, `least` tokens of head, schemas and priming, is over the cap."""
     if budget.prompt_tokens is not None and budget.prompt_tokens < least:
-        raise ValueError(
+        raise InvalidArgumentError(
             f"prompt_tokens={budget.prompt_tokens} cannot hold the head of every prompt and the tool schemas, which "
             f"take {least} tokens; raise it well above that."
         )

@@ -14,7 +14,7 @@ from typing import Any
 from smartplay_tools import prompts
 from smartplay_tools.context import ContextWindow, View
 from smartplay_tools.episode import Episode
-from smartplay_tools.errors import PromptOverflowError
+from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.messages import Message, assistant_message, calls_of, copy_of
 from smartplay_tools.records import TOOL_NAMES, EpisodeResult, Prompt, ToolCall, ToolResult, ToolSpec, Usage
 from smartplay_tools.transcript import message_bytes, prompt_sha256, tools_bytes
@@ -44,9 +44,11 @@ class Conversation:
         foreign_tools: Sequence[ToolSpec] = (),
     ) -> None:
         if episode.context != "window":
-            raise ValueError('A conversation decides what the model sees; make the episode with context="window".')
+            raise InvalidArgumentError(
+                'A conversation decides what the model sees; make the episode with context="window".'
+            )
         if clash := {tool.name for tool in foreign_tools} & set(TOOL_NAMES):
-            raise ValueError(f"The game's own tools are named {', '.join(sorted(clash))}; rename yours.")
+            raise InvalidArgumentError(f"The game's own tools are named {', '.join(sorted(clash))}; rename yours.")
         self.episode = episode
         self._foreign = {tool.name for tool in foreign_tools}
         self._tools = (*episode.tools, *foreign_tools)
@@ -67,6 +69,11 @@ class Conversation:
     def turns(self) -> Turns:
         """Every turn so far."""
         return self._turns if self._draft is None else Turns([*self._turns, self._draft])
+
+    @property
+    def latest_turn(self) -> Turn | None:
+        """The turn of the latest reply; None before the first."""
+        return self._draft or (self._turns[-1] if self._turns else None)
 
     @property
     def view(self) -> View | None:
@@ -151,7 +158,7 @@ class Conversation:
         self._close_turn()
         number = self.episode.tally.turns
         if number != len(self._turns):
-            raise ValueError("The episode was called past its conversation; let only the conversation call it.")
+            raise InvalidArgumentError("The episode was called past its conversation, which alone may call it.")
         self.episode.log("message", turn=number, by="player", message=assistant)
         if prompt is not None:
             self._charge(number, assistant, prompt, usage)
@@ -175,13 +182,15 @@ class Conversation:
     def add(self, message: Message) -> None:
         """Put a user message, or the result of a foreign tool, after the latest reply, before the next prompt."""
         if self._draft is None:
-            raise ValueError("Add messages after a reply and before the next prompt; earlier ones belong into `head`.")
+            raise InvalidArgumentError(
+                "Add messages between a reply and the next prompt; earlier ones belong into `head`."
+            )
         position = None
         if message["role"] == "tool":
             call_id = message.get("tool_call_id", "")
             position = self._unanswered().get(call_id)
             if position is None:
-                raise ValueError(f"No call with the id {call_id!r} waits for a result.")
+                raise InvalidArgumentError(f"No call with the id {call_id!r} waits for a result.")
         self._append(Item(message, self._step, position=position), by="host")
 
     def _charge(self, number: int, assistant: Message, prompt: Prompt, usage: Usage | None) -> None:
@@ -230,7 +239,7 @@ class Conversation:
 
     def _close_turn(self) -> None:
         if waiting := self._unanswered():
-            raise ValueError(f"The foreign calls {', '.join(waiting)} have no result; give them to `add` first.")
+            raise InvalidArgumentError(f"The foreign calls {', '.join(waiting)} have no result yet: `add` them.")
         if self._draft is not None:
             self._turns = self._turns.add(self._draft)
             self._draft = None

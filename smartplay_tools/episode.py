@@ -23,6 +23,7 @@ from typing import Any, Literal, Self, get_args
 
 from smartplay_tools import prompts
 from smartplay_tools.arguments import as_text, canonical
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.playthrough import ContextOwner, ManualMode, Playthrough
 from smartplay_tools.records import Budget, EndReason, EpisodeResult, ToolCall, ToolResult, ToolSpec
@@ -262,10 +263,10 @@ def _make_game(spec: GameSpec, asked: Budget, engine: str | None, options: dict[
     game = spec.load()
     if unknown := options.keys() - set(game.options):
         known = ", ".join(game.options) or "none"
-        raise ValueError(f"{spec.id} has no option {', '.join(sorted(unknown))}; its options: {known}.")
+        raise InvalidArgumentError(f"{spec.id} has no option {', '.join(sorted(unknown))}; its options: {known}.")
     if engine is not None:
         if engine not in game.engines:
-            raise ValueError(
+            raise InvalidArgumentError(
                 f"{spec.id} has no engine {engine!r}; its engines: {', '.join(game.engines) or 'only one'}."
             )
         options = {**options, "engine": engine}
@@ -274,4 +275,4 @@ def _make_game(spec: GameSpec, asked: Budget, engine: str | None, options: dict[
 
 def _check_choice(name: str, value: str, choices: Any) -> None:
     if value not in get_args(choices):
-        raise ValueError(f"{name} must be one of {', '.join(get_args(choices))}, not {value!r}.")
+        raise InvalidArgumentError(f"{name} must be one of {', '.join(get_args(choices))}, not {value!r}.")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from smartplay_tools.conversation import Conversation
 from smartplay_tools.episode import Episode
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import assistant_message
 from smartplay_tools.records import AsyncPlayer, EpisodeResult, Player, Reply
 
@@ -21,7 +22,7 @@ def play(episode: Episode, player: Player, *, on_turn: OnTurn | None = None) -> 
     message in `EpisodeResult.error`.
     """
     if not isinstance(player, Player):
-        raise ValueError(f"{player!r} cannot `reply`; drive an asynchronous player with `aplay`.")
+        raise InvalidArgumentError(f"{player!r} cannot `reply`; drive an asynchronous player with `aplay`.")
     conversation = Conversation(episode, player=player.name)
     while (prompt := conversation.prompt()) is not None:
         try:

@@ -21,7 +21,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from smartplay_tools.arguments import canonical
-from smartplay_tools.errors import UnknownNameError
+from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.messages import calls_of, reasoning_of, text_of
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
         return TiktokenTokenizer(DEFAULT_TOKENIZER)
     if not isinstance(tokenizer, str):
         if not isinstance(tokenizer, Tokenizer):
-            raise ValueError(f"A tokenizer has a `name` and a method `count(text)`; {tokenizer!r} has not.")
+            raise InvalidArgumentError(f"A tokenizer has a `name` and a method `count(text)`; {tokenizer!r} has not.")
         return tokenizer
     if tokenizer == ApproximateTokenizer.name:
         return ApproximateTokenizer()

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from smartplay_tools import arguments as json_arguments
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.records import TOOL_NAMES, ToolSpec
 
@@ -107,7 +108,7 @@ def schema(tool: ToolSpec, form: SchemaFormat) -> dict[str, Any]:
             return {**function, "input_schema": parameters}
         case "json":
             return {**function, "parameters": parameters}
-    raise ValueError(f"There is no schema format {form!r}; known: openai, responses, anthropic, json.")
+    raise InvalidArgumentError(f"There is no schema format {form!r}; known: openai, responses, anthropic, json.")
 
 
 def quote(sent: Any) -> str:

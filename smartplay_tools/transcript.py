@@ -41,8 +41,7 @@ class Transcript:
             try:
                 self._file = path.open("x", encoding="ascii")
             except FileExistsError:
-                message = f"{path} exists, and a transcript never overwrites a record; name another file."
-                raise FileExistsError(message) from None
+                raise TranscriptError(f"{path} exists, and a record is never overwritten; name another file.") from None
 
     def append(self, event: str, **fields: Any) -> None:
         """Write an event at once."""
@@ -65,6 +64,8 @@ def read_transcript(path: str | Path) -> list[Event]:
     """Return the events of a transcript. A torn last line is left out; anything else amiss is a `TranscriptError`."""
     try:
         lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        raise TranscriptError(f"There is no file {path}.") from None
     except UnicodeDecodeError:
         raise TranscriptError(f"{path} is not a transcript: it is not text.") from None
     events: list[Event] = []

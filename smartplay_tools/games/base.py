@@ -20,6 +20,8 @@ from typing import Any, ClassVar
 import gymnasium
 from gymnasium import spaces
 
+from smartplay_tools.errors import InvalidArgumentError
+
 
 @functools.cache
 def read_text(package: str, name: str) -> str:
@@ -84,9 +86,11 @@ class TextGame(gymnasium.Env[str, Any]):
     ) -> None:
         """`longest_observation` (characters) and `characters` bound the observation space truly."""
         if history is not None and history < 0:
-            raise ValueError(f"history must be 0 or more, or None for all steps, not {history}.")
+            raise InvalidArgumentError(f"history must be 0 or more, or None for all steps, not {history}.")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode must be one of {self.metadata['render_modes']}, not {render_mode!r}.")
+            raise InvalidArgumentError(
+                f"render_mode must be one of {self.metadata['render_modes']}, not {render_mode!r}."
+            )
         self.history = history
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(len(self.actions))
