@@ -62,3 +62,11 @@ def print_result(console: Console, result: EpisodeResult) -> None:
     for name, values in result.deviations.items():
         table.add_row("deviation", f"{name}: {values['played']} instead of the paper's {values['paper']}")
     console.print(table)
+
+
+def compact_table(*headings: str) -> Table:
+    """Return a table that fits a terminal of 80 columns: no frame, the first column to the left, numbers right."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for heading in headings:
+        table.add_column(heading, no_wrap=True, justify="left" if heading == headings[0] else "right")
+    return table
