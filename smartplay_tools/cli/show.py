@@ -66,7 +66,7 @@ def print_result(console: Console, result: EpisodeResult) -> None:
 
 def compact_table(*headings: str) -> Table:
     """Return a table that fits a terminal of 80 columns: no frame, the first column to the left, numbers right."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
     for heading in headings:
         table.add_column(heading, no_wrap=True, justify="left" if heading == headings[0] else "right")
     return table
