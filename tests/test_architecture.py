@@ -32,6 +32,7 @@ LAYERS = (
     "turns",
     "playthrough",
     "episode",
+    "ledger",
     "context",
     "conversation",
     "playing",

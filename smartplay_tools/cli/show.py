@@ -36,8 +36,7 @@ class TurnPrinter:
                 f"  [cyan]{escape(function['name'])}[/] {escape(function['arguments'])}", soft_wrap=True
             )
         for item in turn.items:
-            text = item.manual if item.manual is not None else text_of(item.message)
-            for line in text.splitlines():
+            for line in text_of(item.message).splitlines():
                 self._console.print(f"  [dim]│[/] {escape(line)}", highlight=False, soft_wrap=True)
 
 
