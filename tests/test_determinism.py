@@ -11,12 +11,12 @@ import pytest
 import smartplay_tools as sp
 
 SCRIPT = """
-import hashlib, json, sys
+import dataclasses, hashlib, json, sys
 import smartplay_tools as sp
 from smartplay_tools.transcript import comparable
 
 spec = sp.GAMES[sys.argv[1]]
-spec = sp.GameSpec(**{**vars(spec), "rollout": min(spec.rollout, 120)})
+spec = dataclasses.replace(spec, rollout=min(spec.rollout, 120))
 for player in ("random", "rule"):
     events = []
     with sp.Episode(spec, seed=5, budget=sp.Budget(prompt_tokens=4000, slack=0.3), transcript=events) as episode:

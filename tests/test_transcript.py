@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import pytest
@@ -194,3 +195,13 @@ def test_two_transcripts_are_equal_whatever_the_ids_and_the_spelling():
     other = transcript("toolu_2", {"action": "1"}, sp.Usage(prompt=3))
     assert comparable(one) == comparable(other)
     assert comparable(one) != comparable(transcript("call_1", '{"action":"2"}', None))
+
+
+def test_a_setting_with_another_rollout_replays_and_says_so(tmp_path):
+    path = tmp_path / "short.jsonl"
+    spec = dataclasses.replace(sp.GAMES[GAMES[0]], rollout=5)
+    with sp.Episode(spec, seed=1, transcript=path) as episode:
+        result = sp.play(episode, sp.get_player("random"))
+    assert (result.end_reason, result.steps) == ("rollout", 5)
+    assert result.deviations == {"rollout": {"paper": 50, "played": 5}}
+    assert sp.replay(path).identical
