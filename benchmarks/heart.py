@@ -82,7 +82,7 @@ def conversation(turns: int) -> tuple[list[sp.Message], list[Turn]]:
         assistant: sp.Message = {
             "role": "assistant",
             "content": f"Step {n}: I move a disk.",
-            "tool_calls": [{"id": call_id, "type": "function", "function": function}],  # type: ignore[typeddict-item]
+            "tool_calls": [{"id": call_id, "type": "function", "function": function}],
         }
         text = f"You tried move {n}. Current configuration:\n- A: |bottom, [2, 1, 0], top|\n- B: |bottom, [], top|"
         result: sp.Message = {"role": "tool", "content": text, "tool_call_id": call_id}
