@@ -64,6 +64,7 @@ class ReferenceEngine:
     Attributes:
         steps: the steps since the world began.
         env: the package's environment.
+        picture: the picture that the package drew in the last step, at its usual size.
     """
 
     def __init__(self, seed: int, episode: int, *, keep_grain: bool = False) -> None:
@@ -74,7 +75,7 @@ class ReferenceEngine:
         for holder in (self.env, self.env._local_view, self.env._sem_view):
             holder._world = world
         self.env._episode = episode - 1
-        self.env.reset()
+        self.picture: NDArray[np.uint8] = self.env.reset()
 
     @property
     def health(self) -> int:
@@ -90,7 +91,7 @@ class ReferenceEngine:
         """Play an action; return the reward."""
         self.steps += 1
         self.env._world.random.grain = None
-        _, reward, _, _ = self.env.step(action)
+        self.picture, reward, _, _ = self.env.step(action)
         return float(reward)
 
     def sight(self) -> Sight:
