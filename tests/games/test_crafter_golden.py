@@ -8,10 +8,8 @@ import pytest
 
 from smartplay_tools.specs import GAMES
 
-ROWS = [
-    json.loads(line)
-    for line in lzma.open(Path(__file__).parents[1] / "data" / "crafter.jsonl.xz", mode="rt", encoding="utf-8")
-]
+RECORDED = Path(__file__).parents[1] / "data" / "crafter.jsonl.xz"
+ROWS = [json.loads(line) for line in lzma.decompress(RECORDED.read_bytes()).splitlines()]
 SEEDS = sorted({row["seed"] for row in ROWS})
 
 
