@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame, read_text
 from smartplay_tools.games.crafter.facts import LENGTH, NOOP
 from smartplay_tools.games.crafter.fast import FastEngine
 from smartplay_tools.games.crafter.text import ACTIONS, CHARACTERS, LONGEST, NUMBERED_ACTIONS, describe
 from smartplay_tools.games.crafter.views import Engine
 
-ENGINES = ("fast", "crafter")
 TEXTS = ("original", "corrected")
 SMALLEST_PICTURE = 64
 
@@ -35,20 +35,22 @@ class Crafter(TextGame):
 
     metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - Gymnasium's attribute
     hash_every: ClassVar[int] = 100
+    options: ClassVar[tuple[str, ...]] = ("text", "render_mode", "picture_size")
+    engines: ClassVar[tuple[str, ...]] = ("fast", "crafter")
     actions = ACTIONS
 
     def __init__(
         self, *, engine: str = "fast", text: str = "original", picture_size: int = SMALLEST_PICTURE, **options: Any
     ) -> None:
-        if engine not in ENGINES:
-            raise ValueError(f"engine must be one of {ENGINES}, not {engine!r}.")
+        if engine not in self.engines:
+            raise InvalidArgumentError(f"engine must be one of {self.engines}, not {engine!r}.")
         if text not in TEXTS:
-            raise ValueError(f"text must be one of {TEXTS}, not {text!r}.")
+            raise InvalidArgumentError(f"text must be one of {TEXTS}, not {text!r}.")
         if picture_size < SMALLEST_PICTURE:
-            raise ValueError(f"picture_size must be {SMALLEST_PICTURE} or more, not {picture_size}.")
+            raise InvalidArgumentError(f"picture_size must be {SMALLEST_PICTURE} or more, not {picture_size}.")
         self.manual = read_text(__package__, "manual.txt")
         super().__init__(longest_observation=LONGEST, characters=CHARACTERS, **options)
-        self._engine_name = engine
+        self.engine = engine
         self._corrected = text == "corrected"
         self._picture_size = picture_size
         self._seed: int | None = None
@@ -59,6 +61,10 @@ class Crafter(TextGame):
     def numbered_actions(self) -> tuple[str, ...]:
         """The actions as the manual numbers them: from Move West to Noop."""
         return NUMBERED_ACTIONS
+
+    def deviations(self) -> dict[str, Any]:
+        """The corrected text, if it was asked for; both engines play the paper's game."""
+        return {"text": {"paper": "original", "played": "corrected"}} if self._corrected else {}
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[str, dict[str, Any]]:
         """Start the first episode of a seed or, without one, the next episode."""
@@ -77,7 +83,7 @@ class Crafter(TextGame):
 
     def _new_world(self, seed: int, episode: int) -> Engine:
         keep_grain = self.render_mode == "rgb_array"
-        if self._engine_name == "fast":
+        if self.engine == "fast":
             return FastEngine(seed, episode, keep_grain=keep_grain)
         # PyPI crafter is slow to load, and only its own engine needs it.
         from smartplay_tools.games.crafter.reference import ReferenceEngine
