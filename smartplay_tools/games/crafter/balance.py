@@ -53,20 +53,29 @@ COWS = Rule(COW, GRASS, 30, 5, 5, 0.01, 0.1)
 
 def balance(world: World, at: int, now: Light) -> None:
     """Let creatures come and go, around a player who stands at a place. Chunks that nobody entered yet have none."""
+    rules = (
+        (ZOMBIES, world.grass, now.zombies, now.zombies),
+        (SKELETONS, world.paths, 1, 2),
+        (COWS, world.grass, 1, now.cows),
+    )
     for key, chunk in list(world.chunks.items()):
-        grass, paths = world.grass[key], world.paths[key]
-        _balance(world, at, key, chunk, ZOMBIES, grass, now.zombies, now.zombies)
-        _balance(world, at, key, chunk, SKELETONS, paths, 1, 2)
-        _balance(world, at, key, chunk, COWS, grass, 1, now.cows)
+        for rule, cells, least, most in rules:
+            count = chunk.counts[rule.kind]
+            if count < least and cells[key] >= rule.space:
+                _come(world, at, key, rule, cells[key])
+            elif count > most:
+                _leave(world, at, chunk, rule, count)
 
 
-def _balance(world: World, at: int, key: int, chunk: Chunk, rule: Rule, cells: int, least: int, most: int) -> None:
-    count = chunk.counts[rule.kind]
-    if count < least and cells >= rule.space and world.stream.uniform() < rule.come:
+def _come(world: World, at: int, key: int, rule: Rule, cells: int) -> None:
+    if world.stream.uniform() < rule.come:
         where = _nth_cell(world, key, rule.material, world.stream.below(cells))
         if world.surface[where] < PLAYER and DISTANCE[where - at] >= rule.least_distance:
             world.add(Thing(rule.kind, where))
-    elif count > most and world.stream.uniform() < rule.leave:
+
+
+def _leave(world: World, at: int, chunk: Chunk, rule: Rule, count: int) -> None:
+    if world.stream.uniform() < rule.leave:
         creatures = [thing for thing in chunk.things if thing.kind == rule.kind]
         creature = creatures[world.stream.below(count)]
         if DISTANCE[creature.at - at] >= rule.leave_distance:

@@ -98,9 +98,10 @@ class Player:
         _ACT[action](self)
         self._live()
         self._recover()
-        if self.health < self._last_health:
+        health = self.inventory["health"]
+        if health < self._last_health:
             self.sleeping = False
-        self._last_health = self.health
+        self._last_health = health
 
     # Actions.
 
@@ -216,21 +217,21 @@ class Player:
         self._hunger += pace
         if self._hunger > 25:
             self._hunger = 0
-            has["food"] -= 1
+            has["food"] = max(0, has["food"] - 1)
+        # A meal may fill up beyond the most for a moment: it counts before hunger does.
+        if has["food"] > MOST:
+            has["food"] = MOST
         self._thirst += pace
         if self._thirst > 20:
             self._thirst = 0
-            has["drink"] -= 1
+            has["drink"] = max(0, has["drink"] - 1)
         self._fatigue = min(self._fatigue - 1, 0) if self.sleeping else self._fatigue + 1
         if self._fatigue < -10:
             self._fatigue = 0
-            has["energy"] += 1
+            has["energy"] = min(has["energy"] + 1, MOST)
         elif self._fatigue > 30:
             self._fatigue = 0
-            has["energy"] -= 1
-        # Food may be above the most for a moment: a meal counts before hunger does.
-        for vital in ("food", "drink", "energy"):
-            has[vital] = max(0, min(has[vital], MOST))
+            has["energy"] = max(0, has["energy"] - 1)
 
     def _recover(self) -> None:
         """Gain health while nothing is lacking, lose it otherwise."""

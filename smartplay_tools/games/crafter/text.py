@@ -51,6 +51,8 @@ _LINES = [
     for name in NAMES
 ]
 """The line about a thing, by its id and by the rank of its cell in the order above."""
+_TOLD = frozenset(range(1, len(NAMES))) - {PLAYER}
+"""What can stand in a line: anything on the map but the player."""
 
 
 def describe(sight: Sight, action: int | None = None, *, dead: bool = False, corrected: bool = False) -> str:
@@ -59,12 +61,11 @@ def describe(sight: Sight, action: int | None = None, *, dead: bool = False, cor
     faced = surface[at + sight.facing]
     if not corrected and (not faced or _too_close_to_border(at)):
         return OUT_OF_MAP
-    took = "" if action is None else _TOOK[action]
     # In the original, sleep hides a death: a zombie's blow comes after the player's turn, which would have woken it.
     asleep = sight.sleeping and not (dead and corrected)
     status = _ASLEEP if asleep else _DEAD if dead else ""
-    parts = (f"{took}{status}", _view(surface, at), f"You face {NAMES[faced]} at your front.", _body(sight.inventory))
-    return "\n\n".join(parts).strip()
+    told = f"{status}\n\n{_view(surface, at)}\n\nYou face {NAMES[faced]} at your front.\n\n{_body(sight.inventory)}"
+    return told.strip() if action is None else _TOOK[action] + told
 
 
 def _too_close_to_border(at: int) -> bool:
@@ -74,25 +75,25 @@ def _too_close_to_border(at: int) -> bool:
 
 
 def _view(surface: bytes | bytearray, at: int) -> str:
-    start = at - _CORNER
-    columns = [surface[start + i : start + i + _ROWS] for i in range(0, _COLUMNS * COLUMN, COLUMN)]
-    # A table of bytes, read through `translate`, gives all cells in the wanted order at once.
-    nearest_first = _ORDER.translate(b"".join((*columns, _FILL)))
-    shown = sorted(set(nearest_first) - {0, PLAYER})
-    if not shown:
-        return _NOTHING_SEEN
-    return "You see:" + "".join([_LINES[name][nearest_first.index(name)] for name in shown])
+    corner = at - _CORNER
+    columns = [surface[start : start + _ROWS] for start in range(corner, corner + _COLUMNS * COLUMN, COLUMN)]
+    # Used as a table for `translate`, the view gives its cells in the wanted order at once.
+    nearest_first = _ORDER.translate(b"".join(columns) + _FILL)
+    lines = [_LINES[name][nearest_first.index(name)] for name in sorted(set(nearest_first)) if name in _TOLD]
+    return "You see:" + "".join(lines) if lines else _NOTHING_SEEN
 
 
 def _body(inventory: Mapping[str, int]) -> str:
-    items = "".join([f"\n- {name}: {inventory[name]}" for name in ITEMS if inventory[name]])
-    return _vitals(*[inventory[name] for name in VITALS]) + (f"Your inventory:{items}" if items else _NO_INVENTORY)
+    return _amounts(*inventory.values())
 
 
-@functools.cache
-def _vitals(*amounts: int) -> str:
-    lines = [f"- {name}: {amount}/{MOST}" for name, amount in zip(VITALS, amounts, strict=True)]
-    return "\n".join(["Your status:", *lines]) + "\n\n"
+@functools.lru_cache(maxsize=4096)
+def _amounts(*amounts: int) -> str:
+    """Vitals and items; the same amounts are told step after step."""
+    vitals = [f"- {name}: {amount}/{MOST}" for name, amount in zip(VITALS, amounts, strict=False)]
+    items = [f"- {name}: {n}" for name, n in zip(ITEMS, amounts[len(VITALS) :], strict=True) if n]
+    inventory = ["Your inventory:", *items] if items else [_NO_INVENTORY]
+    return "\n".join(["Your status:", *vitals, "", *inventory])
 
 
 def _everything() -> tuple[str, ...]:
@@ -101,7 +102,7 @@ def _everything() -> tuple[str, ...]:
         max(_TOOK, key=len),
         _ASLEEP,
         "\n\nYou see:",
-        *(max(_LINES[name], key=len) for name in range(1, len(NAMES)) if name != PLAYER),
+        *(max(_LINES[name], key=len) for name in sorted(_TOLD)),
         f"\n\nYou face {max(NAMES, key=len)} at your front.\n\n",
         _body(dict.fromkeys((*VITALS, *ITEMS), MOST)),
     )

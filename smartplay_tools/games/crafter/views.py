@@ -17,6 +17,7 @@ class Sight(NamedTuple):
     at: int
     facing: int
     inventory: Mapping[str, int]
+    """Vitals and items, in their order."""
     sleeping: bool
 
 
