@@ -41,7 +41,7 @@ class Pair:
 
     def teleport(self, x: int, y: int) -> None:
         world, player = self.fast.world, self.fast.player
-        if world.surface[place(x, y)] > facts.PLAYER:
+        if world.surface[place(x, y)] >= facts.PLAYER:
             return
         self.material(x, y, facts.GRASS)
         world.surface[player.at] = world.ground[player.at]
