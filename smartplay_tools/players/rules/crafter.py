@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from heapq import heappop, heappush
 
+from smartplay_tools.messages import Message
 from smartplay_tools.players.reading import Reading, call
 from smartplay_tools.players.rules.crafter_sight import (
     ANY,
@@ -25,7 +26,6 @@ from smartplay_tools.players.rules.crafter_sight import (
     Map,
     read_frame,
 )
-from smartplay_tools.records import Message
 
 OPPOSITE = {"Move West": "Move East", "Move East": "Move West", "Move North": "Move South", "Move South": "Move North"}
 SOLID = ANY & ~WALKABLE & ~BIT["lava"]
@@ -278,22 +278,36 @@ def nap(now: Situation) -> str | None:
     return None
 
 
-def explore(now: Situation) -> str | None:
-    """Go on as far as can be seen in the direction of the last move, else in another one."""
-    ahead = now.map.facing or list(DIRECTIONS)[now.chance(4)]
-    turns = [move for move in DIRECTIONS if move not in (ahead, OPPOSITE[ahead])]
-    if now.chance(2):
-        turns.reverse()
+def flee(now: Situation) -> str | None:
+    """Get away from skeletons and out of the way of arrows."""
+    if now.frame.distance("skeleton") > 5 and now.frame.distance("arrow") > 3:
+        return None
     x, y = now.map.at
-    for move in (ahead, *turns, OPPOSITE[ahead]):
-        dx, dy = DIRECTIONS[move]
-        farthest = max(now.reach, key=lambda c: ((c[0] - x) * dx + (c[1] - y) * dy) * 3 - now.reach[c][0])
-        if (farthest[0] - x) * dx + (farthest[1] - y) * dy > 1:
-            return now.walk(farthest)
-    return list(DIRECTIONS)[now.chance(4)]
+    shooters = [(x + dx, y + dy) for kind in ("skeleton", "arrow") for dx, dy in now.frame.cells(kind)]
+
+    def safety(cell: Cell) -> int:
+        away = min(abs(cell[0] - sx) + abs(cell[1] - sy) for sx, sy in shooters)
+        in_line = any(cell[0] == sx or cell[1] == sy for sx, sy in shooters)
+        return 2 * away - 3 * in_line - now.reach[cell][0]
+
+    safest = max(now.reach, key=safety)
+    return None if safest == now.map.at else now.walk(safest)
 
 
-WISHES: tuple[Wish, ...] = (sleep_on, come_back, fight, drink, eat, plant, craft, nap, chop, mine, explore)
+def explore(now: Situation) -> str | None:
+    """Go where the player has not been lately, rather straight on."""
+    x, y = now.map.at
+    dx, dy = DIRECTIONS.get(now.map.facing or "", (0, 0))
+
+    def worth(cell: Cell) -> int:
+        new = min(abs(cell[0] - vx) + abs(cell[1] - vy) for vx, vy in now.map.visited)
+        return 3 * new + (cell[0] - x) * dx + (cell[1] - y) * dy - now.reach[cell][0]
+
+    best = max(now.reach, key=worth)
+    return now.walk(best) if best != now.map.at else list(DIRECTIONS)[now.chance(4)]
+
+
+WISHES: tuple[Wish, ...] = (sleep_on, come_back, fight, flee, drink, eat, plant, craft, nap, chop, mine, explore)
 
 
 def act(now: Situation) -> str:

@@ -20,6 +20,8 @@ CREATURES = ("cow", "zombie", "skeleton", "arrow")
 BIT = {name: 1 << number for number, name in enumerate((*MATERIALS, *CREATURES))}
 ANY = sum(BIT[name] for name in MATERIALS)
 WALKABLE = BIT["grass"] | BIT["sand"] | BIT["path"]
+REMEMBERED = 30
+"""How many of the last places are kept."""
 OUTSIDE = 1 << 20
 """Marks a cell from which the player saw nothing: too near to the border."""
 
@@ -94,13 +96,14 @@ class Map:
         at, facing: the player's cell, and the action that would turn it where it looks; None if that is not known.
         kinds: cell -> the kinds of material that it may hold, as bits.
         creatures: cell -> the creatures that may stand there, in the latest frame.
-        blocked: moves that failed although nothing was known to be in the way.
+        visited: where the player has been lately, oldest first.
     """
 
     at: Cell = (0, 0)
     facing: str | None = None
     kinds: dict[Cell, int] = field(default_factory=dict)
     creatures: dict[Cell, int] = field(default_factory=dict)
+    visited: list[Cell] = field(default_factory=list)
 
     def add(self, action: str | None, before: Frame | None, frame: Frame) -> None:
         """Go on by an action and the frame that followed it."""
@@ -109,6 +112,7 @@ class Map:
             self.facing = action
             if self._has_moved(action, frame):
                 self.at = self.ahead(action)
+        self.visited = [*self.visited[1 - REMEMBERED :], self.at]
         if frame.faced is None:
             self.kinds[self.at] = OUTSIDE
             self.creatures = {}
