@@ -53,7 +53,7 @@ def window(reading: Reading) -> Situation:
         if seen.text not in reading.observations:
             continue
         frame = read_frame(seen.text)
-        known.add(seen.action, before, frame)
+        known.add(seen.action, before is not None and before.asleep, frame)
         before, last = frame, seen.action
     assert before is not None
     return Situation(known, before, last)
@@ -66,6 +66,8 @@ class Situation:
     map: Map
     frame: Frame
     last: str | None
+    closed: frozenset[Cell] = frozenset()
+    """Cells that must not be stepped on nor dug."""
 
     def has(self, item: str, amount: int = 1) -> bool:
         """Whether there is so much of a vital or an item."""
@@ -105,7 +107,7 @@ class Situation:
     def step_cost(self, cell: Cell) -> int:
         """What it costs to step on a cell, digging included; `FAR` if it cannot be done or must not."""
         kinds, creature = self.kinds(cell), self.map.creatures.get(cell, 0)
-        if creature & CERTAIN or kinds & BIT["lava"]:
+        if creature & CERTAIN or kinds & BIT["lava"] or cell in self.closed:
             return FAR
         danger = 4 if creature & (BIT["zombie"] | BIT["skeleton"]) else 0
         if kinds and not kinds & ~WALKABLE:
@@ -310,6 +312,6 @@ def explore(now: Situation) -> str | None:
 WISHES: tuple[Wish, ...] = (sleep_on, come_back, fight, flee, drink, eat, plant, craft, nap, chop, mine, explore)
 
 
-def act(now: Situation) -> str:
+def act(now: Situation, wishes: tuple[Wish, ...] = WISHES) -> str:
     """The most urgent action."""
-    return next(action for wish in WISHES if (action := wish(now)))
+    return next(action for wish in wishes if (action := wish(now)))

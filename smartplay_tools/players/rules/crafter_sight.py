@@ -105,9 +105,8 @@ class Map:
     creatures: dict[Cell, int] = field(default_factory=dict)
     visited: list[Cell] = field(default_factory=list)
 
-    def add(self, action: str | None, before: Frame | None, frame: Frame) -> None:
-        """Go on by an action and the frame that followed it."""
-        asleep = before is not None and before.asleep
+    def add(self, action: str | None, asleep: bool, frame: Frame) -> None:
+        """Go on by an action and the frame that followed it; asleep, an action does nothing."""
         if action in DIRECTIONS and not asleep:
             self.facing = action
             if self._has_moved(action, frame):
@@ -170,8 +169,8 @@ class Map:
                 self.creatures[cell] = self.creatures.get(cell, 0) | bit | (CERTAIN if len(cells) == 1 else 0)
             return
         fitting = [cell for cell in cells if self.kinds.get(cell, ANY) & bit]
-        if len(fitting) == 1:
-            self.kinds[fitting[0]] = bit
+        if len(cells) == 1 or len(fitting) == 1:
+            self.kinds[(fitting or cells)[0]] = bit
 
 
 CERTAIN = 1 << 21

@@ -1,0 +1,127 @@
+"""Crafter with notes: the same rules, and a memory that the player writes into its own replies.
+
+Every reply carries a line of notes: where the player is by dead reckoning, how much time has passed, where it is at
+home, and a map. The next reply reads them from the message before. That is the whole difference to the player without
+notes, and it is visible in the transcript.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, replace
+
+from smartplay_tools.messages import Message, text_of
+from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.rules import crafter
+from smartplay_tools.players.rules.crafter import SOLID, WISHES, Situation
+from smartplay_tools.players.rules.crafter_home import Home, dwell, find_site
+from smartplay_tools.players.rules.crafter_sight import ANY, BIT, OUTSIDE, WALKABLE, Cell, Map, read_frame
+
+NOTES = re.compile(r"^Notes: (\{.*\})$", re.MULTILINE)
+RADIUS = 14
+"""The map in the notes reaches this far."""
+LETTERS = {
+    "water": "w", "grass": "g", "stone": "s", "path": "p", "sand": "a", "tree": "t", "lava": "l", "coal": "c",
+    "iron": "i", "diamond": "d", "table": "b", "furnace": "f", "plant": "v",
+}  # fmt: skip
+BITS_OF = {letter: BIT[kind] for kind, letter in LETTERS.items()} | {"-": WALKABLE, "#": SOLID, "?": ANY, "X": OUTSIDE}
+LETTER_OF = {bits: letter for letter, bits in BITS_OF.items()}
+
+plays = crafter.plays
+
+
+@dataclass(frozen=True)
+class Notes:
+    """What the player knows beside the latest observation."""
+
+    map: Map
+    clock: int
+    asleep: bool
+    home: Home | None
+
+    def text(self) -> str:
+        """The line that stands in the reply."""
+        x, y = self.map.at
+        rows = [
+            "".join(_letter(self.map.kinds.get((column, row))) for column in range(x - RADIUS, x + RADIUS + 1))
+            for row in range(y - RADIUS, y + RADIUS + 1)
+        ]
+        home = self.home and [self.home.left, self.home.top, self.home.width, self.home.height, self.home.side]
+        notes = {
+            "at": [x, y],
+            "facing": self.map.facing,
+            "clock": self.clock,
+            "asleep": self.asleep,
+            "home": home,
+            "visited": self.map.visited,
+            "map": "/".join(row.rstrip() for row in rows),
+        }
+        return f"Notes: {json.dumps(notes, separators=(',', ':'))}"
+
+
+def read_notes(text: str) -> Notes | None:
+    """Read the notes in a reply, if there are any."""
+    match = NOTES.search(text)
+    if not match:
+        return None
+    notes = json.loads(match[1])
+    x, y = notes["at"]
+    kinds: dict[Cell, int] = {}
+    for row, line in enumerate(notes["map"].split("/"), start=y - RADIUS):
+        for column, letter in enumerate(line, start=x - RADIUS):
+            if letter != " ":
+                kinds[column, row] = BITS_OF[letter]
+    known = Map(at=(x, y), facing=notes["facing"], kinds=kinds, visited=[(a, b) for a, b in notes["visited"]])
+    return Notes(known, notes["clock"], notes["asleep"], Home(*notes["home"]) if notes["home"] else None)
+
+
+def _letter(kinds: int | None) -> str:
+    if kinds is None:
+        return " "
+    if kinds in LETTER_OF:
+        return LETTER_OF[kinds]
+    if kinds & ~ANY:
+        return "X"
+    return "-" if not kinds & ~WALKABLE else "#" if not kinds & ~SOLID else "?"
+
+
+def decide(reading: Reading) -> Message:
+    """Act on the notes of the last reply and the observation that followed it, and write them on."""
+    if not reading.observations:
+        return call("observe")
+    now, notes = _remember(reading)
+    home = notes.home or _choose_home(now, notes.clock)
+    if home and now.map.at not in home.inside and now.lacks("stone"):
+        home = None
+    action = _act(now, home, notes.clock)
+    kept = replace(notes, map=now.map, clock=notes.clock + 1, asleep=now.frame.asleep, home=home)
+    return call("act", say=kept.text(), action=action)
+
+
+def _remember(reading: Reading) -> tuple[Situation, Notes]:
+    """The situation by the notes; without any, by what the window shows."""
+    replies = [message for message in reading.prompt.messages if message["role"] == "assistant"]
+    notes = read_notes(text_of(replies[-1]))
+    if notes is None:
+        now = crafter.window(reading)
+        return now, Notes(now.map, 0, now.frame.asleep, None)
+    seen = reading.seen[-1]
+    frame = read_frame(seen.text)
+    notes.map.add(seen.action, notes.asleep, frame)
+    return Situation(notes.map, frame, seen.action), notes
+
+
+def _choose_home(now: Situation, clock: int) -> Home | None:
+    ready = now.has("wood_pickaxe") and now.has("stone", 4) and (now.has("stone_sword") or clock > 200)
+    return find_site(now) if ready and now.frame.faced and not now.frame.asleep else None
+
+
+def _act(now: Situation, home: Home | None, clock: int) -> str:
+    if home is None:
+        return crafter.act(now)
+    at_home = now.map.at in home.inside
+    guarded = replace(now, closed=frozenset(home.walls)) if at_home else now
+    urgent, rest = WISHES[:3], WISHES[3:]
+    action = next((action for wish in urgent if (action := wish(now))), None)
+    return action or dwell(guarded, home, clock) or crafter.act(guarded, rest)
