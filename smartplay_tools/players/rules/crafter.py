@@ -297,16 +297,21 @@ def flee(now: Situation) -> str | None:
 
 
 def explore(now: Situation) -> str | None:
-    """Go where the player has not been lately, rather straight on."""
+    """Go where most that is new will come into view, rather straight on, and not where the player has been lately."""
     x, y = now.map.at
     dx, dy = DIRECTIONS.get(now.map.facing or "", (0, 0))
 
     def worth(cell: Cell) -> int:
-        new = min(abs(cell[0] - vx) + abs(cell[1] - vy) for vx, vy in now.map.visited)
-        return 3 * new + (cell[0] - x) * dx + (cell[1] - y) * dy - now.reach[cell][0]
+        new = sum((cell[0] + sx, cell[1] + sy) not in now.map.kinds for sx, sy in SAMPLE)
+        old = min(abs(cell[0] - vx) + abs(cell[1] - vy) for vx, vy in now.map.visited)
+        return 3 * new + old + (cell[0] - x) * dx + (cell[1] - y) * dy - 2 * now.reach[cell][0]
 
     best = max(now.reach, key=worth)
     return now.walk(best) if best != now.map.at else list(DIRECTIONS)[now.chance(4)]
+
+
+SAMPLE = tuple((x, y) for x in (-4, -2, 0, 2, 4) for y in (-3, 0, 3))
+"""Some cells of a view, enough to judge how much of it is new."""
 
 
 WISHES: tuple[Wish, ...] = (sleep_on, come_back, fight, flee, drink, eat, plant, craft, nap, chop, mine, explore)

@@ -91,7 +91,7 @@ def decide(reading: Reading) -> Message:
     if not reading.observations:
         return call("observe")
     now, notes = _remember(reading)
-    home = notes.home or _choose_home(now, notes.clock)
+    home = notes.home or _choose_home(now)
     if home and now.map.at not in home.inside and now.lacks("stone"):
         home = None
     action = _act(now, home, notes.clock)
@@ -112,16 +112,65 @@ def _remember(reading: Reading) -> tuple[Situation, Notes]:
     return Situation(notes.map, frame, seen.action), notes
 
 
-def _choose_home(now: Situation, clock: int) -> Home | None:
-    ready = now.has("wood_pickaxe") and now.has("stone", 4) and (now.has("stone_sword") or clock > 200)
+def _choose_home(now: Situation) -> Home | None:
+    ready = now.has("wood_pickaxe") and now.has("stone", 3)
     return find_site(now) if ready and now.frame.faced and not now.frame.asleep else None
 
 
 def _act(now: Situation, home: Home | None, clock: int) -> str:
     if home is None:
-        return crafter.act(now)
+        return crafter.act(now, PIONEER)
     at_home = now.map.at in home.inside
     guarded = replace(now, closed=frozenset(home.walls)) if at_home else now
     urgent, rest = WISHES[:3], WISHES[3:]
     action = next((action for wish in urgent if (action := wish(now))), None)
     return action or dwell(guarded, home, clock) or crafter.act(guarded, rest)
+
+
+# --- Before there is a home: nothing that can wait ------------------------------------------------------------------
+
+
+def drink(now: Situation) -> str | None:
+    """Drink before thirst hurts."""
+    thirsty = now.lacks("drink", 4) or (now.lacks("drink", 8) and now.frame.distance("water") <= 2)
+    return now.go(now.cells("water")) if thirsty else None
+
+
+def eat(now: Situation) -> str | None:
+    """Eat before hunger hurts."""
+    return crafter.eat(now) if now.lacks("food", 5) else None
+
+
+def chop(now: Situation) -> str | None:
+    """Gather the wood for a table, a pickaxe and a sword."""
+    enough = now.has("wood", 4) or now.has("wood_pickaxe")
+    return None if enough or "tree" not in now.frame.nearest else now.go(now.cells("tree"))
+
+
+def quarry(now: Situation) -> str | None:
+    """Gather stone for walls."""
+    if now.lacks("wood_pickaxe") or now.has("stone", 9) or "stone" not in now.frame.nearest:
+        return None
+    return now.go(now.cells("stone"))
+
+
+def settle(now: Situation) -> str | None:
+    """With all the stone that can be carried, look for water."""
+    if now.lacks("stone", 9) or now.frame.distance("water") <= 3:
+        return None
+    return now.go(now.cells("water"))
+
+
+PIONEER = (
+    crafter.sleep_on,
+    crafter.come_back,
+    crafter.fight,
+    crafter.flee,
+    drink,
+    eat,
+    crafter.craft,
+    chop,
+    quarry,
+    settle,
+    crafter.explore,
+)
