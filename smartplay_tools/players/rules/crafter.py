@@ -297,17 +297,26 @@ def flee(now: Situation) -> str | None:
 
 
 def explore(now: Situation) -> str | None:
-    """Go where most that is new will come into view, rather straight on, and not where the player has been lately."""
+    """Go where there is something new to see."""
+    goal = frontier(now)
+    return now.walk(goal) if goal != now.map.at else list(DIRECTIONS)[now.chance(4)]
+
+
+def frontier(now: Situation) -> Cell:
+    """Where most that is new will come into view, rather straight on, and not where the player has been lately."""
     x, y = now.map.at
     dx, dy = DIRECTIONS.get(now.map.facing or "", (0, 0))
 
     def worth(cell: Cell) -> int:
-        new = sum((cell[0] + sx, cell[1] + sy) not in now.map.kinds for sx, sy in SAMPLE)
         old = min(abs(cell[0] - vx) + abs(cell[1] - vy) for vx, vy in now.map.visited)
-        return 3 * new + old + (cell[0] - x) * dx + (cell[1] - y) * dy - 2 * now.reach[cell][0]
+        return 3 * news(now, cell) + old + (cell[0] - x) * dx + (cell[1] - y) * dy - 2 * now.reach[cell][0]
 
-    best = max(now.reach, key=worth)
-    return now.walk(best) if best != now.map.at else list(DIRECTIONS)[now.chance(4)]
+    return max(now.reach, key=worth)
+
+
+def news(now: Situation, cell: Cell) -> int:
+    """How much of the view from a cell has not been seen yet."""
+    return sum((cell[0] + dx, cell[1] + dy) not in now.map.kinds for dx, dy in SAMPLE)
 
 
 SAMPLE = tuple((x, y) for x in (-4, -2, 0, 2, 4) for y in (-3, 0, 3))

@@ -44,9 +44,7 @@ class Home:
     def inside(self) -> frozenset[Cell]:
         """All cells of the room."""
         return frozenset(
-            (x, y)
-            for x in range(self.left, self.left + self.width)
-            for y in range(self.top, self.top + self.height)
+            (x, y) for x in range(self.left, self.left + self.width) for y in range(self.top, self.top + self.height)
         )
 
     @cached_property
@@ -91,12 +89,14 @@ def _cost(now: Situation, home: Home) -> int | None:
     if any(now.kinds(cell) != BIT["grass"] for cell in home.garden):
         return None
     to_build = sum(not is_solid(now, wall) for wall in home.walls)
-    if now.lacks("stone", to_build) or any(now.kinds(wall) & BIT["lava"] and not is_solid(now, wall) for wall in home.walls):
+    if now.lacks("stone", to_build) or any(
+        now.kinds(wall) & BIT["lava"] and not is_solid(now, wall) for wall in home.walls
+    ):
         return None
     if not any(now.kinds(wall) == BIT["water"] and home.is_beside_floor(wall) for wall in home.walls):
         return None
     way = min((now.reach[cell][0] for cell in home.inside if cell in now.reach), default=None)
-    return None if way is None else 2 * to_build + way
+    return None if way is None else 2 * to_build + way - 8 * len(home.garden)
 
 
 def is_walkable(now: Situation, cell: Cell) -> bool:
@@ -162,12 +162,13 @@ def _live(now: Situation, home: Home, clock: int) -> str:
         return now.go(water) or "Noop"
     if now.lacks("energy", 4):
         return "Sleep"
-    if now.lacks("food", 6) and plants and clock % 60 < 15 * len(plants):
-        return now.go([plants[clock % 60 // 15]]) or "Noop"
     ways = [way for bed in beds if (way := _approach(now, home, bed))]
     if ways:
         _, move, _ = min(ways)
         return move or ("Place Plant" if now.has("sapling") else "Do")
+    if now.lacks("food", 6) and plants:
+        # Whether a plant is ripe cannot be seen; trying does no harm.
+        return now.go([plants[clock // 30 % len(plants)]]) or "Noop"
     if now.lacks("drink", 9):
         return now.go(water) or "Noop"
     return "Sleep" if now.lacks("energy", 7) else "Noop"

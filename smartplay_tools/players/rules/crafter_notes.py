@@ -39,6 +39,8 @@ class Notes:
     clock: int
     asleep: bool
     home: Home | None
+    goal: Cell | None = None
+    """Where the player is going to explore."""
 
     def text(self) -> str:
         """The line that stands in the reply."""
@@ -54,6 +56,7 @@ class Notes:
             "clock": self.clock,
             "asleep": self.asleep,
             "home": home,
+            "goal": self.goal,
             "visited": self.map.visited,
             "map": "/".join(row.rstrip() for row in rows),
         }
@@ -73,7 +76,8 @@ def read_notes(text: str) -> Notes | None:
             if letter != " ":
                 kinds[column, row] = BITS_OF[letter]
     known = Map(at=(x, y), facing=notes["facing"], kinds=kinds, visited=[(a, b) for a, b in notes["visited"]])
-    return Notes(known, notes["clock"], notes["asleep"], Home(*notes["home"]) if notes["home"] else None)
+    home, goal = notes["home"], notes["goal"]
+    return Notes(known, notes["clock"], notes["asleep"], home and Home(*home), goal and tuple(goal))
 
 
 def _letter(kinds: int | None) -> str:
@@ -94,9 +98,18 @@ def decide(reading: Reading) -> Message:
     home = notes.home or _choose_home(now)
     if home and now.map.at not in home.inside and now.lacks("stone"):
         home = None
-    action = _act(now, home, notes.clock)
-    kept = replace(notes, map=now.map, clock=notes.clock + 1, asleep=now.frame.asleep, home=home)
+    action, goal = _act(now, home, notes.clock), None
+    if action is None:
+        action, goal = _explore(now, notes.goal)
+    kept = replace(notes, map=now.map, clock=notes.clock + 1, asleep=now.frame.asleep, home=home, goal=goal)
     return call("act", say=kept.text(), action=action)
+
+
+def _explore(now: Situation, goal: Cell | None) -> tuple[str, Cell | None]:
+    """Keep going to where there was something new to see, until there is no more."""
+    if goal is None or goal not in now.reach or goal == now.map.at or not crafter.news(now, goal):
+        goal = crafter.frontier(now)
+    return (now.walk(goal), goal) if goal != now.map.at else (crafter.explore(now) or "Noop", None)
 
 
 def _remember(reading: Reading) -> tuple[Situation, Notes]:
@@ -117,9 +130,9 @@ def _choose_home(now: Situation) -> Home | None:
     return find_site(now) if ready and now.frame.faced and not now.frame.asleep else None
 
 
-def _act(now: Situation, home: Home | None, clock: int) -> str:
+def _act(now: Situation, home: Home | None, clock: int) -> str | None:
     if home is None:
-        return crafter.act(now, PIONEER)
+        return next((action for wish in PIONEER if (action := wish(now))), None)
     at_home = now.map.at in home.inside
     guarded = replace(now, closed=frozenset(home.walls)) if at_home else now
     urgent, rest = WISHES[:3], WISHES[3:]
@@ -137,8 +150,12 @@ def drink(now: Situation) -> str | None:
 
 
 def eat(now: Situation) -> str | None:
-    """Eat before hunger hurts."""
-    return crafter.eat(now) if now.lacks("food", 5) else None
+    """Eat before hunger hurts, and before settling down, for a garden takes long to feed anybody."""
+    near = now.frame.distance("cow") <= 6
+    if now.lacks("food", 4) or (near and now.lacks("food", 8)):
+        x, y = now.map.at
+        return now.go([(x + dx, y + dy) for dx, dy in now.frame.cells("cow")])
+    return None
 
 
 def chop(now: Situation) -> str | None:
@@ -154,13 +171,6 @@ def quarry(now: Situation) -> str | None:
     return now.go(now.cells("stone"))
 
 
-def settle(now: Situation) -> str | None:
-    """With all the stone that can be carried, look for water."""
-    if now.lacks("stone", 9) or now.frame.distance("water") <= 3:
-        return None
-    return now.go(now.cells("water"))
-
-
 PIONEER = (
     crafter.sleep_on,
     crafter.come_back,
@@ -171,6 +181,4 @@ PIONEER = (
     crafter.craft,
     chop,
     quarry,
-    settle,
-    crafter.explore,
 )
