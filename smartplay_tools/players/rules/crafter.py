@@ -309,7 +309,7 @@ def frontier(now: Situation) -> Cell:
 
     def worth(cell: Cell) -> int:
         old = min(abs(cell[0] - vx) + abs(cell[1] - vy) for vx, vy in now.map.visited)
-        return 3 * news(now, cell) + old + (cell[0] - x) * dx + (cell[1] - y) * dy - 2 * now.reach[cell][0]
+        return 4 * news(now, cell) + old + (cell[0] - x) * dx + (cell[1] - y) * dy - now.reach[cell][0]
 
     return max(now.reach, key=worth)
 

@@ -126,7 +126,7 @@ def _build(now: Situation, home: Home, open_walls: list[Cell]) -> str | None:
     ways = [way for wall in open_walls if (way := _approach(now, home, wall))]
     if not ways:
         return None
-    _, move, wall = min(ways)
+    _, move, _ = min(ways)
     if move:
         return move
     return "Place Stone" if now.frame.faced in ("grass", "sand", "path") else "Do"

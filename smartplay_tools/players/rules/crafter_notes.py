@@ -143,6 +143,11 @@ def _act(now: Situation, home: Home | None, clock: int) -> str | None:
 # --- Before there is a home: nothing that can wait ------------------------------------------------------------------
 
 
+def flee(now: Situation) -> str | None:
+    """Get away from skeletons when there is not much health left to lose; else there is work to do."""
+    return crafter.flee(now) if now.lacks("health", 5) else None
+
+
 def drink(now: Situation) -> str | None:
     """Drink before thirst hurts."""
     thirsty = now.lacks("drink", 4) or (now.lacks("drink", 8) and now.frame.distance("water") <= 2)
@@ -175,7 +180,7 @@ PIONEER = (
     crafter.sleep_on,
     crafter.come_back,
     crafter.fight,
-    crafter.flee,
+    flee,
     drink,
     eat,
     crafter.craft,
