@@ -164,16 +164,19 @@ def eat(now: Situation) -> str | None:
 
 
 def chop(now: Situation) -> str | None:
-    """Gather the wood for a table, a pickaxe and a sword."""
-    enough = now.has("wood", 4) or now.has("wood_pickaxe")
-    return None if enough or "tree" not in now.frame.nearest else now.go(now.cells("tree"))
+    """Gather the wood for a table, a pickaxe and a sword; for those of stone, if trees are close."""
+    if now.has("wood", 4) or (now.has("wood_pickaxe") and (now.has("stone_sword") or now.frame.distance("tree") > 4)):
+        return None
+    return now.go(now.cells("tree")) if "tree" in now.frame.nearest else None
 
 
 def quarry(now: Situation) -> str | None:
-    """Gather stone for walls."""
-    if now.lacks("wood_pickaxe") or now.has("stone", 9) or "stone" not in now.frame.nearest:
+    """Gather stone for walls, and a piece of coal that is close."""
+    if now.lacks("wood_pickaxe"):
         return None
-    return now.go(now.cells("stone"))
+    if now.lacks("coal") and now.frame.distance("coal") <= 5 and (action := now.go(now.cells("coal"))):
+        return action
+    return now.go(now.cells("stone")) if now.lacks("stone", 9) and "stone" in now.frame.nearest else None
 
 
 PIONEER = (
