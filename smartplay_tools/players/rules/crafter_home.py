@@ -160,13 +160,15 @@ def _live(now: Situation, home: Home, clock: int) -> str:
         return "Do" if now.frame.faced == "cow" else turn
     if now.lacks("drink", 5 if now.has("energy", 3) else 3):
         return now.go(water) or "Noop"
-    # Asleep one is hungry and thirsty half as fast, and recovers twice as fast.
-    if now.lacks("energy", 8):
+    if now.lacks("energy", 2):
         return "Sleep"
     ways = [way for bed in beds if (way := _approach(now, home, bed))]
     if ways:
         _, move, _ = min(ways)
         return move or ("Place Plant" if now.has("sapling") else "Do")
+    # Asleep one is hungry and thirsty half as fast, and recovers twice as fast.
+    if now.lacks("energy", 8):
+        return "Sleep"
     if now.lacks("food", 6) and plants:
         # Whether a plant is ripe cannot be seen; trying does no harm.
         return now.go([plants[clock // 30 % len(plants)]]) or "Noop"
