@@ -26,6 +26,8 @@ SHAPES = (
 )
 """Widths and heights of rooms, and on which side of them the garden lies: the other cells of a row of three leave
 enough room to walk towards it."""
+LASTING = SOLID & ~(BIT["table"] | BIT["furnace"])
+"""What walls can be made of: arrows destroy tables and furnaces."""
 SEARCH = 7
 """How far around the player a site is looked for."""
 
@@ -108,7 +110,7 @@ def is_walkable(now: Situation, cell: Cell) -> bool:
 def is_solid(now: Situation, cell: Cell) -> bool:
     """Whether nothing can walk through a cell, for all that is known."""
     kinds = now.kinds(cell)
-    return bool(kinds & ANY) and not kinds & ~SOLID
+    return bool(kinds & ANY) and not kinds & ~LASTING
 
 
 def dwell(now: Situation, home: Home, clock: int) -> str | None:
@@ -117,7 +119,7 @@ def dwell(now: Situation, home: Home, clock: int) -> str | None:
         reachable = [cell for cell in home.inside if cell in now.reach]
         return now.walk(min(reachable, key=lambda cell: now.reach[cell][0])) if reachable else None
     open_walls = [wall for wall in home.walls if not is_solid(now, wall)]
-    if open_walls:
+    if open_walls and now.has("stone"):
         return _build(now, home, open_walls)
     return _live(now, home, clock)
 
@@ -129,7 +131,9 @@ def _build(now: Situation, home: Home, open_walls: list[Cell]) -> str | None:
     _, move, _ = min(ways)
     if move:
         return move
-    return "Place Stone" if now.frame.faced in ("grass", "sand", "path") else "Do"
+    if now.frame.faced in ("grass", "sand", "path"):
+        return "Place Stone"
+    return "Do" if now.frame.faced in ("cow", "zombie", "skeleton") else "Noop"
 
 
 def _approach(now: Situation, home: Home, target: Cell) -> tuple[int, str, Cell] | None:
