@@ -68,8 +68,8 @@ class Home:
         return any((x + dx, y + dy) in floor for dx, dy in DIRECTIONS.values())
 
 
-def find_site(now: Situation) -> Home | None:
-    """The best place for a home among the known cells: next to water, and with few walls to build."""
+def find_site(now: Situation, *, dry: bool) -> Home | None:
+    """The best place for a home among the known cells: few walls to build, and next to water unless it may be dry."""
     x, y = now.map.at
     best: tuple[int, Home] | None = None
     for left in range(x - SEARCH, x + SEARCH):
@@ -78,13 +78,18 @@ def find_site(now: Situation) -> Home | None:
                 continue
             for shape in SHAPES:
                 home = Home(left, top, *shape)
-                cost = _cost(now, home)
+                cost = _cost(now, home, dry)
                 if cost is not None and (best is None or cost < best[0]):
                     best = cost, home
     return best[1] if best else None
 
 
-def _cost(now: Situation, home: Home) -> int | None:
+def has_water(now: Situation, home: Home) -> bool:
+    """Whether there is something to drink in the walls."""
+    return any(now.kinds(wall) == BIT["water"] and home.is_beside_floor(wall) for wall in home.walls)
+
+
+def _cost(now: Situation, home: Home, dry: bool) -> int | None:
     """Walls to build and steps to go, doubled where it matters; None if a home cannot be built there."""
     if not all(is_walkable(now, cell) for cell in home.inside):
         return None
@@ -95,10 +100,11 @@ def _cost(now: Situation, home: Home) -> int | None:
         now.kinds(wall) & BIT["lava"] and not is_solid(now, wall) for wall in home.walls
     ):
         return None
-    if not any(now.kinds(wall) == BIT["water"] and home.is_beside_floor(wall) for wall in home.walls):
+    thirst = 0 if has_water(now, home) else 40
+    if thirst and not dry:
         return None
     way = min((now.reach[cell][0] for cell in home.inside if cell in now.reach), default=None)
-    return None if way is None else 2 * to_build + way - 8 * len(home.garden)
+    return None if way is None else 2 * to_build + way + thirst - 8 * len(home.garden)
 
 
 def is_walkable(now: Situation, cell: Cell) -> bool:

@@ -15,10 +15,12 @@ from smartplay_tools.messages import Message, text_of
 from smartplay_tools.players.reading import Reading, call
 from smartplay_tools.players.rules import crafter
 from smartplay_tools.players.rules.crafter import SOLID, WISHES, Situation
-from smartplay_tools.players.rules.crafter_home import Home, dwell, find_site
+from smartplay_tools.players.rules.crafter_home import Home, dwell, find_site, has_water
 from smartplay_tools.players.rules.crafter_sight import ANY, BIT, OUTSIDE, WALKABLE, Cell, Map, read_frame
 
 NOTES = re.compile(r"^Notes: (\{.*\})$", re.MULTILINE)
+DAY, DUSK, DAWN = 300, 130, 280
+"""Steps of a day, and of it those between which the night is full of zombies."""
 RADIUS = 14
 """The map in the notes reaches this far."""
 LETTERS = {
@@ -95,9 +97,7 @@ def decide(reading: Reading) -> Message:
     if not reading.observations:
         return call("observe")
     now, notes = _remember(reading)
-    home = notes.home or _choose_home(now)
-    if home and now.map.at not in home.inside and now.lacks("stone"):
-        home = None
+    home = _home(now, notes)
     action, goal = _act(now, home, notes.clock), None
     if action is None:
         action, goal = _explore(now, notes.goal)
@@ -125,9 +125,15 @@ def _remember(reading: Reading) -> tuple[Situation, Notes]:
     return Situation(notes.map, frame, seen.action), notes
 
 
-def _choose_home(now: Situation) -> Home | None:
-    ready = now.has("wood_pickaxe") and now.has("stone", 3)
-    return find_site(now) if ready and now.frame.faced and not now.frame.asleep else None
+def _home(now: Situation, notes: Notes) -> Home | None:
+    """The home, or a site for one. For a night it may be dry; and who is out of stone cannot build any more."""
+    night = DUSK <= notes.clock % DAY < DAWN
+    home = notes.home
+    if home and (has_water(now, home) or (night and now.has("drink", 2))):
+        return home if now.map.at in home.inside or now.has("stone") else None
+    if now.lacks("wood_pickaxe") or now.lacks("stone", 3) or now.frame.faced is None or now.frame.asleep:
+        return None
+    return find_site(now, dry=night and now.has("drink", 3))
 
 
 def _act(now: Situation, home: Home | None, clock: int) -> str | None:
@@ -187,6 +193,6 @@ PIONEER = (
     drink,
     eat,
     crafter.craft,
-    chop,
     quarry,
+    chop,
 )
