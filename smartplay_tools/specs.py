@@ -109,6 +109,7 @@ def _challenges(*degrees: int) -> Mapping[str, int]:
 _BANDIT = _challenges(1, 1, 1, 1, 2, 3, 2, 1, 1)
 _ROCK_PAPER_SCISSORS = _challenges(2, 1, 3, 1, 2, 3, 3, 1, 1)
 _HANOI = _challenges(2, 3, 2, 3, 1, 1, 1, 2, 1)
+_CRAFTER = _challenges(4, 3, 3, 3, 3, 2, 4, 3, 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,6 +195,18 @@ def _hanoi(disks: int) -> GameSpec:
     )
 
 
+def _crafter() -> GameSpec:
+    return _setting(
+        id="Crafter-v0",
+        family="crafter",
+        entry_point="smartplay_tools.games.crafter.game:Crafter",
+        history=5,
+        rollout=10_000,
+        trials=10,
+        challenges=_CRAFTER,
+    )
+
+
 _SETTINGS = (
     _bandit("Deterministic", ((1.0, 1), (0.0, 1))),
     _bandit("HighHigh", ((0.8, 1), (0.9, 1))),
@@ -203,6 +216,7 @@ _SETTINGS = (
     _rock_paper_scissors("DifferentScore", (0.3, 0.3, 0.4), (1, 2, 1)),
     _hanoi(3),
     _hanoi(4),
+    _crafter(),
 )
 
 GAMES: dict[str, GameSpec] = {spec.id: spec for spec in _SETTINGS}
