@@ -174,6 +174,10 @@ class Episode:
         """Whether there is a transcript."""
         return self._transcript is not None
 
+    def look_on(self, on_step: Callable[[TextGame], None]) -> None:
+        """Have a function called with the game after every step, to draw it, say. It must not play."""
+        self._play.on_step = on_step
+
     def log(self, event: str, **fields: Any) -> None:
         """Append an event to the transcript, if there is one."""
         if self._transcript is not None:
