@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
+from smartplay_tools.messages import Message
 from smartplay_tools.players.reading import Reading, call
-from smartplay_tools.records import Message
 
 PULL = re.compile(r"You pulled slot machine (\d+), you received reward (-?\d+)\.")
 
