@@ -10,8 +10,8 @@ from rich.console import Console
 
 from smartplay_tools import tools
 from smartplay_tools.cli import options
-from smartplay_tools.episode import Episode
 from smartplay_tools.cli.show import compact_table
+from smartplay_tools.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.specs import GAMES, get_spec
 
