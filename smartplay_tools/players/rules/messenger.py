@@ -8,10 +8,10 @@ seen, because the manual says of each how it moves. Then every sequence of three
 
 from __future__ import annotations
 
+import functools
 import itertools
-import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from smartplay_tools.messages import Message
@@ -43,9 +43,6 @@ CRAMPED = 0.004
 """What it costs to be a half cell away from the middle, because borders and corners leave less room to evade."""
 JUMP = 0.02
 """How likely a place is that cannot be reached: another thing of the same name has come nearer."""
-STAYS_AT_BORDER = 0.15
-"""How often a fleeing thing is taken to lose its tick, while it is not known where the border is."""
-
 Offset = tuple[int, int]
 Belief = dict[tuple[str, int, int], float]
 """The probability of each movement and place, in half cells to the east and to the south."""
@@ -122,43 +119,33 @@ def _situation(said: tuple[Claim, ...], views: tuple[View, ...]) -> tuple[Offset
     """
     roles = {name: _roles(name, said, views[-1]) for name in views[-1].things}
     priors = {name: {movement: p for movement, (_, p) in told.items()} for name, told in roles.items()}
-    found: dict[tuple[Offset, ...], list[Track]] = {}
-    best: tuple[float, int] = (-1.0, 0)
-    for start in itertools.product(range(0, LAST + 1, 2), repeat=2):
-        path, place = _walk((start[0], start[1]), views)
-        if path not in found:
-            found[path] = [_follow(name, views, path, priors[name]) for name in roles]
-        likelihood = math.prod(track.likelihood * sum(_on_board(track.seen, place).values()) for track in found[path])
-        central = -abs(place[0] - LAST // 2) - abs(place[1] - LAST // 2)
+    best: tuple[float, int] = (0.0, 0)
+    here, tracks = (LAST // 2, LAST // 2), [Track(0.0, {}, {}) for _ in roles]
+    for east, south in itertools.product(range(0, LAST + 1, 2), repeat=2):
+        path = _walk((east, south), views)
+        likelihood, followed = 1.0, []
+        for name, prior in priors.items():
+            followed.append(_follow(name, views, path, prior))
+            likelihood *= followed[-1].likelihood
+            if likelihood < best[0]:
+                break
+        central = -abs(path[-1][0] - LAST // 2) - abs(path[-1][1] - LAST // 2)
         if (round(likelihood, 12), central) > best:
-            best, here, tracks = (round(likelihood, 12), central), place, found[path]
+            best, here, tracks = (round(likelihood, 12), central), path[-1], followed
     wanted = "goal" if views[-1].has_message else "message"
     things = []
     for told, track in zip(roles.values(), tracks, strict=True):
         worth = {movement: SUCCESS if role == wanted else DEATH for movement, (role, _) in told.items()}
-        for relative in (track.seen, track.hidden):
-            if belief := _normal(_on_board(relative, here)):
-                things.append(Thing(worth, SUCCESS in worth.values(), belief))
+        things += [Thing(worth, SUCCESS in worth.values(), b) for b in (track.seen, track.hidden) if b]
     return here, tuple(things)
 
 
-def _on_board(relative: Belief, place: Offset) -> Belief:
-    """Turn offsets into places, seen from where we are; drop those that are beyond the board."""
-    return {
-        (movement, place[0] + east, place[1] + south): probability
-        for (movement, east, south), probability in relative.items()
-        if 0 <= place[0] + east <= LAST and 0 <= place[1] + south <= LAST
-    }
-
-
-def _walk(place: Offset, views: tuple[View, ...]) -> tuple[tuple[Offset, ...], Offset]:
-    """Return the steps that we really made from a place, of those in the views, and where they end."""
-    path = []
+def _walk(place: Offset, views: tuple[View, ...]) -> list[Offset]:
+    """Return where we are at each view, if we start from a place."""
+    path = [place]
     for view in views[1:]:
-        after = _moved(place, STEPS.get(view.action or "", (0, 0)))
-        path.append((after[0] - place[0], after[1] - place[1]))
-        place = after
-    return tuple(path), place
+        path.append(_moved(path[-1], STEPS.get(view.action or "", (0, 0))))
+    return path
 
 
 def _moved(place: Offset, step: Offset) -> Offset:
@@ -179,7 +166,9 @@ def _roles(name: str, said: tuple[Claim, ...], now: View) -> dict[str, tuple[str
         return {m: (claim.role, 0.94 if m == claim.movement else 0.03 if claim.movement else 1 / 3) for m in MOVEMENTS}
     told: dict[str, tuple[str | None, float]] = dict.fromkeys(MOVEMENTS, ("enemy", 0.02))
     for claim in about:
-        for movement in [claim.movement] if claim.movement else MOVEMENTS:
+        # Two things of one name move differently, so a silent sentence is about what no other claims.
+        others = {other.movement for other in about if other is not claim}
+        for movement in [claim.movement] if claim.movement else [m for m in MOVEMENTS if m not in others]:
             told[movement] = (claim.role, 0.5)
     return told
 
@@ -193,42 +182,68 @@ class Track:
     hidden: Belief
 
 
-def _follow(name: str, views: tuple[View, ...], path: tuple[Offset, ...], prior: Mapping[str, float]) -> Track:
-    """Follow a name, given our steps. Where it jumps, another thing of that name has come nearer than the first."""
+def _follow(name: str, views: tuple[View, ...], path: list[Offset], prior: Mapping[str, float]) -> Track:
+    """Follow a name, given our path. Where it jumps, another thing of that name has come nearer than the first."""
     likelihood, seen, hidden = 1.0, Belief(), Belief()
-    for step, view in zip(((0, 0), *path), views, strict=True):
+    before = path[0]
+    for here, view in zip(path, views, strict=True):
         shown = view.things.get(name)
         if shown is None:
             seen = hidden = {}
             continue
-        seen, hidden = _advance(seen, step), _advance(hidden, step)
-        stays = {state: p for state, p in seen.items() if _shown(state[1], state[2]) == shown}
+        seen, hidden = _advance(seen, before), _advance(hidden, before)
+        places = _places(shown, here)
+        stays = {state: p for state, p in seen.items() if state[1:] in places}
         if stays:
             likelihood *= sum(stays.values())
             seen = stays
         elif not seen:
-            seen = _guess(shown, prior)
+            likelihood *= _share_on_board(shown, here)
+            seen = _guess(places, prior)
         else:
             likelihood *= JUMP
-            other = {state: p for state, p in hidden.items() if _shown(state[1], state[2]) == shown}
+            other = {state: p for state, p in hidden.items() if state[1:] in places}
             # Things of one name move differently.
             taken = {m: sum(p for state, p in seen.items() if state[0] == m) for m in prior}
-            seen, hidden = other or _guess(shown, {m: p * (1.01 - taken[m]) for m, p in prior.items()}), seen
+            seen, hidden = other or _guess(places, {m: p * (1.01 - taken[m]) for m, p in prior.items()}), seen
         seen = _normal(seen)
-        hidden = _normal({state: p for state, p in hidden.items() if _shown(state[1], state[2])[0] >= shown[0]})
+        hidden = _normal({s: p for s, p in hidden.items() if _cells_between(s[1:], here) >= shown[0]})
+        before = here
+        if not seen:
+            return Track(0.0, {}, {})
     return Track(likelihood, seen, hidden)
 
 
-def _guess(seen: tuple[int, str], prior: Mapping[str, float]) -> Belief:
-    """Believe in every offset that would be shown so; what never moves stands on whole cells."""
-    span = range(-2 * seen[0], 2 * seen[0] + 2)
-    offsets = [(east, south) for east in span for south in span if _shown(east, south) == seen]
+def _cells_between(place: Offset, here: Offset) -> int:
+    return abs(place[0] // 2 - here[0] // 2) + abs(place[1] // 2 - here[1] // 2)
+
+
+@functools.cache
+def _offsets(shown: tuple[int, str]) -> tuple[Offset, ...]:
+    """Return every offset that would be shown so, in half cells."""
+    span = range(-2 * shown[0], 2 * shown[0] + 2)
+    return tuple((east, south) for east in span for south in span if _shown(east, south) == shown)
+
+
+@functools.cache
+def _places(shown: tuple[int, str], here: Offset) -> frozenset[Offset]:
+    """Return every place on the board that would be shown so."""
+    places = ((here[0] + east, here[1] + south) for east, south in _offsets(shown))
+    return frozenset((x, y) for x, y in places if 0 <= x <= LAST and 0 <= y <= LAST)
+
+
+def _share_on_board(shown: tuple[int, str], here: Offset) -> float:
+    return len(_places(shown, here)) / len(_offsets(shown))
+
+
+def _guess(places: Iterable[Offset], prior: Mapping[str, float]) -> Belief:
+    """Believe in each of the places; what never moves stands on whole cells."""
     return _normal(
         {
-            (movement, east, south): probability * (4 if movement == "immovable" else 1)
+            (movement, x, y): probability * (4 if movement == "immovable" else 1)
             for movement, probability in prior.items()
-            for east, south in offsets
-            if movement != "immovable" or not (east % 2 or south % 2)
+            for x, y in sorted(places)
+            if movement != "immovable" or not (x % 2 or y % 2)
         }
     )
 
@@ -238,29 +253,24 @@ def _normal(belief: Belief) -> Belief:
     return {state: probability / total for state, probability in belief.items()} if total else {}
 
 
-def _advance(belief: Belief, step: Offset) -> Belief:
-    """Let a tick pass: the thing goes by where we stand, then we make a step."""
+def _advance(belief: Belief, here: Offset) -> Belief:
+    """Let things move for a tick, by where we stand."""
     after: Belief = {}
-    for (movement, east, south), probability in belief.items():
-        for x, y, share in _MOVES[movement, _sign(east), _sign(south)]:
-            state = (movement, east + x - step[0], south + y - step[1])
+    for (movement, x, y), probability in belief.items():
+        for x_after, y_after, share in _moves(movement, x, y, here):
+            state = (movement, x_after, y_after)
             after[state] = after.get(state, 0.0) + probability * share
     return after
 
 
-def _moves_of(movement: str, east: int, south: int) -> list[tuple[int, int, float]]:
-    """Return (east, south, probability) of a thing's half step; `east` and `south` are the signs of its offset."""
+@functools.cache
+def _moves(movement: str, x: int, y: int, here: Offset) -> tuple[tuple[int, int, float], ...]:
+    """Return where a thing goes in a tick, and how probably: half a cell nearer or farther, never off the board."""
     if movement == "immovable":
-        return [(0, 0, 1.0)]
-    nearer = [(x, y) for x, y in HALF_CELLS if x * east < 0 or y * south < 0]
-    if movement == "chaser":
-        open_to = nearer or list(HALF_CELLS)
-        return [(x, y, 1 / len(open_to)) for x, y in open_to]
-    open_to = [step for step in HALF_CELLS if step not in nearer]
-    return [(0, 0, STAYS_AT_BORDER), *((x, y, (1 - STAYS_AT_BORDER) / len(open_to)) for x, y in open_to)]
-
-
-_MOVES = {(m, x, y): _moves_of(m, x, y) for m in MOVEMENTS for x in (-1, 0, 1) for y in (-1, 0, 1)}
+        return ((x, y, 1.0),)
+    nearer = [(e, s) for e, s in HALF_CELLS if e * (here[0] - x) > 0 or s * (here[1] - y) > 0]
+    steps = (nearer or HALF_CELLS) if movement == "chaser" else [step for step in HALF_CELLS if step not in nearer]
+    return tuple((*_moved((x, y), step), 1 / len(steps)) for step in steps)
 
 
 # What to do.
@@ -272,14 +282,11 @@ def _value_of(action: str, place: Offset, things: tuple[Thing, ...], depth: int)
     value, left = 0.0, []
     for thing in things:
         belief: Belief = {}
-        for (movement, x, y), probability in thing.belief.items():
-            for east, south, share in _MOVES[movement, _sign(x - place[0]), _sign(y - place[1])]:
-                x_after, y_after = _moved((x, y), (east, south))
-                if abs(x_after - here[0]) <= 1 and abs(y_after - here[1]) <= 1:
-                    value += probability * share * thing.worth[movement]
-                else:
-                    state = (movement, x_after, y_after)
-                    belief[state] = belief.get(state, 0.0) + probability * share
+        for (movement, x, y), probability in _advance(thing.belief, place).items():
+            if abs(x - here[0]) <= 1 and abs(y - here[1]) <= 1:
+                value += probability * thing.worth[movement]
+            else:
+                belief[movement, x, y] = probability
         left.append(Thing(thing.worth, thing.is_wanted, belief))
     rest = tuple(left)
     if depth > 1:
@@ -301,7 +308,3 @@ def _outlook(thing: Thing, here: Offset) -> float:
         if thing.is_wanted:
             value += ELSEWHERE * probability * distance
     return value
-
-
-def _sign(number: int) -> int:
-    return (number > 0) - (number < 0)
