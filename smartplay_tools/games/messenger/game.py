@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Any, Literal
 
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.games.messenger import manuals, rules
 from smartplay_tools.games.messenger import text as words
@@ -29,6 +30,7 @@ class Messenger(TextGame):
     """
 
     actions = words.ACTIONS
+    options = ("split", "texts", "text")
 
     def __init__(
         self,
@@ -40,17 +42,22 @@ class Messenger(TextGame):
         **options: Any,
     ) -> None:
         if level not in (1, 2, 3):
-            raise ValueError(f"level must be 1, 2 or 3, not {level!r}.")
+            raise InvalidArgumentError(f"level must be 1, 2 or 3, not {level!r}.")
         if text not in ("original", "corrected"):
-            raise ValueError(f"text must be 'original' or 'corrected', not {text!r}.")
+            raise InvalidArgumentError(f"text must be 'original' or 'corrected', not {text!r}.")
         folder = texts or os.environ.get(manuals.TEXTS_VARIABLE)
         self.texts: Literal["grammar", "original"] = "original" if folder else "grammar"
         self._sentences_by_entity = manuals.load(Path(folder) if folder else manuals.OUR_TEXTS, split)
-        self._level = level
+        self._level, self._split, self._text = level, split, text
         self._games = rules.GAMES[split]
-        self._corrected = text == "corrected"
         self.manual = words.compose(())
         super().__init__(longest_observation=words.longest_observation(), characters=words.CHARACTERS, **options)
+
+    def deviations(self) -> dict[str, Any]:
+        """What differs from the paper: whose sentences the manuals hold, and options that were given."""
+        paper = {"texts": "original", "split": "test", "text": "original"}
+        played = {"texts": self.texts, "split": self._split, "text": self._text}
+        return {name: {"paper": paper[name], "played": played[name]} for name in paper if played[name] != paper[name]}
 
     def _reset(self) -> str:
         chance = self.np_random
@@ -70,7 +77,7 @@ class Messenger(TextGame):
         # The benchmark's score is the reward of the last step, so one on the way counts only if the rollout ends there.
         self.score = outcome.reward
         self.completed = outcome.ended and outcome.reward == 1
-        observation = words.describe(outcome.state, self._names, action, corrected=self._corrected)
+        observation = words.describe(outcome.state, self._names, action, corrected=self._text == "corrected")
         return observation, outcome.reward, outcome.ended, False
 
     def _state(self) -> Any:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from numpy.random import Generator
 
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.messenger.rules import (
     GAMES,
     MOVEMENTS,
@@ -42,16 +43,16 @@ OUR_TEXTS = Path(__file__).parent / "texts"
 def load(folder: Path, split: Split) -> Texts:
     """Read the texts of a split: the file `text_{split}.json` of the folder."""
     if split not in SPLITS:
-        raise ValueError(f"split must be one of {', '.join(SPLITS)}, not {split!r}.")
+        raise InvalidArgumentError(f"split must be one of {', '.join(SPLITS)}, not {split!r}.")
     file = folder / f"text_{split}.json"
     try:
         texts: Texts = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise ValueError(
+        raise InvalidArgumentError(
             f"There is no {file}: texts must name a folder with text_train.json, text_val.json and text_test.json."
         ) from None
     except ValueError as error:
-        raise ValueError(f"{file} is not JSON in UTF-8: {error}.") from None
+        raise InvalidArgumentError(f"{file} is not JSON in UTF-8: {error}.") from None
     for entity, role in _pairs_played(split):
         for movement in MOVEMENTS:
             try:
@@ -59,7 +60,7 @@ def load(folder: Path, split: Split) -> Texts:
             except (KeyError, TypeError, IndexError):
                 sentences = []
             if not (isinstance(sentences, list) and sentences and all(isinstance(s, str) for s in sentences)):
-                raise ValueError(
+                raise InvalidArgumentError(
                     f"{file} does not have the structure entity -> role -> movement -> sentences: "
                     f"nothing to read at {entity} -> {role} -> {movement}."
                 )
@@ -99,4 +100,4 @@ def _false_lead(enemy: str, movement: Movement, texts: Texts, chance: Generator)
     for role in shuffled(("message", "goal"), chance):
         if pool := texts[enemy].get(role, {}).get(other):
             return pick(pool, chance)
-    raise ValueError(f"The texts hold no sentence on {enemy} as message or goal that is {other}.")
+    raise InvalidArgumentError(f"The texts hold no sentence on {enemy} as message or goal that is {other}.")

@@ -30,9 +30,9 @@ ENTITIES = {
 
 ROLES = {
     "enemy": (
-        "enemy adversary opponent foe rival nemesis antagonist opposition assailant deadly dangerous lethal threatening "
-        "harmful fatal treacherous menacing destructive murderous pernicious poisonous toxic fierce villainous vicious "
-        "hostile nasty ruthless hazardous evil sinister brutal mortal killer"
+        "enemy adversary opponent foe rival nemesis antagonist opposition assailant deadly dangerous lethal "
+        "threatening harmful fatal treacherous menacing destructive murderous pernicious poisonous toxic fierce "
+        "villainous vicious hostile nasty ruthless hazardous evil sinister brutal mortal killer"
     ),
     "message": (
         "report document message paper information file letter memo note script text communication classified secret "
@@ -58,8 +58,9 @@ MOVEMENTS = {
         r"|sprint|scurr|slipping|won't let"
     ),
     "chaser": (
-        r"toward|chas|approach|coming|comes (?!as|with)|\bhead|inch|pursu|follow|hunt|gaining|stalk|creep|closer|closing|your way"
-        r"|advanc|after you|tail|near you|inching near|creeping near|rush|get you|drawing|close to you|incoming|oncoming|way to you"
+        r"toward|chas|approach|coming|comes (?!as|with)|\bhead|inch|pursu|follow|hunt|gaining|stalk|creep"
+        r"|closer|closing|your way|advanc|after you|tail|near you|inching near|creeping near|rush|get you|drawing"
+        r"|close to you|incoming|oncoming|way to you"
     ),
 }
 
