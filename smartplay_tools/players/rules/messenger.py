@@ -8,10 +8,12 @@ seen, because the manual says of each how it moves. Then every sequence of three
 
 from __future__ import annotations
 
+import bisect
 import functools
 import itertools
+import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from smartplay_tools.messages import Message
@@ -31,6 +33,10 @@ VIEWS = 4
 """How many of the visible observations are used, at most."""
 
 DEPTH = 3
+CASES = 6
+"""How many cases of where we are are thought through."""
+KEPT = 40
+"""How many of a belief's states are played out, at most."""
 DEATH, SUCCESS = -6.0, 1.0
 DISCOUNT = 0.97
 NEARER = 0.02
@@ -60,8 +66,11 @@ def decide(reading: Reading) -> Message:
     views = tuple(map(View.of, reading.observations))
     if not views or not views[-1].things:
         return call("observe")
-    place, things = _situation(claims(reading.system), views[-VIEWS:])
-    return call("act", action=max(STEPS, key=lambda action: _value_of(action, place, things, DEPTH)))
+    worth = dict.fromkeys(STEPS, 0.0)
+    for place, things in _situations(claims(reading.system), views[-VIEWS:]):
+        for action, value in _values(place, things, DEPTH).items():
+            worth[action] += value
+    return call("act", action=max(worth, key=worth.__getitem__))
 
 
 # What is seen.
@@ -111,33 +120,41 @@ class Thing:
     belief: Belief
 
 
-def _situation(said: tuple[Claim, ...], views: tuple[View, ...]) -> tuple[Offset, tuple[Thing, ...]]:
-    """Return where we most probably are, and what we believe of every visible name, on the board's coordinates.
+def _situations(said: tuple[Claim, ...], views: tuple[View, ...]) -> list[tuple[Offset, list[Thing]]]:
+    """Return equally probable cases of where we are, with what we then believe of every visible name.
 
     Nothing tells our place, but the board has an end: we cannot be where something that is seen would be beyond it,
-    and a move that changed nothing shows a border. Between places that are as probable, the one in the middle.
+    and a move that changed nothing shows a border.
     """
     roles = {name: _roles(name, said, views[-1]) for name in views[-1].things}
     priors = {name: {movement: p for movement, (_, p) in told.items()} for name, told in roles.items()}
-    best: tuple[float, int] = (0.0, 0)
-    here, tracks = (LAST // 2, LAST // 2), [Track(0.0, {}, {}) for _ in roles]
+    likelihoods, cases = [], []
     for east, south in itertools.product(range(0, LAST + 1, 2), repeat=2):
         path = _walk((east, south), views)
-        likelihood, followed = 1.0, []
-        for name, prior in priors.items():
-            followed.append(_follow(name, views, path, prior))
-            likelihood *= followed[-1].likelihood
-            if likelihood < best[0]:
-                break
-        central = -abs(path[-1][0] - LAST // 2) - abs(path[-1][1] - LAST // 2)
-        if (round(likelihood, 12), central) > best:
-            best, here, tracks = (round(likelihood, 12), central), path[-1], followed
+        if all(_places(shown, at) for at, view in zip(path, views, strict=True) for shown in view.things.values()):
+            tracks = [_follow(name, views, path, prior) for name, prior in priors.items()]
+            likelihoods.append(math.prod(track.likelihood for track in tracks))
+            cases.append((path[-1], tracks))
     wanted = "goal" if views[-1].has_message else "message"
-    things = []
-    for told, track in zip(roles.values(), tracks, strict=True):
-        worth = {movement: SUCCESS if role == wanted else DEATH for movement, (role, _) in told.items()}
-        things += [Thing(worth, SUCCESS in worth.values(), b) for b in (track.seen, track.hidden) if b]
-    return here, tuple(things)
+    worths = [{m: SUCCESS if role == wanted else DEATH for m, (role, _) in told.items()} for told in roles.values()]
+    return [(place, _things(tracks, worths)) for place, tracks in (cases[index] for index in _spread(likelihoods))]
+
+
+def _spread(weights: Sequence[float]) -> list[int]:
+    """Return `CASES` indices, each about as often as its weight says, and the same ones every time."""
+    cumulated = list(itertools.accumulate(weights))
+    if not cumulated or not cumulated[-1]:
+        return []
+    return [bisect.bisect_right(cumulated, (i + 0.5) / CASES * cumulated[-1]) for i in range(CASES)]
+
+
+def _things(tracks: Sequence[Track], worths: Sequence[Mapping[str, float]]) -> list[Thing]:
+    return [
+        Thing(worth, SUCCESS in worth.values(), _likeliest(belief))
+        for track, worth in zip(tracks, worths, strict=True)
+        for belief in (track.seen, track.hidden)
+        if belief
+    ]
 
 
 def _walk(place: Offset, views: tuple[View, ...]) -> list[Offset]:
@@ -253,6 +270,12 @@ def _normal(belief: Belief) -> Belief:
     return {state: probability / total for state, probability in belief.items()} if total else {}
 
 
+def _likeliest(belief: Belief) -> Belief:
+    """Keep what is worth thinking ahead with."""
+    kept = sorted(belief, key=belief.__getitem__, reverse=True)[:KEPT]
+    return _normal({state: belief[state] for state in kept})
+
+
 def _advance(belief: Belief, here: Offset) -> Belief:
     """Let things move for a tick, by where we stand."""
     after: Belief = {}
@@ -276,21 +299,25 @@ def _moves(movement: str, x: int, y: int, here: Offset) -> tuple[tuple[int, int,
 # What to do.
 
 
-def _value_of(action: str, place: Offset, things: tuple[Thing, ...], depth: int) -> float:
-    """Return what an action is worth if the best is done after it."""
-    here = _moved(place, STEPS[action])
-    value, left = 0.0, []
-    for thing in things:
-        belief: Belief = {}
-        for (movement, x, y), probability in _advance(thing.belief, place).items():
-            if abs(x - here[0]) <= 1 and abs(y - here[1]) <= 1:
-                value += probability * thing.worth[movement]
+def _values(place: Offset, things: Sequence[Thing], depth: int) -> dict[str, float]:
+    """Return what each action is worth if the best is done after it."""
+    moved = [_advance(thing.belief, place) for thing in things]  # things move first, by where we still are
+    return {action: _value_of(_moved(place, step), things, moved, depth) for action, step in STEPS.items()}
+
+
+def _value_of(here: Offset, things: Sequence[Thing], moved: Sequence[Belief], depth: int) -> float:
+    """Return what it is worth to be somewhere when things have moved: what is touched, and what then lies ahead."""
+    value, rest = 0.0, []
+    for thing, belief in zip(things, moved, strict=True):
+        left: Belief = {}
+        for state, probability in belief.items():
+            if -1 <= state[1] - here[0] <= 1 and -1 <= state[2] - here[1] <= 1:
+                value += probability * thing.worth[state[0]]
             else:
-                belief[movement, x, y] = probability
-        left.append(Thing(thing.worth, thing.is_wanted, belief))
-    rest = tuple(left)
+                left[state] = probability
+        rest.append(Thing(thing.worth, thing.is_wanted, left))
     if depth > 1:
-        return value + DISCOUNT * max(_value_of(following, here, rest, depth - 1) for following in STEPS)
+        return value + DISCOUNT * max(_values(here, rest, depth - 1).values())
     cramped = abs(here[0] - LAST / 2) + abs(here[1] - LAST / 2)
     return value + sum(_outlook(thing, here) for thing in rest) - CRAMPED * cramped
 
