@@ -137,7 +137,7 @@ class Playthrough:
             return whole
         self.tally.cut_results += 1
         steps = self.tally.steps if self.budget.history is None else min(self.tally.steps, self.budget.history)
-        return cutting.cut_history(self.game.recent, steps, current, cap, self.counter.tokenizer.count)
+        return cutting.cut_history(self.game.recent, steps, current, cap, self.counter.text)
 
     def _show(self, text: str, **data: Any) -> ToolResult:
         shown = self._cut(text, self.budget.result_tokens, cutting.cut_end)
@@ -147,5 +147,4 @@ class Playthrough:
     def _cut(self, text: str, cap: int | None, cut: Callable[[str, int, cutting.Count], str]) -> str:
         if cap is None or self.counter.text(text) <= cap:
             return text
-        # The search counts texts that nobody will see: they stay out of the counter's memory.
-        return cut(text, cap, self.counter.tokenizer.count)
+        return cut(text, cap, self.counter.text)
