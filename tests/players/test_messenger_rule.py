@@ -65,9 +65,9 @@ def test_it_tells_movements_apart_by_what_it_sees(observations: list[str], movem
     views = tuple(messenger.View.of(lines.format(line)) for line in observations)
     said = (Claim("dog", "enemy", "chaser"), Claim("dog", "message", "immovable"), Claim("dog", "goal", "fleeing"))
     believed = dict.fromkeys(messenger.MOVEMENTS, 0.0)
-    for _, things in messenger._situations(said, views):
+    for weight, _, things in messenger._situations(said, views):
         for (moves, *_), probability in things[0].belief.items():
-            believed[moves] += probability
+            believed[moves] += weight * probability
     assert max(believed, key=believed.__getitem__) == movement
 
 

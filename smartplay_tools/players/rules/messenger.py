@@ -13,7 +13,8 @@ import functools
 import itertools
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from smartplay_tools.messages import Message
@@ -67,9 +68,9 @@ def decide(reading: Reading) -> Message:
     if not views or not views[-1].things:
         return call("observe")
     worth = dict.fromkeys(STEPS, 0.0)
-    for place, things in _situations(claims(reading.system), views[-VIEWS:]):
+    for weight, place, things in _situations(claims(reading.system), views[-VIEWS:]):
         for action, value in _values(place, things, DEPTH).items():
-            worth[action] += value
+            worth[action] += weight * value
     return call("act", action=max(worth, key=worth.__getitem__))
 
 
@@ -120,8 +121,8 @@ class Thing:
     belief: Belief
 
 
-def _situations(said: tuple[Claim, ...], views: tuple[View, ...]) -> list[tuple[Offset, list[Thing]]]:
-    """Return equally probable cases of where we are, with what we then believe of every visible name.
+def _situations(said: tuple[Claim, ...], views: tuple[View, ...]) -> Iterator[tuple[int, Offset, list[Thing]]]:
+    """Yield cases of where we are, with their weight and with what we then believe of every visible name.
 
     Nothing tells our place, but the board has an end: we cannot be where something that is seen would be beyond it,
     and a move that changed nothing shows a border.
@@ -137,15 +138,17 @@ def _situations(said: tuple[Claim, ...], views: tuple[View, ...]) -> list[tuple[
             cases.append((path[-1], tracks))
     wanted = "goal" if views[-1].has_message else "message"
     worths = [{m: SUCCESS if role == wanted else DEATH for m, (role, _) in told.items()} for told in roles.values()]
-    return [(place, _things(tracks, worths)) for place, tracks in (cases[index] for index in _spread(likelihoods))]
+    for index, weight in _spread(likelihoods).items():
+        place, tracks = cases[index]
+        yield weight, place, _things(tracks, worths)
 
 
-def _spread(weights: Sequence[float]) -> list[int]:
-    """Return `CASES` indices, each about as often as its weight says, and the same ones every time."""
+def _spread(weights: Sequence[float]) -> Counter[int]:
+    """Return how many of `CASES` go to each index: about as its weight says, and the same ones every time."""
     cumulated = list(itertools.accumulate(weights))
     if not cumulated or not cumulated[-1]:
-        return []
-    return [bisect.bisect_right(cumulated, (i + 0.5) / CASES * cumulated[-1]) for i in range(CASES)]
+        return Counter()
+    return Counter(bisect.bisect_right(cumulated, (i + 0.5) / CASES * cumulated[-1]) for i in range(CASES))
 
 
 def _things(tracks: Sequence[Track], worths: Sequence[Mapping[str, float]]) -> list[Thing]:
