@@ -197,9 +197,6 @@ class Judge:
     def kept(self, k: int) -> list[int]:
         return sorted(self.pins(k) | set(range(self.first(k), k))) if k else []
 
-    def messages(self, k: int) -> list[Json]:
-        return [*self.head(k), *(message for i in self.kept(k) for message in self.seen(i, k))]
-
     def view(self, k: int) -> Json | None:
         """Everything a view says; None where the pinned parts do not fit."""
         if not self.pins_fit(k):
@@ -209,7 +206,7 @@ class Judge:
         marked = [[i, m - 1] for i, m in results if self.is_marked(i, m, k)]
         seen = {self.turns[i]["shows"][m] for i, m in results if not self.is_marked(i, m, k)} - {None}
         return {
-            "messages": self.messages(k),
+            "messages": [message for _, _, message in self.traced(k)],
             "tokens": self.size(set(kept), k),
             "shown_steps": len(seen),
             "dropped_turns": k - len(kept),
@@ -218,15 +215,24 @@ class Judge:
         }
 
     def prefix(self, k: int) -> int:
-        """What stands unchanged at the beginning, in whole messages, the schemas before the first."""
+        """What stands unchanged at the beginning, in whole messages, the schemas before the first.
+
+        A message is unchanged if it is the same one, in the same place: another turn's that happens to read alike
+        carries other call ids.
+        """
         if k == 0:
             return 0
         total = tools_tokens(self.tools, self.n)
-        for was, now in zip(self.messages(k - 1), self.messages(k), strict=False):
+        for was, now in zip(self.traced(k - 1), self.traced(k), strict=False):
             if was != now:
                 break
-            total += self.tokens([now])
+            total += self.tokens([now[-1]])
         return total
+
+    def traced(self, k: int) -> list[tuple[int, int, Json]]:
+        """The messages of a view, each with its turn and its place in it; the head is turn -1."""
+        body = [(i, m, message) for i in self.kept(k) for m, message in enumerate(self.seen(i, k))]
+        return [*((-1, m, message) for m, message in enumerate(self.head(k))), *body]
 
 
 # --- The rules that must hold whatever the computation says ----------------------------------------------------------
