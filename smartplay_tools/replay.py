@@ -61,7 +61,7 @@ def replay(path: str | Path) -> Replay:
     except (KeyError, TypeError, ValueError) as error:
         raise TranscriptError(f"{path} cannot be replayed: {type(error).__name__}: {error}.") from error
     differences = [*_differences(recorded, again), *_tampered(recorded)]
-    return Replay(len(recorded), differences, episode.result if recorded[-1]["event"] == "end" else None)
+    return Replay(len(recorded), differences, episode.result if _has_end(recorded) else None)
 
 
 def _same_episode(start: Event, transcript: list[Event]) -> Episode:
@@ -109,8 +109,13 @@ def _end(episode: Episode, result: dict[str, Any]) -> None:
         episode.end(result["end_reason"])
 
 
+def _has_end(recorded: list[Event]) -> bool:
+    """Whether the episode came to its end; what was said after it stands behind the `end` event."""
+    return any(event["event"] == "end" for event in recorded)
+
+
 def _differences(recorded: list[Event], again: list[Event]) -> Iterator[str]:
-    if recorded[-1]["event"] != "end":
+    if not _has_end(recorded):
         # The process died; what it wrote is compared, what the replay adds at its own end is not.
         again = again[: len(recorded)]
     for number, (was, now) in enumerate(zip_longest(recorded, again), start=1):

@@ -7,6 +7,7 @@ every prefix, by brute force. Where judge and package disagree, one of them misr
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -116,8 +117,8 @@ class Judge:
     """Views of the first `k` turns, for any k, each from scratch."""
 
     def __init__(self, head: list[Json], tools: list[Json], turns: list[Json], budget: Json, n: Count) -> None:
-        known: dict[str, int] = {}
-        self.n = lambda text: known[text] if text in known else known.setdefault(text, n(text))
+        self.n = functools.cache(n)
+        self.costs: dict[tuple[int, int], int] = {}
         self.original_head, self.tools, self.turns = head, tools, turns
         self.history, self.cap = budget["history"], budget["prompt_tokens"]
         self.slack = Fraction(str(budget["slack"]))
@@ -152,9 +153,20 @@ class Judge:
         shows = [i for i in range(k) if t in self.turns[i]["shows"]]
         return {*range(k)[-1:], *shows[-1:]}
 
+    def cost(self, i: int, k: int) -> int:
+        """A turn's tokens, k turns into the conversation; kept, because `size` asks again and again."""
+        if (i, k) not in self.costs:
+            self.costs[i, k] = self.tokens(self.seen(i, k))
+        return self.costs[i, k]
+
+    def frame(self, k: int) -> int:
+        """Head, schemas and priming."""
+        if (-1, k) not in self.costs:
+            self.costs[-1, k] = self.tokens(self.head(k)) + tools_tokens(self.tools, self.n) + 3
+        return self.costs[-1, k]
+
     def size(self, kept: set[int], k: int) -> int:
-        body = [message for i in sorted(kept) for message in self.seen(i, k)]
-        return self.tokens(self.head(k)) + self.tokens(body) + 3 + tools_tokens(self.tools, self.n)
+        return self.frame(k) + sum(self.cost(i, k) for i in kept)
 
     def pins_fit(self, k: int) -> bool:
         return self.cap is None or self.size(self.pins(k), k) <= self.cap

@@ -109,7 +109,7 @@ moves = st.builds(
     st.lists(st.tuples(st.sampled_from(CALLS), st.sampled_from(["a", "b", "", "c1"])), max_size=4),
     st.sampled_from(AFTER),
 )
-scripts = st.lists(moves, max_size=14)
+scripts = st.lists(moves, max_size=9)
 histories = st.sampled_from([0, 1, 2, 3, 5, None])
 slacks = st.sampled_from([0.0, 0.0, 0.1, 0.25, 0.5, 0.7, 1.0])
 
