@@ -15,8 +15,8 @@ import openai
 from smartplay_openai.answers import BrokenAnswerError
 from smartplay_tools import SmartPlayError, Usage
 
-FIRST_PAUSE, LONGEST_PAUSE = 0.5, 8.0
-"""Seconds before the second attempt, doubled for each further one, and where that stops; up to a quarter is random."""
+LONGEST_PAUSE = 8.0
+"""Seconds at which the pauses stop doubling."""
 
 LONGEST_WISH = 60.0
 """A server that wants a longer pause than this is taken at its word: it is not asked again."""
@@ -35,10 +35,10 @@ class ModelCallError(SmartPlayError):
 
 
 class Attempts:
-    """The attempts at one reply."""
+    """The attempts at one reply. Pauses begin at `first_pause` seconds and double; a quarter is left to chance."""
 
-    def __init__(self, retries: int, jitter: random.Random) -> None:
-        self._retries, self._jitter = retries, jitter
+    def __init__(self, retries: int, first_pause: float, jitter: random.Random) -> None:
+        self._retries, self._first_pause, self._jitter = retries, first_pause, jitter
         self._made = 0
         self._spent = Usage(requests=0)
 
@@ -58,7 +58,7 @@ class Attempts:
         wish = _wish(error)
         if self._made > self._retries or not _may_pass(error) or (wish or 0) > LONGEST_WISH:
             raise ModelCallError(self._made, error) from error
-        pause = min(FIRST_PAUSE * 2 ** (self._made - 1), LONGEST_PAUSE) * (1 - self._jitter.random() / 4)
+        pause = min(self._first_pause * 2 ** (self._made - 1), LONGEST_PAUSE) * (1 - self._jitter.random() / 4)
         return pause if wish is None else max(wish, 0.0)
 
 

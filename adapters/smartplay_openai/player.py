@@ -50,7 +50,8 @@ class OpenAIPlayer:
         base_url: where the server is; the environment's `OPENAI_BASE_URL` if not given, then OpenAI's own.
         api_key: the key; the environment's `OPENAI_API_KEY` if not given. A server on this machine needs none.
         stream: take replies as streams, which some servers and proxies hold open longer.
-        retries: how many more attempts a reply may take.
+        retries: how many more attempts a reply may take, each a billed request.
+        pause: seconds before the second attempt, where the server does not ask for more; doubled for each further one.
         timeout: seconds that an attempt may take without a byte from the server.
         parameters: further parameters of every request, such as `{"temperature": 0}`.
         limit_field: how the server calls the cap on the reply, if not as usual: `max_completion_tokens` at OpenAI,
@@ -72,6 +73,7 @@ class OpenAIPlayer:
         api_key: str | None = None,
         stream: bool = False,
         retries: int = 4,
+        pause: float = 0.5,
         timeout: float = 300.0,
         parameters: Mapping[str, Any] | None = None,
         limit_field: str | None = None,
@@ -82,7 +84,7 @@ class OpenAIPlayer:
         self.base_url = base_url or os.environ.get("OPENAI_BASE_URL") or DEFAULT_BASE_URL
         self._host = urlsplit(self.base_url).hostname or ""
         self._api_key = api_key or os.environ.get("OPENAI_API_KEY") or self._no_key()
-        self._timeout, self._retries = timeout, retries
+        self._timeout, self._retries, self._pause = timeout, retries, pause
         self._jitter = random.Random(f"openai player {seed}")
         self._limit_field = limit_field or self._usual_limit_field()
         self._stream = stream
@@ -98,7 +100,7 @@ class OpenAIPlayer:
     def reply(self, prompt: Prompt) -> Reply:
         """Ask the model; `ModelCallError` if it gives no reply."""
         create, request = self._create(self._client), self._request(prompt)
-        attempts = Attempts(self._retries, self._jitter)
+        attempts = Attempts(self._retries, self._pause, self._jitter)
         while True:
             try:
                 attempts.begin()
@@ -114,7 +116,7 @@ class OpenAIPlayer:
     async def areply(self, prompt: Prompt) -> Reply:
         """Ask the model without holding up the event loop."""
         create, request = self._create(self._async_client()), self._request(prompt)
-        attempts = Attempts(self._retries, self._jitter)
+        attempts = Attempts(self._retries, self._pause, self._jitter)
         while True:
             try:
                 attempts.begin()

@@ -10,6 +10,7 @@ from typing import Any, Self
 import uvicorn
 
 from smartplay_openai.server.app import PlayerLike, endpoint_app
+from smartplay_tools import InvalidArgumentError
 
 BACKLOG = 2048
 """Connections that may wait to be accepted: hundreds of conversations begin at once."""
@@ -36,8 +37,7 @@ class LocalEndpoint:
         api_key: str | None = None,
         app: Any = None,
     ) -> None:
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self._socket = socket.create_server((host, port), family=family, backlog=BACKLOG)
+        self._socket = _listen(host, port)
         shown = f"[{host}]" if ":" in host else host
         self.base_url = f"http://{shown}:{self._socket.getsockname()[1]}/v1"
         config = uvicorn.Config(
@@ -68,3 +68,18 @@ class LocalEndpoint:
         if self._thread is not None:
             self._thread.join()
         self._socket.close()
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # The protocol is named because asyncio switches Nagle's algorithm off for such sockets only; with it, every
+    # answer would wait 40 ms for an acknowledgement.
+    listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((host, port))
+        listening.listen(BACKLOG)
+    except OSError as error:
+        listening.close()
+        raise InvalidArgumentError(f"Nothing can listen on {host}:{port}: {error.strerror}.") from error
+    return listening
