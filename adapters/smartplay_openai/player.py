@@ -8,25 +8,20 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import random
 import time
-import weakref
 from collections.abc import Callable, Iterable, Mapping
-from functools import cached_property
-from ipaddress import ip_address
+from functools import partial
 from types import TracebackType
 from typing import Any, Protocol, Self
-from urllib.parse import urlsplit
 
 import openai
 
 from smartplay_openai import chat, responses
 from smartplay_openai.answers import BrokenAnswerError
 from smartplay_openai.attempts import Attempts
+from smartplay_openai.clients import Clients
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
-
-DEFAULT_BASE_URL = "https://api.openai.com/v1"
 
 FAILURES = (openai.OpenAIError, BrokenAnswerError, json.JSONDecodeError)
 """What a request can come to but a reply."""
@@ -53,7 +48,7 @@ class OpenAIPlayer:
         retries: how many more attempts a reply may take, each a billed request.
         pause: seconds before the second attempt, where the server does not ask for more; doubled for each further one.
         timeout: seconds that an attempt may take without a byte from the server.
-        parameters: further parameters of every request, such as `{"temperature": 0}`.
+        parameters: further fields of every request, such as `{"temperature": 0}`.
         limit_field: how the server calls the cap on the reply, if not as usual: `max_completion_tokens` at OpenAI,
             `max_tokens` at other servers.
 
@@ -79,32 +74,22 @@ class OpenAIPlayer:
         limit_field: str | None = None,
     ) -> None:
         if not model:
-            raise InvalidArgumentError("This player needs a model: openai:MODEL.")
+            raise InvalidArgumentError(f"This player needs a model: {self._registered}:MODEL.")
         self.name = f"{self._registered}:{model}"
-        self.base_url = base_url or os.environ.get("OPENAI_BASE_URL") or DEFAULT_BASE_URL
-        self._host = urlsplit(self.base_url).hostname or ""
-        self._api_key = api_key or os.environ.get("OPENAI_API_KEY") or self._no_key()
-        self._timeout, self._retries, self._pause = timeout, retries, pause
-        self._jitter = random.Random(f"openai player {seed}")
+        self._clients = Clients(base_url, api_key, timeout)
+        self._new_attempts = partial(Attempts, retries, pause, random.Random(f"openai player {seed}"))
         self._limit_field = limit_field or self._usual_limit_field()
         self._stream = stream
-        self._every_time = {
-            "model": model,
-            **(self._interface.stream_options() if stream else {}),
-            **(parameters or {}),
-        }
-        # A client's connections belong to the event loop that opened them.
-        self._async_clients: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, openai.AsyncOpenAI]
-        self._async_clients = weakref.WeakKeyDictionary()
+        self._always = {"model": model, **(self._interface.stream_options() if stream else {}), **(parameters or {})}
 
     def reply(self, prompt: Prompt) -> Reply:
         """Ask the model; `ModelCallError` if it gives no reply."""
-        create, request = self._create(self._client), self._request(prompt)
-        attempts = Attempts(self._retries, self._pause, self._jitter)
+        ask = self._ask(self._clients.in_threads, self.request(prompt))
+        attempts = self._new_attempts()
         while True:
             try:
                 attempts.begin()
-                answer = create(**request)
+                answer = ask()
                 if self._stream:
                     with answer:
                         answer = self._interface.assemble(list(answer))
@@ -115,12 +100,12 @@ class OpenAIPlayer:
 
     async def areply(self, prompt: Prompt) -> Reply:
         """Ask the model without holding up the event loop."""
-        create, request = self._create(self._async_client()), self._request(prompt)
-        attempts = Attempts(self._retries, self._pause, self._jitter)
+        ask = self._ask(self._clients.in_this_loop, self.request(prompt))
+        attempts = self._new_attempts()
         while True:
             try:
                 attempts.begin()
-                answer = await create(**request)
+                answer = await ask()
                 if self._stream:
                     async with answer:
                         answer = self._interface.assemble([part async for part in answer])
@@ -129,18 +114,17 @@ class OpenAIPlayer:
             except FAILURES as error:
                 await asyncio.sleep(attempts.pause(error))
 
+    def request(self, prompt: Prompt) -> dict[str, Any]:
+        """Return the body of the request that a prompt becomes."""
+        return {**self._interface.request(prompt, limit_field=self._limit_field), **self._always}
+
     def close(self) -> None:
         """Close the connections of `reply`."""
-        if "_client" in self.__dict__:
-            self._client.close()
-            del self._client
+        self._clients.close()
 
     async def aclose(self) -> None:
         """Close the connections of `areply` in this event loop, and those of `reply`."""
-        self.close()
-        client = self._async_clients.pop(asyncio.get_running_loop(), None)
-        if client is not None:
-            await client.close()
+        await self._clients.aclose()
 
     def __enter__(self) -> Self:
         return self
@@ -158,40 +142,17 @@ class OpenAIPlayer:
     ) -> None:
         await self.aclose()
 
-    def _request(self, prompt: Prompt) -> dict[str, Any]:
-        return {**self._interface.request(prompt, limit_field=self._limit_field), **self._every_time}
+    def _ask(self, client: openai.OpenAI | openai.AsyncOpenAI, body: dict[str, Any]) -> Callable[[], Any]:
+        # As `extra_body` the client sends it as it stands. As typed arguments it would first compare every message
+        # with every type that a message can have, which takes it ten times as long as the request itself.
+        typed: dict[str, Any] = {"model": body["model"], "stream": self._stream}
+        return partial(self._create(client), **typed, extra_body=body)
 
-    def _create(self, client: Any) -> Callable[..., Any]:
-        create: Callable[..., Any] = client.chat.completions.create
-        return create
+    def _create(self, client: openai.OpenAI | openai.AsyncOpenAI) -> Callable[..., Any]:
+        return partial(client.chat.completions.create, messages=[])
 
     def _usual_limit_field(self) -> str:
-        return "max_completion_tokens" if self._host == "api.openai.com" else "max_tokens"
-
-    def _no_key(self) -> str:
-        if _is_loopback(self._host):
-            return "none"
-        raise InvalidArgumentError(f"A model at {self._host} needs a key: set OPENAI_API_KEY.")
-
-    @cached_property
-    def _client(self) -> openai.OpenAI:
-        return openai.OpenAI(**self._settings(), http_client=openai.DefaultHttpxClient(trust_env=self._trusts_env))
-
-    def _async_client(self) -> openai.AsyncOpenAI:
-        loop = asyncio.get_running_loop()
-        if loop not in self._async_clients:
-            http_client = openai.DefaultAsyncHttpxClient(trust_env=self._trusts_env)
-            self._async_clients[loop] = openai.AsyncOpenAI(**self._settings(), http_client=http_client)
-        return self._async_clients[loop]
-
-    @property
-    def _trusts_env(self) -> bool:
-        # The client would send requests for this machine through HTTP_PROXY, too; elsewhere the proxy is wanted.
-        return not _is_loopback(self._host)
-
-    def _settings(self) -> dict[str, Any]:
-        where = {"base_url": self.base_url, "api_key": self._api_key}
-        return {**where, "max_retries": 0, "timeout": self._timeout}
+        return "max_completion_tokens" if self._clients.host == "api.openai.com" else "max_tokens"
 
 
 class ResponsesPlayer(OpenAIPlayer):
@@ -200,17 +161,9 @@ class ResponsesPlayer(OpenAIPlayer):
     _registered = "openai-responses"
     _interface: _Interface = responses
 
-    def _create(self, client: Any) -> Callable[..., Any]:
+    def _create(self, client: openai.OpenAI | openai.AsyncOpenAI) -> Callable[..., Any]:
         create: Callable[..., Any] = client.responses.create
         return create
 
     def _usual_limit_field(self) -> str:
         return "max_output_tokens"
-
-
-def _is_loopback(host: str) -> bool:
-    """Whether a host is this machine."""
-    try:
-        return host == "localhost" or ip_address(host).is_loopback
-    except ValueError:
-        return False

@@ -133,7 +133,7 @@ def test_the_reply_is_capped_by_the_budget(name, field):
         sp.get_player(f"{name}:scripted", base_url=endpoint.base_url) as player,
     ):
         record("Hanoi3Disk-v0", player, budget=sp.Budget(reply_tokens=123))
-        assert player._request(scripted.prompts[0])[field] == 123
+        assert player.request(scripted.prompts[0])[field] == 123
     assert [prompt.max_tokens for prompt in scripted.prompts] == [123] * 3
 
 
@@ -263,8 +263,8 @@ def test_the_cap_is_called_as_the_server_calls_it():
     prompt = sp.Prompt([{"role": "user", "content": "?"}], (), max_tokens=9)
     official = sp.get_player("openai:gpt-4o-mini", api_key="none", base_url="https://api.openai.com/v1/")
     other = sp.get_player("openai:llama", api_key="none", base_url="http://models.example/v1")
-    assert official._request(prompt)["max_completion_tokens"] == 9
-    assert other._request(prompt)["max_tokens"] == 9
+    assert official.request(prompt)["max_completion_tokens"] == 9
+    assert other.request(prompt)["max_tokens"] == 9
 
 
 def test_a_missing_extra_is_one_sentence():
