@@ -34,9 +34,9 @@ def record(game, player, seed=7, budget=BUDGET):
     return result, events
 
 
-async def arecord(game, player, seed=7):
+async def arecord(game, player, seed=7, budget=BUDGET):
     events = []
-    with sp.Episode(game, seed=seed, budget=BUDGET, transcript=events) as episode:
+    with sp.Episode(game, seed=seed, budget=budget, transcript=events) as episode:
         result = await sp.aplay(episode, player)
     return result, events
 
@@ -67,15 +67,34 @@ def test_the_event_loop_changes_nothing(endpoint, name, stream):
     assert comparable(away_events) == comparable(home_events)
 
 
-def test_hundreds_of_conversations_at_once(endpoint):
-    async def play_all():
-        async with sp.get_player("openai:rule", base_url=endpoint.base_url) as player:
-            return await asyncio.gather(*(arecord("Hanoi3Disk-v0", player, seed) for seed in range(200)))
+class SlowRules:
+    """The rule player, a fifth of a second later; knows how many waited at the same time."""
 
-    played = asyncio.run(play_all())
-    assert len(played) == 200
+    name = "slow"
+
+    def __init__(self):
+        self.rules, self.waiting, self.most = sp.get_player("rule"), 0, 0
+
+    async def areply(self, prompt):
+        self.waiting += 1
+        self.most = max(self.most, self.waiting)
+        await asyncio.sleep(0.2)
+        self.waiting -= 1
+        return self.rules.reply(prompt)
+
+
+def test_hundreds_of_conversations_at_once():
+    slow, budget = SlowRules(), sp.Budget(tool_calls=3)
+
+    async def play_all(base_url):
+        async with sp.get_player("openai:slow", base_url=base_url) as player:
+            return await asyncio.gather(*(arecord("Hanoi3Disk-v0", player, seed, budget) for seed in range(200)))
+
+    with so.LocalEndpoint(slow) as endpoint:
+        played = asyncio.run(play_all(endpoint.base_url))
     for seed, (_, events) in enumerate(played):
-        assert comparable(events) == comparable(record("Hanoi3Disk-v0", sp.get_player("rule"), seed=seed)[1])
+        assert comparable(events) == comparable(record("Hanoi3Disk-v0", slow.rules, seed, budget)[1])
+    assert slow.most > 50
 
 
 def test_one_player_serves_one_event_loop_after_another(endpoint):
