@@ -11,7 +11,7 @@ from rich.console import Console
 
 from smartplay_tools import playing
 from smartplay_tools.cli.show import TurnPrinter, compact_table
-from smartplay_tools.conversation import Conversation
+from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.episode import Episode
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Budget, EpisodeResult
@@ -62,7 +62,7 @@ class _Watch:
         self._print = TurnPrinter(console)
         self.largest = self.dropped = 0
 
-    def __call__(self, conversation: Conversation) -> None:
+    def __call__(self, conversation: Dialogue) -> None:
         assert conversation.view is not None
         self.largest = max(self.largest, conversation.view.tokens)
         self.dropped = max(self.dropped, conversation.view.dropped_turns)
