@@ -22,7 +22,7 @@ def request(prompt: Prompt, *, limit_field: str = "max_completion_tokens") -> di
 
     `limit_field` names the cap on the reply: older servers know `max_tokens` only.
     """
-    arguments: dict[str, Any] = {"messages": [_sent(message) for message in acceptable(prompt.messages)]}
+    arguments: dict[str, Any] = {"messages": [*map(_sent, acceptable(prompt.messages))]}
     if prompt.tools:
         arguments["tools"] = [schema(tool, "openai") for tool in prompt.tools]
     if prompt.max_tokens is not None:
@@ -68,7 +68,9 @@ def stream_options() -> dict[str, Any]:
     return {"stream": True, "stream_options": {"include_usage": True}}
 
 
-def _sent(message: Message) -> dict[str, Any]:
+def _sent(message: Message) -> Mapping[str, Any]:
+    if message["role"] != "assistant":
+        return message
     sent: dict[str, Any] = {}
     for item in message.get("provider_items", ()):
         # What other interfaces keep there has a type; what this one does not know is a field of the message.

@@ -14,8 +14,8 @@ from typing import Any
 from smartplay_tools import Message
 from smartplay_tools.messages import MessageToolCall
 
-LONGEST_NAME = 64
-"""Characters of a tool's name."""
+NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+"""What a tool's name may be."""
 
 
 def acceptable(messages: Sequence[Message]) -> list[Message]:
@@ -25,9 +25,12 @@ def acceptable(messages: Sequence[Message]) -> list[Message]:
     """Calls without a result so far: (id in the record, id on the wire)."""
     sent: list[Message] = []
     for message in messages:
-        copy: Message = _encodable(message)
+        copy = message.copy()
+        for field, value in message.items():
+            if not (isinstance(value, str) and value.isascii()) and field != "tool_calls":
+                copy[field] = _encodable(value)  # type: ignore[literal-required]
         if message["role"] == "assistant" and message.get("tool_calls"):
-            calls = [_call(call, _unused(call.get("id") or "", used)) for call in copy["tool_calls"]]
+            calls = [_call(call, _unused(call.get("id") or "", used)) for call in message["tool_calls"]]
             waiting = [(was.get("id") or "", now["id"]) for was, now in zip(message["tool_calls"], calls, strict=True)]
             copy["tool_calls"] = calls
         elif message["role"] == "tool":
@@ -60,6 +63,7 @@ def _unused(call_id: str, used: set[str]) -> str:
 
 
 def _call(call: MessageToolCall, call_id: str) -> MessageToolCall:
-    name = re.sub(r"[^A-Za-z0-9_-]", "_", call["function"]["name"])[:LONGEST_NAME] or "_"
-    arguments = call["function"]["arguments"]
+    name, arguments = call["function"]["name"], _encodable(call["function"]["arguments"])
+    if not NAME.fullmatch(name):
+        name = re.sub(r"[^A-Za-z0-9_-]", "_", name)[:64] or "_"
     return {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}
