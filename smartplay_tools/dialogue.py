@@ -109,6 +109,11 @@ class Dialogue(ABC):
         self._pending = None
         return self._take(number, assistant)
 
+    def spend(self, usage: Usage) -> None:
+        """Count what the provider charged for attempts at a reply that never came."""
+        self.episode.tally.charge(prompt=0, reply=0, prefix=0, overrun=False, usage=usage)
+        self.episode.log("usage", turn=self.episode.tally.turns, provider=usage.model_dump())
+
     def _next_prompt(self) -> Prompt | None:
         try:
             view = self._next_view()

@@ -12,7 +12,7 @@ from smartplay_tools.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import assistant_message
 from smartplay_tools.paper_protocol import PaperConversation
-from smartplay_tools.records import AsyncPlayer, EpisodeResult, Player, Reply
+from smartplay_tools.records import AsyncPlayer, EpisodeResult, Player, Reply, Usage
 
 ProtocolName = Literal["tools", "paper"]
 
@@ -29,7 +29,7 @@ def play(
     """Have a player play an episode to its end and return the result.
 
     An exception of the player ends the episode as `player_error`; it is in the record, with its traceback, and its
-    message in `EpisodeResult.error`.
+    message in `EpisodeResult.error`. What it cost is counted if the exception says so (`usage`).
     """
     if not isinstance(player, Player):
         raise InvalidArgumentError(f"{player!r} cannot `reply`; drive an asynchronous player with `aplay`.")
@@ -38,7 +38,7 @@ def play(
         try:
             reply = _checked(player.reply(prompt))
         except Exception as error:
-            episode.end("player_error", error)
+            _fail(conversation, error)
             break
         conversation.receive(reply.message, reply.usage)
         if on_turn is not None:
@@ -58,7 +58,7 @@ async def aplay(
             else:
                 reply = _checked(await asyncio.to_thread(player.reply, prompt))
         except Exception as error:
-            episode.end("player_error", error)
+            _fail(conversation, error)
             break
         await asyncio.to_thread(conversation.receive, reply.message, reply.usage)
         if on_turn is not None:
@@ -76,6 +76,13 @@ def converse(episode: Episode, player: str, protocol: str) -> Dialogue:
     if protocol not in PROTOCOLS:
         raise InvalidArgumentError(f"protocol must be one of {', '.join(PROTOCOLS)}, not {protocol!r}.")
     return PROTOCOLS[protocol](episode, player=player)
+
+
+def _fail(conversation: Dialogue, error: Exception) -> None:
+    usage = getattr(error, "usage", None)
+    if isinstance(usage, Usage):
+        conversation.spend(usage)
+    conversation.episode.end("player_error", error)
 
 
 def _result(conversation: Dialogue) -> EpisodeResult:

@@ -93,6 +93,8 @@ def _converse(episode: Episode, recorded: list[Event]) -> None:
             case "message", "host":
                 assert isinstance(conversation, Conversation)
                 conversation.add(event["message"])
+            case "usage", _ if event["turn"] == episode.tally.turns:
+                conversation.spend(Usage(**event["provider"]))  # of a reply that never came
             case "end", _ if not episode.done:
                 if event["result"]["end_reason"] in BUDGET_ENDS:
                     conversation.prompt()

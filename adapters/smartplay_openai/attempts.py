@@ -26,12 +26,12 @@ RETRIED = (408, 409, 429)
 
 
 class ModelCallError(SmartPlayError):
-    """A model gave no reply. The message says in how many attempts, and why; `attempts` says so to programs."""
+    """A model gave no reply. The message says in how many attempts, and why; `usage` is what they cost."""
 
-    def __init__(self, attempts: int, error: Exception) -> None:
-        times = "1 attempt" if attempts == 1 else f"{attempts} attempts"
+    def __init__(self, usage: Usage, error: Exception) -> None:
+        times = "1 attempt" if usage.requests == 1 else f"{usage.requests} attempts"
         super().__init__(f"No reply from the model in {times}: {type(error).__name__}: {error}")
-        self.attempts = attempts
+        self.usage = usage
 
 
 class Attempts:
@@ -57,7 +57,7 @@ class Attempts:
             self._spent += error.usage
         wish = _wish(error)
         if self._made > self._retries or not _may_pass(error) or (wish or 0) > LONGEST_WISH:
-            raise ModelCallError(self._made, error) from error
+            raise ModelCallError(self.usage(None), error) from error
         pause = min(self._first_pause * 2 ** (self._made - 1), LONGEST_PAUSE) * (1 - self._jitter.random() / 4)
         return pause if wish is None else max(wish, 0.0)
 

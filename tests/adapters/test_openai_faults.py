@@ -229,6 +229,7 @@ def test_a_model_that_never_answers_ends_the_episode_with_a_sentence(fault, atte
     result, _ = play(faulty, tmp_path, retries=2)
     assert_given_up(result, f"in {attempts}: ", words)
     assert f"{len(faulty.requests)} attempt" in attempts
+    assert result.tokens.provider.requests == len(faulty.requests)
 
 
 def test_a_server_that_is_silent_for_ever_ends_it_too(tmp_path):
@@ -247,7 +248,7 @@ def test_a_server_that_is_not_there_ends_it_too(tmp_path):
 def test_trouble_in_the_midst_of_a_game_keeps_what_was_played(tmp_path):
     result, events = play(Faulty(None, None, None, always=problem(500, retry_after="0")), tmp_path, retries=1)
     assert (result.end_reason, result.steps) == ("player_error", 2)
-    assert result.tokens.provider.requests == 3
+    assert result.tokens.provider.requests == 3 + 2
     assert "InternalServerError" in events[-1]["traceback"]
 
 
