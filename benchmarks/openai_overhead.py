@@ -27,7 +27,8 @@ from rich.table import Table
 import smartplay_tools as sp
 
 STEPS = int(os.environ.get("STEPS", "2000"))
-BUDGET = sp.Budget(prompt_tokens=4096, history=None, tool_calls=None)
+BUDGET = sp.Budget(prompt_tokens=4096, history=200, tool_calls=None)
+"""200 steps are more than the prompt holds: the cap decides."""
 SAMPLED = 100
 """Every so many calls, the same request is timed in the other two ways."""
 
