@@ -45,7 +45,7 @@ def endpoint_app(*players: PlayerLike, api_key: str | None = None) -> Starlette:
         Route("/v1/models", endpoint.list_models),
         Route("/v1/models/{name:path}", endpoint.show_model),
     ]
-    handlers: Any = {RequestError: _refuse, HTTPException: _refuse_http}
+    handlers: Any = {RequestError: _refuse, HTTPException: _refuse_http, Exception: _fail}
     return Starlette(routes=routes, exception_handlers=handlers)
 
 
@@ -92,7 +92,7 @@ class _Endpoint:
 
     def _check_key(self, request: Request) -> None:
         sent = request.headers.get("authorization", "").removeprefix("Bearer ")
-        if self._api_key is not None and not hmac.compare_digest(sent.encode(), self._api_key.encode()):
+        if self._api_key is not None and not hmac.compare_digest(sent.encode("latin-1"), self._api_key.encode()):
             raise RequestError(401, "The API key is wrong or missing.", code="invalid_api_key")
 
     def _usage(self, prompt: Prompt, message: Message, reported: Usage | None) -> Usage:
@@ -150,6 +150,10 @@ def _model(name: str) -> dict[str, Any]:
 async def _refuse(request: Request, error: RequestError) -> Response:
     # A player that has failed will fail again: clients need not ask twice.
     return _response(error.body(), error.status, {"x-should-retry": "false"})
+
+
+async def _fail(request: Request, error: Exception) -> Response:
+    return _response(RequestError(500, f"{type(error).__name__}: {error}").body(), 500)
 
 
 async def _refuse_http(request: Request, error: HTTPException) -> Response:

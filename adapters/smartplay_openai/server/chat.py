@@ -89,8 +89,8 @@ def _message(message: Any, param: str) -> Message:
             if said["content"] is None and not calls_of(said):
                 raise bad("An assistant message has content or tool calls.", param)
             return said
-    except ValueError as error:
-        raise bad(str(error), param) from None
+    except (AttributeError, TypeError, ValueError) as error:
+        raise bad(f"The message cannot be read: {error}", param) from None
     fields = ("role", "content", "name", "tool_call_id")
     return {field: message[field] for field in fields if message.get(field) is not None}  # type: ignore[return-value]
 
