@@ -21,6 +21,9 @@ from smartplay_tools import InvalidArgumentError
 
 DEFAULT_BASE_URL = "https://api.openai.com/v1"
 
+LONGEST_CONNECT = 10.0
+"""Seconds that a server may take to accept a connection, however long its answers may take."""
+
 
 class Clients:
     """Makes and keeps the clients for a server."""
@@ -35,7 +38,7 @@ class Clients:
             "base_url": self.base_url,
             "api_key": key,
             "max_retries": 0,
-            "timeout": timeout,
+            "timeout": openai.Timeout(timeout, connect=min(timeout, LONGEST_CONNECT)),
         }
         # A client's connections belong to the event loop that opened them.
         self._in_loops: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, openai.AsyncOpenAI]

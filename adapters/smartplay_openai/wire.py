@@ -55,7 +55,7 @@ def _encodable(value: Any) -> Any:
 
 def _unused(call_id: str, used: set[str]) -> str:
     number = len(used)
-    unused = call_id
+    unused = call_id if call_id.isascii() else ""
     while not unused or unused in used:
         unused, number = f"call_{number}", number + 1
     used.add(unused)
