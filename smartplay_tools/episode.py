@@ -163,6 +163,11 @@ class Episode:
     # What the harness may do.
 
     @property
+    def manual_text(self) -> str:
+        """The game's manual, as cut to its cap."""
+        return self._play.manual_text
+
+    @property
     def end_reason(self) -> EndReason | None:
         """Why the episode is over; None while it runs."""
         return self._play.end_reason

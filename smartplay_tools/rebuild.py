@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from smartplay_tools import prompts
+from smartplay_tools import paper_protocol, prompts
 from smartplay_tools.context import with_manual
 from smartplay_tools.messages import Message, calls_of
 from smartplay_tools.records import Prompt, ToolSpec
@@ -33,6 +33,10 @@ def sent_prompts(events: Sequence[Event]) -> Iterator[SentPrompt]:
     """Yield every prompt of a transcript, in order."""
     head = next((event for event in events if event["event"] == "head"), None)
     if head is None:
+        return
+    if events[0].get("protocol") == "paper":
+        for view, prompt, sha256 in paper_protocol.sent_prompts(events):
+            yield SentPrompt(view["turn"], prompt, view["sha256"], sha256)
         return
     tools = tuple(ToolSpec(**tool) for tool in head["tools"])
     turns = recorded_turns(events)

@@ -194,6 +194,8 @@ class EpisodeResult(BaseModel):
     """Calls that the batch policy refused, or that came after the end in the same message."""
     idle_replies: int
     """Replies without a tool call."""
+    fallback_actions: int = 0
+    """Answers in which the paper's protocol found no action, so that the first one was played."""
     tokens: Tokens
     cut_results: int
     end_reason: EndReason

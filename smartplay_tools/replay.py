@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_tools.conversation import Conversation
+from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.episode import Episode
 from smartplay_tools.errors import SmartPlayError, TranscriptError
+from smartplay_tools.paper_protocol import PaperConversation
 from smartplay_tools.rebuild import sent_prompts
 from smartplay_tools.records import EpisodeResult, ResolvedBudget, ToolCall, ToolSpec, Usage
 from smartplay_tools.specs import get_spec
@@ -77,9 +79,7 @@ def _same_episode(start: Event, transcript: list[Event]) -> Episode:
 
 def _converse(episode: Episode, recorded: list[Event]) -> None:
     head = next(event for event in recorded if event["event"] == "head")
-    own = len(episode.head)
-    foreign = [ToolSpec(**tool) for tool in head["tools"][len(episode.tools) :]]
-    conversation = Conversation(episode, head=head["messages"][own:], foreign_tools=foreign)
+    conversation = _same_conversation(episode, recorded[0]["protocol"], head)
     usages = {event["turn"]: event["provider"] for event in recorded if event["event"] == "usage"}
     for event in recorded:
         match event["event"], event.get("by"):
@@ -89,11 +89,22 @@ def _converse(episode: Episode, recorded: list[Event]) -> None:
                 usage = usages.get(event["turn"])
                 conversation.receive(event["message"], None if usage is None else Usage(**usage))
             case "message", "host":
+                assert isinstance(conversation, Conversation)
                 conversation.add(event["message"])
+            case "usage", _ if event["turn"] == episode.tally.turns:
+                conversation.spend(Usage(**event["provider"]))  # of a reply that never came
             case "end", _ if not episode.done:
                 if event["result"]["end_reason"] in BUDGET_ENDS:
                     conversation.prompt()
                 _end(episode, event["result"])
+
+
+def _same_conversation(episode: Episode, protocol: str, head: Event) -> Dialogue:
+    if protocol == "paper":
+        return PaperConversation(episode)
+    own = len(episode.head)
+    foreign = [ToolSpec(**tool) for tool in head["tools"][len(episode.tools) :]]
+    return Conversation(episode, head=head["messages"][own:], foreign_tools=foreign)
 
 
 def _call(episode: Episode, recorded: list[Event]) -> None:

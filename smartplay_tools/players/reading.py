@@ -39,9 +39,12 @@ class Reading:
 
     @cached_property
     def actions(self) -> tuple[str, ...]:
-        """The legal actions in the manual's numbering, read from the description of the tool `act`."""
-        act = next(tool for tool in self.prompt.tools if tool.name == "act")
-        return tuple(re.findall(r"^\d+\. (.+)$", act.description, flags=re.MULTILINE))
+        """The legal actions in the manual's numbering, read from the tool `act`; without tools, from the manual."""
+        described = [tool.description for tool in self.prompt.tools if tool.name == "act"] or [self.system]
+        numbered = re.findall(r"^(\d+)\. (.+)$", described[0], flags=re.MULTILINE)
+        # A manual may hold other lists; that of the actions is the last.
+        start = max((at for at, (number, _) in enumerate(numbered) if number == "1"), default=0)
+        return tuple(name for _, name in numbered[start:])
 
     @cached_property
     def seen(self) -> tuple[Seen, ...]:
