@@ -100,7 +100,7 @@ class Writer:
             kind = UNKNOWN
         elif kind != UNKNOWN and noise < self._shares["lost_movement"] + self._shares["wrong_movement"]:
             kind = self._chance.choice([other for other in MOVEMENTS if other != kind])
-        text = self._fill(self._template(role, kind), self._slots(entity, role, kind))
+        text = self._fill(self._template(role, kind), self._slots(entity, role, kind), kind)
         return self._finish(text)
 
     def _template(self, role: str, kind: str) -> str:
@@ -137,10 +137,11 @@ class Writer:
             **grammar.get(kind, {}),
         }
 
-    def _fill(self, phrase: str, slots: Mapping[str, Sequence[str]]) -> str:
+    def _fill(self, phrase: str, slots: Mapping[str, Sequence[str]], kind: str) -> str:
         """Fill the slots of a phrase, and those of what fills them."""
         while match := re.search(r"\b[A-Z]+\b", phrase):
-            filling = self._one_of(slots[match[0]])
+            tells_movement = match[0] in ("VP", "VING", "MOD")
+            filling = self._deal(kind, match[0]) if tells_movement else self._one_of(slots[match[0]])
             phrase = phrase[: match.start()] + filling + phrase[match.end() :]
         return phrase
 
