@@ -155,13 +155,18 @@ class Writer:
             text = f"{text} {self._one_of(self._grammar['around']['behind'])}"
         if text.startswith("the ") and self._happens(shares["article_a"]):
             text = "a" + text.removeprefix("the")
-        text = re.sub(r"\ba (?=[aeiou])", "an ", text)
-        text = re.sub(r"\b(it|there) is\b", lambda m: f"{m[1]}'s" if self._happens(0.3) else m[0], text)
+        text = re.sub(r"\ba (?=[aeiou])(?!one\b)", "an ", text)
+        text = re.sub(r"\b(over )?(it|there) is\b", self._contract, text)
         if self._happens(shares["typo"]):
             text = self._slip(text)
         if "'" in text and self._happens(shares["broken_apostrophe"]):
             text = text.replace("'", "â€™")
         return text if self._happens(shares["no_final_stop"]) else f"{text}."
+
+    def _contract(self, match: re.Match[str]) -> str:
+        """Contract "it is" and "there is" now and then; but not "the dog over there is ..."."""
+        is_contracted = self._happens(0.3)
+        return f"{match[2]}'s" if is_contracted and not match[1] else match[0]
 
     def _slip(self, text: str) -> str:
         """Mistype one word: another word for it, or a letter lost, doubled or swapped with the next."""
