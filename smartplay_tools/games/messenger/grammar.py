@@ -100,7 +100,7 @@ class Writer:
             kind = UNKNOWN
         elif kind != UNKNOWN and noise < self._shares["lost_movement"] + self._shares["wrong_movement"]:
             kind = self._chance.choice([other for other in MOVEMENTS if other != kind])
-        text = self._fill(self._template(role, kind), self._slots(entity, role, kind))
+        text = self._fill(self._template(role, kind), self._slots(entity, role, kind), kind)
         return self._finish(text)
 
     def _template(self, role: str, kind: str) -> str:
@@ -137,10 +137,11 @@ class Writer:
             **grammar.get(kind, {}),
         }
 
-    def _fill(self, phrase: str, slots: Mapping[str, Sequence[str]]) -> str:
+    def _fill(self, phrase: str, slots: Mapping[str, Sequence[str]], kind: str) -> str:
         """Fill the slots of a phrase, and those of what fills them."""
         while match := re.search(r"\b[A-Z]+\b", phrase):
-            filling = self._one_of(slots[match[0]])
+            tells_movement = match[0] in ("VP", "VING", "MOD")
+            filling = self._deal(kind, match[0]) if tells_movement else self._one_of(slots[match[0]])
             phrase = phrase[: match.start()] + filling + phrase[match.end() :]
         return phrase
 
@@ -154,13 +155,18 @@ class Writer:
             text = f"{text} {self._one_of(self._grammar['around']['behind'])}"
         if text.startswith("the ") and self._happens(shares["article_a"]):
             text = "a" + text.removeprefix("the")
-        text = re.sub(r"\ba (?=[aeiou])", "an ", text)
-        text = re.sub(r"\b(it|there) is\b", lambda m: f"{m[1]}'s" if self._happens(0.3) else m[0], text)
+        text = re.sub(r"\ba (?=[aeiou])(?!one\b)", "an ", text)
+        text = re.sub(r"\b(over )?(it|there) is\b", self._contract, text)
         if self._happens(shares["typo"]):
             text = self._slip(text)
         if "'" in text and self._happens(shares["broken_apostrophe"]):
             text = text.replace("'", "â€™")
         return text if self._happens(shares["no_final_stop"]) else f"{text}."
+
+    def _contract(self, match: re.Match[str]) -> str:
+        """Contract "it is" and "there is" now and then; but not "the dog over there is ..."."""
+        is_contracted = self._happens(0.3)
+        return f"{match[2]}'s" if is_contracted and not match[1] else match[0]
 
     def _slip(self, text: str) -> str:
         """Mistype one word: another word for it, or a letter lost, doubled or swapped with the next."""

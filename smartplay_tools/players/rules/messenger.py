@@ -34,7 +34,7 @@ VIEWS = 4
 """How many of the visible observations are used, at most."""
 
 DEPTH = 3
-CASES = 6
+CASES = 8
 """How many cases of where we are are thought through."""
 KEPT = 40
 """How many of a belief's states are played out, at most."""
@@ -184,12 +184,15 @@ def _roles(name: str, said: tuple[Claim, ...], now: View) -> dict[str, tuple[str
     if len(about) == 1:
         (claim,) = about
         return {m: (claim.role, 0.94 if m == claim.movement else 0.03 if claim.movement else 1 / 3) for m in MOVEMENTS}
+    # Where two names claim a role, one of them is the enemy, of which there is one thing and a false sentence.
+    claimed = Counter(claim.role for claim in said)
+    contested = any(claim.role != "enemy" and claimed[claim.role] > 1 for claim in about)
     told: dict[str, tuple[str | None, float]] = dict.fromkeys(MOVEMENTS, ("enemy", 0.02))
     for claim in about:
         # Two things of one name move differently, so a silent sentence is about what no other claims.
         others = {other.movement for other in about if other is not claim}
         for movement in [claim.movement] if claim.movement else [m for m in MOVEMENTS if m not in others]:
-            told[movement] = (claim.role, 0.5)
+            told[movement] = (claim.role, 0.5 if not contested else 0.75 if claim.role == "enemy" else 0.25)
     return told
 
 
