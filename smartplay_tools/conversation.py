@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from smartplay_tools import prompts
+from smartplay_tools import budgets, prompts
 from smartplay_tools.context import ContextWindow, View
 from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.episode import Episode
@@ -19,7 +19,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Message, calls_of
 from smartplay_tools.records import TOOL_NAMES, ToolCall, ToolResult, ToolSpec
 from smartplay_tools.transcript import message_bytes, prompt_sha256, tools_bytes
-from smartplay_tools.turns import Item, Turn
+from smartplay_tools.turns import Item, Turn, unanswered
 
 IDLE_REPLIES = 3
 """So many replies in a row without a tool call end an episode."""
@@ -50,6 +50,8 @@ class Conversation(Dialogue):
         tools = (*episode.tools, *foreign_tools)
         self._tools_bytes = tools_bytes(tools)
         head = [*episode.head, *head]
+        if episode.budget.prompt_tokens is not None:
+            budgets.check_head(episode.budget, episode.counter.prompt(head, tools))
         self._window = ContextWindow(head, tools, episode.budget, episode.counter)
         self._step = 0
         self._manual: str | None = None
@@ -64,8 +66,9 @@ class Conversation(Dialogue):
             )
         position = None
         if message["role"] == "tool":
+            # Models repeat ids: of several calls with one id, results answer the first that waits.
             call_id = message.get("tool_call_id", "")
-            position = self._unanswered().get(call_id)
+            position = next((at for at, waiting in self._unanswered() if waiting == call_id), None)
             if position is None:
                 raise InvalidArgumentError(f"No call with the id {call_id!r} waits for a result.")
         self._append(Item(message, self._step, position=position), by="host")
@@ -131,15 +134,12 @@ class Conversation(Dialogue):
         if by is not None:
             self.episode.log("message", turn=self._draft.number, by=by, message=item.message)
 
-    def _unanswered(self) -> dict[str, int]:
-        """Calls of the latest reply that wait for a result: id -> position."""
-        if self._draft is None:
-            return {}
-        answered = {item.position for item in self._draft.items}
-        calls = enumerate(calls_of(self._draft.assistant))
-        return {call["id"]: position for position, call in calls if position not in answered}
+    def _unanswered(self) -> list[tuple[int, str]]:
+        """Calls of the latest reply that wait for a result: (position, id)."""
+        return [] if self._draft is None else unanswered(self._draft.assistant, self._draft.items)
 
     def _close_turn(self) -> None:
         if waiting := self._unanswered():
-            raise InvalidArgumentError(f"The foreign calls {', '.join(waiting)} have no result yet: `add` them.")
+            ids = ", ".join(call_id for _, call_id in waiting)
+            raise InvalidArgumentError(f"The foreign calls {ids} have no result yet: `add` them.")
         super()._close_turn()

@@ -118,6 +118,9 @@ class Episode:
                 if call is None:
                     is_turn = True
                     continue
+                if not (isinstance(call.name, str) and isinstance(call.call_id, str | None)):
+                    # A model's JSON can hold anything where a name belongs.
+                    call = replace(call, name=as_text(call.name), call_id=as_text(call.call_id))
                 result = self._recall(call)
                 if result is None:
                     is_turn = True

@@ -55,7 +55,7 @@ def replay(path: str | Path) -> Replay:
     again: list[Event] = []
     try:
         with _same_episode(recorded[0], again) as episode:
-            if episode.context == "window":
+            if any(event["event"] == "head" for event in recorded):
                 _converse(episode, recorded)
             else:
                 _call(episode, recorded)
@@ -64,7 +64,7 @@ def replay(path: str | Path) -> Replay:
     except (KeyError, TypeError, ValueError) as error:
         raise TranscriptError(f"{path} cannot be replayed: {type(error).__name__}: {error}.") from error
     differences = [*_differences(recorded, again), *_tampered(recorded)]
-    return Replay(len(recorded), differences, episode.result if recorded[-1]["event"] == "end" else None)
+    return Replay(len(recorded), differences, episode.result if _has_end(recorded) else None)
 
 
 def _same_episode(start: Event, transcript: list[Event]) -> Episode:
@@ -78,9 +78,7 @@ def _same_episode(start: Event, transcript: list[Event]) -> Episode:
 
 
 def _converse(episode: Episode, recorded: list[Event]) -> None:
-    head = next((event for event in recorded if event["event"] == "head"), None)
-    if head is None:
-        return
+    head = next(event for event in recorded if event["event"] == "head")
     conversation = _same_conversation(episode, recorded[0]["protocol"], head)
     usages = {event["turn"]: event["provider"] for event in recorded if event["event"] == "usage"}
     for event in recorded:
@@ -123,8 +121,13 @@ def _end(episode: Episode, result: dict[str, Any]) -> None:
         episode.end(result["end_reason"])
 
 
+def _has_end(recorded: list[Event]) -> bool:
+    """Whether the episode came to its end; what was said after it stands behind the `end` event."""
+    return any(event["event"] == "end" for event in recorded)
+
+
 def _differences(recorded: list[Event], again: list[Event]) -> Iterator[str]:
-    if recorded[-1]["event"] != "end":
+    if not _has_end(recorded):
         # The process died; what it wrote is compared, what the replay adds at its own end is not.
         again = again[: len(recorded)]
     for number, (was, now) in enumerate(zip_longest(recorded, again), start=1):

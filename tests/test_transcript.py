@@ -153,9 +153,10 @@ def test_whatever_a_model_writes_is_kept_as_it_was(tmp_path):
     assert sp.replay(path).identical
 
 
-def test_host_transcripts_replay_too(tmp_path):
-    path = tmp_path / "host.jsonl"
-    with sp.Episode(GAMES[1], seed=3, context="host", transcript=path) as episode:
+@pytest.mark.parametrize("context", ["host", "window"])
+def test_calls_without_a_conversation_replay_too(tmp_path, context):
+    path = tmp_path / "calls.jsonl"
+    with sp.Episode(GAMES[1], seed=3, context=context, transcript=path) as episode:
         for name, arguments in [("observe", ""), ("act", '{"action":"1"}'), ("act", "broken"), ("observe", None)]:
             episode.call(name, arguments)
     events = sp.read_transcript(path)
