@@ -6,10 +6,13 @@ A long game (Rock Paper Scissors, 2,000 steps, prompts of at most 4,096 tokens) 
 against a local endpoint in another process. Ours is the time inside `prompt()` and `receive()`, and the time to make
 the request's body; the client's is the time in `create`, of which the server's is what the same request takes over a
 bare socket. The client's typed arguments are timed on the same prompts.
+
+Then many games of Hanoi are played at the same time, through one client on one event loop.
 """
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import http.client
 import json
@@ -40,6 +43,7 @@ def main() -> None:
         base_url = server.stdout.readline().split()[0]
         for interface in ("chat completions", "responses"):
             measure(interface, base_url)
+        many_at_once(base_url)
     finally:
         server.terminate()
         server.wait()
@@ -82,6 +86,24 @@ def bare(base_url: str, chat: bool, body: dict[str, object]) -> bytes:
     answer = connection.getresponse().read()
     connection.close()
     return answer
+
+
+def many_at_once(base_url: str) -> None:
+    async def play(seed: int, player: sp.AsyncPlayer) -> int:
+        with sp.Episode("Hanoi3Disk-v0", seed=seed, budget=sp.Budget(prompt_tokens=1000)) as episode:
+            return (await sp.aplay(episode, player)).turns
+
+    async def play_all(games: int) -> tuple[int, float]:
+        async with sp.get_player("openai:rule", base_url=base_url) as player:
+            start = time.perf_counter()
+            turns = await asyncio.gather(*(play(seed, player) for seed in range(games)))
+            return sum(turns), time.perf_counter() - start
+
+    table = Table("games at once", "requests", "seconds", "requests per second", title="one client, one event loop")
+    for games in (1, 20, 200):
+        requests, seconds = asyncio.run(play_all(games))
+        table.add_row(str(games), str(requests), f"{seconds:.1f}", f"{requests / seconds:,.0f}")
+    Console().print(table)
 
 
 def report(interface: str, times: dict[str, list[float]]) -> None:

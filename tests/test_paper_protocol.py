@@ -46,13 +46,13 @@ def contents(prompt):
 # To the byte.
 
 
-@pytest.mark.parametrize("game", ["BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", HANOI])
-def test_a_prompt_in_full(game):
-    actions = sp.get_spec(game).make().actions
+@pytest.mark.parametrize("path", sorted((DATA / "paper_protocol").glob("*.txt")), ids=lambda path: path.stem)
+def test_a_prompt_in_full(path):
+    actions = sp.get_spec(path.stem).make().actions
     thinker = Thinker(actions[0], actions[1], actions[0], thoughts="I have no idea.")
-    play(game, thinker, budget=sp.Budget(tool_calls=3))
+    play(path.stem, thinker, budget=sp.Budget(tool_calls=3))
     shown = "\n".join(f"=== {message['role']}\n{message['content']}" for message in thinker.prompts[5].messages)
-    assert shown + "\n" == (DATA / "paper_protocol" / f"{game}.txt").read_text(encoding="utf-8")
+    assert shown + "\n" == path.read_text(encoding="utf-8")
 
 
 def test_the_recorded_games_give_the_recorded_prompts():

@@ -84,7 +84,8 @@ class OpenAIPlayer:
 
     def reply(self, prompt: Prompt) -> Reply:
         """Ask the model; `ModelCallError` if it gives no reply."""
-        ask = self._ask(self._clients.in_threads, self.request(prompt))
+        body = self.request(prompt)
+        ask = self._ask(self._clients.in_threads, body)
         attempts = self._new_attempts()
         while True:
             try:
@@ -96,11 +97,13 @@ class OpenAIPlayer:
                 reply = self._interface.reply(answer)
                 return Reply(reply.message, attempts.usage(reply.usage))
             except FAILURES as error:
-                time.sleep(attempts.pause(error))
+                if not self._mended(body, error):
+                    time.sleep(attempts.pause(error))
 
     async def areply(self, prompt: Prompt) -> Reply:
         """Ask the model without holding up the event loop."""
-        ask = self._ask(self._clients.in_this_loop, self.request(prompt))
+        body = self.request(prompt)
+        ask = self._ask(self._clients.in_this_loop, body)
         attempts = self._new_attempts()
         while True:
             try:
@@ -112,7 +115,8 @@ class OpenAIPlayer:
                 reply = self._interface.reply(answer)
                 return Reply(reply.message, attempts.usage(reply.usage))
             except FAILURES as error:
-                await asyncio.sleep(attempts.pause(error))
+                if not self._mended(body, error):
+                    await asyncio.sleep(attempts.pause(error))
 
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the body of the request that a prompt becomes."""
@@ -151,6 +155,10 @@ class OpenAIPlayer:
     def _create(self, client: openai.OpenAI | openai.AsyncOpenAI) -> Callable[..., Any]:
         return partial(client.chat.completions.create, messages=[])
 
+    def _mended(self, body: dict[str, Any], error: Exception) -> bool:
+        """Whether the request was refused for something that it can do without, and now does."""
+        return False
+
     def _usual_limit_field(self) -> str:
         return "max_completion_tokens" if self._clients.host == "api.openai.com" else "max_tokens"
 
@@ -164,6 +172,14 @@ class ResponsesPlayer(OpenAIPlayer):
     def _create(self, client: openai.OpenAI | openai.AsyncOpenAI) -> Callable[..., Any]:
         create: Callable[..., Any] = client.responses.create
         return create
+
+    def _mended(self, body: dict[str, Any], error: Exception) -> bool:
+        # A model that does not reason has no reasoning to give, and refuses to be asked for it.
+        refused = isinstance(error, openai.BadRequestError) and "encrypted content" in str(error).lower()
+        if refused and body.get("include"):
+            body["include"] = self._always["include"] = []
+            return True
+        return False
 
     def _usual_limit_field(self) -> str:
         return "max_output_tokens"

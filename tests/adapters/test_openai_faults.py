@@ -207,6 +207,14 @@ def test_what_a_broken_answer_cost_is_counted(tmp_path):
     assert result.tokens.provider.prompt == result.tokens.prompt + 5000
 
 
+def test_a_model_that_does_not_reason_is_asked_for_no_reasoning(tmp_path):
+    refusal = {"error": {"message": "Encrypted content is not supported with this model.", "param": "include"}}
+    faulty = Faulty(answer(refusal, 400))
+    result, _ = play(faulty, tmp_path, "openai-responses:rule")
+    assert_as_if_nothing_had_happened(result, extra_requests=1)
+    assert [bool(body["include"]) for _, body in faulty.requests] == [True] + [False] * result.turns
+
+
 # Faults that stay.
 
 
