@@ -168,7 +168,7 @@ def _live(now: Situation, home: Home, clock: int) -> str:
         dx, dy = now.frame.cells("cow")[0]
         turn = direction((0, 0), (dx, dy))
         return "Do" if now.frame.faced == "cow" else turn
-    if now.lacks("drink", 5 if now.has("energy", 3) else 3):
+    if water and now.lacks("drink", 5 if now.has("energy", 3) else 3):
         return now.go(water) or "Noop"
     if now.lacks("energy", 2):
         return "Sleep"
@@ -182,6 +182,6 @@ def _live(now: Situation, home: Home, clock: int) -> str:
     if now.lacks("food", 6) and plants:
         # Whether a plant is ripe cannot be seen; trying does no harm.
         return now.go([plants[clock // 30 % len(plants)]]) or "Noop"
-    if now.lacks("drink", 9):
+    if water and now.lacks("drink", 9):
         return now.go(water) or "Noop"
     return "Noop"

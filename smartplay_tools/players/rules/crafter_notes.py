@@ -129,11 +129,11 @@ def _home(now: Situation, notes: Notes) -> Home | None:
     """The home, or a site for one. For a night it may be dry; and who is out of stone cannot build any more."""
     night = DUSK <= notes.clock % DAY < DAWN
     home = notes.home
-    if home and (has_water(now, home) or (night and now.has("drink", 2))):
+    if home and (has_water(now, home) or (night and now.has("drink"))):
         return home if now.map.at in home.inside or now.has("stone") else None
     if now.lacks("wood_pickaxe") or now.lacks("stone", 3) or now.frame.faced is None or now.frame.asleep:
         return None
-    return find_site(now, dry=night and now.has("drink", 3))
+    return find_site(now, dry=night and now.has("drink", 4))
 
 
 def _act(now: Situation, home: Home | None, clock: int) -> str | None:
