@@ -6,7 +6,8 @@ view is longer than `prompt_tokens`, and no observation in it is older than `his
 
 Why a view is cheap. Steps never go back, so among the turns young enough to be kept only the oldest, the border, can
 hold an observation that must be marked; and a run of turns costs a difference of two running sums. Finding the first
-turn to keep is then a bisection, at any length of the episode.
+turn to keep is then a bisection. Turns are read from the newest back, only as far as a view can reach, so that the
+length of the episode does not matter even to a window that has never seen it.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from fractions import Fraction
 from itertools import islice, takewhile
 
 from smartplay_tools.errors import PromptOverflowError
+from smartplay_tools.ledger import Ledger
 from smartplay_tools.messages import Message, text_of
 from smartplay_tools.records import ResolvedBudget, ToolSpec
 from smartplay_tools.tokens import PRIMING, TokenCounter
@@ -79,7 +81,8 @@ class _Moment:
     """The first turn that is not all older than `oldest`: the only one that can be partly too old."""
     saved: int
     """The tokens that marking the border's old observations saves; less than 0 where the marker is the longer."""
-    head: int
+    head: tuple[Message, ...]
+    head_tokens: int
     """Tokens of head, tools and priming."""
 
 
@@ -93,92 +96,83 @@ class ContextWindow:
         self._counter = counter
         self._tools = tuple(tools)
         self._tools_tokens = counter.tools(tools)
+        # Read as a decimal: in floats, ceil((1 - .7) x 10) is 4.
         self._share = 1 - Fraction(str(budget.slack))
-        self._heads: dict[str | None, tuple[list[Message], int]] = {}
+        self._heads: dict[str | None, tuple[tuple[Message, ...], int]] = {}
         self._plain_head = list(head)
-        self._forget(Turns())
+        self._ledger = Ledger(counter)
+        # Slack folds over all turns, and without limits all are shown.
+        self._reads_all = budget.slack > 0 or (budget.history is None and budget.prompt_tokens is None)
+        self._firsts: list[int] = []
+        """For every turn of the conversation the first one kept after it, where slack makes that depend on the past."""
 
     def view(self, turns: Sequence[Turn]) -> View:
         """Return what the model may see after these turns; `PromptOverflowError` if the pinned parts do not fit.
 
-        A function of turns, budget and tokenizer alone: it does not matter which views were taken before. Turns in a
-        `Turns` are read once; any other sequence is read anew.
+        A function of turns, budget and tokenizer alone: it does not matter which views were taken before.
         """
-        self._read(turns if isinstance(turns, Turns) else Turns(turns))
-        now = self._moment(len(turns))
-        kept = self._kept(now)
+        turns = turns if isinstance(turns, Turns) else Turns(turns)
+        now, kept = self._settle(turns)
         tokens = self._total(now, kept.first)
         if self.budget.prompt_tokens is not None and tokens > self.budget.prompt_tokens:
             raise PromptOverflowError(f"The pinned parts of the prompt take {tokens} tokens.")
-        messages = self.head(now.last).copy()
+        messages, log = list(now.head), turns.log
         for index in kept:
-            turn = self._log[index]
+            turn = log[index]
             messages.extend(turn.messages if index != now.border else turn.seen(now.oldest))
         # Only the first turn of a view can be the border: see `_Moment`.
-        marked = (
-            self._log[now.border].marked(now.oldest) if len(kept) and now.border in (kept.pinned, kept.first) else []
-        )
+        border_is_kept = len(kept) > 0 and now.border in (kept.pinned, kept.first)
+        marked = turns[now.border].marked(now.oldest) if border_is_kept else []
         return View(
             messages=messages,
             tools=self._tools,
             tokens=tokens,
-            shown_steps=self._reach(now, kept),
+            shown_steps=self._reach(turns, now, kept),
             dropped_turns=len(turns) - len(kept),
             marked_results=tuple((now.border, item) for item in marked),
-            prefix_tokens=self._prefix(now, kept),
+            prefix_tokens=self._prefix(turns, now, kept),
             kept=kept,
         )
 
-    def head(self, last: int) -> list[Message]:
-        """Return the first messages of the view after turn `last`: the manual ends the system message once read."""
-        return self._head(last)[0]
+    def head(self, manual: str | None) -> tuple[Message, ...]:
+        """Return the first messages of a view: the manual, once read, ends the system message."""
+        return self._head(manual)[0]
 
-    def _head(self, last: int) -> tuple[list[Message], int]:
-        manual = None
-        if self._manual is not None and self._manual[0] <= last:
-            manual = self._manual[1]
+    def _head(self, manual: str | None) -> tuple[tuple[Message, ...], int]:
         if manual not in self._heads:
             head = self._plain_head if manual is None else with_manual(self._plain_head, manual)
-            tokens = self._counter.messages(head) + self._tools_tokens + PRIMING
-            self._heads[manual] = (head, tokens)
+            self._heads[manual] = (tuple(head), self._counter.messages(head) + self._tools_tokens + PRIMING)
         return self._heads[manual]
 
-    # What is remembered of the turns.
+    def _settle(self, turns: Turns) -> tuple[_Moment, Kept]:
+        """Return the moment after these turns and what is kept then, reading back as far as that takes."""
+        if self._ledger.follow(turns, whole=self._reads_all):
+            self._firsts = []
+        while True:
+            now = self._moment(turns)
+            kept = self._kept(turns, now)
+            if self._ledger.base == 0 or (now.pinned is not None and kept.first > self._ledger.base):
+                return now, kept
+            self._ledger.read_back()
 
-    def _forget(self, turns: Turns) -> None:
-        self._log = turns.log
-        self._sums = [0]
-        """Tokens of the first n turns, unmarked."""
-        self._steps: list[int] = []
-        self._pins: list[int | None] = []
-        """For every turn the latest one up to it that shows the newest observation."""
-        self._manual: tuple[int, str] | None = None
-        """The turn that read the manual first, and the manual."""
-        self._firsts: list[int] = []
-        """For every turn the first one kept after it, where slack makes that depend on the past."""
-
-    def _read(self, turns: Turns) -> None:
-        if turns.log is not self._log:
-            self._forget(turns)
-        for index in range(len(self._steps), len(turns)):
-            turn = turns[index]
-            self._sums.append(self._sums[-1] + sum(map(self._counter.message, turn.messages)))
-            self._steps.append(turn.step)
-            shows_newest = any(item.observation == turn.step for item in turn.items)
-            self._pins.append(index if shows_newest else self._pins[-1] if self._pins else None)
-            for item in turn.items:
-                if item.manual is not None and self._manual is None:
-                    self._manual = (index, item.manual)
-
-    def _moment(self, length: int) -> _Moment:
-        last = length - 1
-        step = self._steps[last] if length else 0
+    def _moment(self, turns: Turns) -> _Moment:
+        length = len(turns)
+        turn = turns[-1] if length else None
+        step = turn.step if turn else 0
         history = self.budget.history
         oldest = 0 if history is None else max(0, step - history)
-        border = bisect_left(self._steps, oldest, hi=length)
-        saved = self._saved(self._log[border], oldest) if border < length else 0
-        pinned = self._pins[last] if length else None
-        return _Moment(last, step, oldest, pinned, border, saved, head=self._head(last)[1])
+        border = self._ledger.first_at(oldest, length)
+        head, tokens = self._head(turn.manual if turn else None)
+        return _Moment(
+            last=length - 1,
+            step=step,
+            oldest=oldest,
+            pinned=self._ledger.pinned(length - 1) if length else None,
+            border=border,
+            saved=self._saved(turns[border], oldest) if border < length else 0,
+            head=head,
+            head_tokens=tokens,
+        )
 
     def _saved(self, turn: Turn, oldest: int) -> int:
         count = self._counter.message
@@ -187,27 +181,24 @@ class ContextWindow:
 
     # What is kept.
 
-    def _kept(self, now: _Moment) -> Kept:
-        first = self._first(now) if now.last >= 0 else 0
+    def _kept(self, turns: Turns, now: _Moment) -> Kept:
+        first = self._first(turns, now) if now.last >= 0 else 0
         pinned = now.pinned if now.pinned is not None and now.pinned < first else None
         return Kept(pinned, first, now.last, now.oldest)
 
     def _total(self, now: _Moment, first: int) -> int:
         """Tokens of the view that keeps the turns from `first` on, and the pinned ones."""
-        total = now.head + self._sums[now.last + 1] - self._sums[first]
+        total = now.head_tokens + self._ledger.tokens(first, now.last + 1)
         if now.pinned is not None and now.pinned < first:
-            total += self._cost(now.pinned)
+            total += self._ledger.tokens(now.pinned, now.pinned + 1)
         return total - now.saved if now.border >= first or now.border == now.pinned else total
 
-    def _cost(self, index: int) -> int:
-        return self._sums[index + 1] - self._sums[index]
-
-    def _first(self, now: _Moment) -> int:
+    def _first(self, turns: Turns, now: _Moment) -> int:
         if self._share == 1:
             return self._fill(now, self._share)
         # A fold over all prefixes, so that it does not matter at which of them a view was taken.
         for length in range(len(self._firsts) + 1, now.last + 2):
-            then = self._moment(length)
+            then = self._moment(turns[:length])
             first = self._firsts[-1] if self._firsts else 0
             self._firsts.append(first if self._holds(then, first) else self._fill(then, self._share))
         return self._firsts[now.last]
@@ -220,9 +211,9 @@ class ContextWindow:
 
     def _fill(self, now: _Moment, share: Fraction) -> int:
         """Return the first turn to keep when unpinned turns may take a share of the room and of the history."""
-        history, cap, low = self.budget.history, self.budget.prompt_tokens, 0
+        history, cap, low = self.budget.history, self.budget.prompt_tokens, self._ledger.base
         if history is not None:
-            low = bisect_left(self._steps, now.step - math.ceil(share * history), hi=now.last)
+            low = self._ledger.first_at(now.step - math.ceil(share * history), now.last)
         if cap is None:
             return low
         pins = self._total(now, now.last)
@@ -232,37 +223,35 @@ class ContextWindow:
 
     # What is reported.
 
-    def _reach(self, now: _Moment, kept: Kept) -> int:
+    def _reach(self, turns: Turns, now: _Moment, kept: Kept) -> int:
         for index in kept:
-            for item in self._log[index].items:
+            for item in turns[index].items:
                 if item.observation is not None and item.observation >= now.oldest:
                     return now.step - item.observation + 1
         return 0
 
-    def _prefix(self, now: _Moment, kept: Kept) -> int:
+    def _prefix(self, turns: Turns, now: _Moment, kept: Kept) -> int:
         """Compare with the view of one turn less, whether or not it was ever taken."""
         if now.last < 0:
             return 0
         count = self._counter.message
-        before = self._moment(now.last)
-        head, head_before = self.head(now.last), self.head(before.last)
-        if head is not head_before:
-            same = takewhile(lambda pair: pair[0] == pair[1], zip(head, head_before, strict=True))
+        before, kept_before = self._settle(turns[:-1])
+        if now.head is not before.head:
+            same = takewhile(lambda pair: pair[0] == pair[1], zip(now.head, before.head, strict=True))
             return self._tools_tokens + sum(count(message) for message, _ in same)
-        shared = now.head - PRIMING
-        kept_before = self._kept(before)
-        start, *rest = [*islice(kept, 2)]
-        if not len(kept_before) or [start] != [*islice(kept_before, 1)]:
+        shared = now.head_tokens - PRIMING
+        (start, *second), start_before = islice(kept, 2), [*islice(kept_before, 2)]
+        if [start] != start_before[:1]:
             return shared
-        turn = self._log[start]
+        turn = turns[start]
         marked, marked_before = turn.marked(now.oldest), turn.marked(before.oldest)
         if marked != marked_before:
             changed = min(set(marked) ^ set(marked_before))
             return shared + sum(map(count, turn.seen(now.oldest)[: changed + 1]))
-        shared += self._cost(start) - self._saved(turn, now.oldest)
-        if rest == [*islice(kept_before, 1, 2)]:
+        shared += self._ledger.tokens(start, start + 1) - self._saved(turn, now.oldest)
+        if second and second == start_before[1:]:
             # After its first turn a view is a run of neighbours, so the older view goes on as this one does.
-            shared += self._sums[before.last + 1] - self._sums[rest[0]]
+            shared += self._ledger.tokens(second[0], now.last)
         return shared
 
 

@@ -58,6 +58,7 @@ class Conversation:
         self._turns = Turns()
         self._draft: Turn | None = None
         self._step = 0
+        self._manual: str | None = None
         self._idle_in_a_row = 0
         self._view: View | None = None
         self._pending: Prompt | None = None
@@ -140,7 +141,7 @@ class Conversation:
         )
 
     def _sha256(self, view: View) -> str:
-        messages = [message_bytes(message, ()) for message in self._window.head(view.kept.last)]
+        messages = [message_bytes(message, ()) for message in self._window.head(self._manual)]
         for index in view.kept:
             messages.extend(self._turns[index].canonical_seen(view.kept.oldest))
         return prompt_sha256(messages, self._tools_bytes)
@@ -172,7 +173,7 @@ class Conversation:
                 for position, function in enumerate(functions)
             ]
         )
-        self._draft = Turn(number, assistant, (), made_at=self._step)
+        self._draft = Turn(number, assistant, (), self._step, self._manual)
         self._add_results(assistant, results)
         self._idle_in_a_row = 0 if functions else self._idle_in_a_row + 1
         if not functions:
@@ -209,13 +210,15 @@ class Conversation:
                 continue
             result = next(answers)
             observation = result.data.get("observation")
-            manual = result.text if result.data.get("manual") else None
+            is_manual = bool(result.data.get("manual"))
+            if is_manual:
+                self._manual = result.text
             if observation is not None:
                 self._step = max(self._step, observation)
-            text = result.text if manual is None else prompts.MANUAL_IS_ABOVE
+            text = prompts.MANUAL_IS_ABOVE if is_manual else result.text
             message: Message = {"role": "tool", "content": text, "tool_call_id": call["id"]}
             # Not logged: the `call` event holds it.
-            self._append(Item(message, self._step, observation, manual, position), by=None)
+            self._append(Item(message, self._step, observation, position), by=None)
 
     def _answer_idle_reply(self) -> None:
         self.episode.tally.idle_replies += 1
@@ -225,7 +228,7 @@ class Conversation:
 
     def _append(self, item: Item, by: str | None) -> None:
         assert self._draft is not None
-        self._draft = replace(self._draft, items=(*self._draft.items, item))
+        self._draft = replace(self._draft, items=(*self._draft.items, item), manual=self._manual)
         if by is not None:
             self.episode.log("message", turn=self._draft.number, by=by, message=item.message)
 

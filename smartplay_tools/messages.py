@@ -58,7 +58,9 @@ def calls_of(message: Mapping[str, Any]) -> Sequence[MessageToolCall]:
 
 def reasoning_of(message: Mapping[str, Any]) -> str:
     """Return the visible text of a message's reasoning, in whichever field its provider keeps it."""
-    return (message.get("reasoning_content") or "") + "".join(_visible(message.get("provider_items") or []))
+    text: str = message.get("reasoning_content") or ""
+    items = message.get("provider_items")
+    return text + "".join(_visible(items)) if items else text
 
 
 def assistant_message(message: Mapping[str, Any]) -> Message:

@@ -40,6 +40,8 @@ class Playthrough:
         self.tools = Tools(game)
         self.tally = Tally()
         self.end_reason: EndReason | None = None
+        self.on_step: Callable[[TextGame], None] | None = None
+        """Called after every step of the game, to look on."""
         self.error: str | None = None
         self.traceback: str | None = None
         self.budget = self._resolve(asked)
@@ -116,6 +118,8 @@ class Playthrough:
         self.tally.steps += 1
         self.tally.reward += reward
         step = self.tally.steps
+        if self.on_step is not None:
+            self.on_step(self.game)
         if terminated:
             self.end("terminated")
         elif truncated or step >= self.spec.rollout:
@@ -137,7 +141,7 @@ class Playthrough:
             return whole
         self.tally.cut_results += 1
         steps = self.tally.steps if self.budget.history is None else min(self.tally.steps, self.budget.history)
-        return cutting.cut_history(self.game.recent, steps, current, cap, self.counter.tokenizer.count)
+        return cutting.cut_history(self.game.recent, steps, current, cap, self.counter.text)
 
     def _show(self, text: str, **data: Any) -> ToolResult:
         shown = self._cut(text, self.budget.result_tokens, cutting.cut_end)
@@ -147,5 +151,4 @@ class Playthrough:
     def _cut(self, text: str, cap: int | None, cut: Callable[[str, int, cutting.Count], str]) -> str:
         if cap is None or self.counter.text(text) <= cap:
             return text
-        # The search counts texts that nobody will see: they stay out of the counter's memory.
-        return cut(text, cap, self.counter.tokenizer.count)
+        return cut(text, cap, self.counter.text)

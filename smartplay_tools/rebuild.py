@@ -48,27 +48,26 @@ def recorded_turns(events: Sequence[Event]) -> list[Turn]:
         if event["event"] in ("message", "call"):
             by_turn.setdefault(event["turn"], []).append(event)
     turns: list[Turn] = []
-    step = 0
+    step, manual = 0, None
     for number, parts in sorted(by_turn.items()):
         assistant = next(part["message"] for part in parts if part.get("by") == "player")
         items, made_at = [], step
         for part in parts:
             if part["event"] == "call":
                 step = max(step, part["data"].get("observation") or 0)
+                manual = part["text"] if part["data"].get("manual") else manual
                 items.append(_result(part, assistant, step))
             elif part["by"] != "player":
                 items.append(_other(part["message"], assistant, step))
-        turns.append(Turn(number, assistant, tuple(items), made_at))
+        turns.append(Turn(number, assistant, tuple(items), made_at, manual))
     return turns
 
 
 def _result(call: Event, assistant: Message, step: int) -> Item:
     call_id = calls_of(assistant)[call["position"]]["id"]
-    is_manual = bool(call["data"].get("manual"))
-    text = prompts.MANUAL_IS_ABOVE if is_manual else call["text"]
+    text = prompts.MANUAL_IS_ABOVE if call["data"].get("manual") else call["text"]
     message: Message = {"role": "tool", "content": text, "tool_call_id": call_id}
-    manual = call["text"] if is_manual else None
-    return Item(message, step, call["data"].get("observation"), manual, call["position"])
+    return Item(message, step, call["data"].get("observation"), call["position"])
 
 
 def _other(message: Message, assistant: Message, step: int) -> Item:
@@ -77,8 +76,7 @@ def _other(message: Message, assistant: Message, step: int) -> Item:
 
 
 def _rebuild(view: Event, head: list[Message], tools: tuple[ToolSpec, ...], turns: list[Turn]) -> SentPrompt:
-    past = [item for turn in turns[: view["turn"]] for item in turn.items]
-    manual = next((item.manual for item in past if item.manual is not None), None)
+    manual = turns[view["turn"] - 1].manual if view["turn"] else None
     messages = head if manual is None else with_manual(head, manual)
     lines = [message_bytes(message, ()) for message in messages]
     marked = {(turn, item) for turn, item in view["marked"]}

@@ -8,7 +8,7 @@ differ - that is what a replay is there to find out about.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, zip_longest
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from smartplay_tools.episode import Episode
 from smartplay_tools.errors import SmartPlayError, TranscriptError
 from smartplay_tools.rebuild import sent_prompts
 from smartplay_tools.records import EpisodeResult, ResolvedBudget, ToolCall, ToolSpec, Usage
+from smartplay_tools.specs import get_spec
 from smartplay_tools.transcript import Event, read_transcript
 
 BUDGET_ENDS = ("prompt_tokens", "episode_tokens")
@@ -67,7 +68,9 @@ def replay(path: str | Path) -> Replay:
 def _same_episode(start: Event, transcript: list[Event]) -> Episode:
     settings = {key: start[key] for key in ("seed", "engine", "manual", "batch", "context", "tokenizer")}
     budget = ResolvedBudget(**start["budget"])
-    episode = Episode(start["game"], budget=budget, transcript=transcript, **settings, **start["options"])
+    # The rules come from the setting that is registered here; the record may have changed its numbers.
+    spec = replace(get_spec(start["game"]), **start["setting"])
+    episode = Episode(spec, budget=budget, transcript=transcript, **settings, **start["options"])
     episode.begin(player=start["player"], protocol=start["protocol"])
     return episode
 

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Mapping
 from importlib import resources
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-from smartplay_tools.arguments import canonical
+from smartplay_tools.arguments import as_text, canonical
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.messages import calls_of, reasoning_of, text_of
 
@@ -34,8 +34,8 @@ VOCABULARY_SHA256 = "446a9538cb6c348e3516120d7c08b09f57c36495e2acfffe59a5bf8b0cf
 LONGEST_PIECE = 50_000
 """Text is counted in pieces of at most so many characters, because longer runs can overflow the encoder's stack."""
 
-CACHED_TEXTS = 16_384
-"""How many texts a `TokenCounter` remembers; more than an episode shows at a time by far."""
+CACHED_TEXTS = 32_768
+"""How many texts a `TokenCounter` remembers; as many as the longest episode of the benchmark has."""
 
 PRIMING = 3
 """What every prompt costs beside its messages and tools: the beginning of the reply."""
@@ -157,16 +157,18 @@ class TokenCounter:
         self.tokenizer = get_tokenizer(tokenizer)
         self.text = functools.lru_cache(CACHED_TEXTS)(self.tokenizer.count)
         """Count a text."""
+        self._arguments = functools.lru_cache(CACHED_TEXTS)(lambda text: self.text(canonical(text)))
 
     def message(self, message: Mapping[str, Any]) -> int:
         """Count a chat message. Anything but text in it (an image) raises a ValueError."""
-        count = 3 + self.text(message["role"]) + self.text(text_of(message))
+        role = message["role"]
+        count = 3 + self.text(role) + self.text(text_of(message))
         if message.get("name"):
             count += 1 + self.text(message["name"])
         for call in calls_of(message):
             function = call["function"]
-            count += 3 + 8 + self.text(str(function["name"])) + self.text(canonical(function["arguments"]))
-        if message["role"] == "tool":
+            count += 3 + 8 + self.text(str(function["name"])) + self._arguments(as_text(function["arguments"]))
+        if role == "tool":
             count += 8
         reasoning = reasoning_of(message)
         return count + (self.text(reasoning) if reasoning else 0)

@@ -27,8 +27,6 @@ class Item:
     """The step of the moment: the newest observation shown so far, this item's own included; 0 before the first."""
     observation: int | None = None
     """Which observation it shows; None for the manual, errors, user messages and other tools' results."""
-    manual: str | None = None
-    """The manual, if this is its first reading's result; `message` then holds the line that points to the head."""
     position: int | None = None
     """Which call of the message it answers; None for what is not a tool result."""
 
@@ -49,6 +47,8 @@ class Turn:
     items: tuple[Item, ...]
     made_at: int
     """The step at which the message was made, for a turn without items."""
+    manual: str | None = None
+    """The manual, if it has been read in this turn or before; from then on it stands in the head."""
 
     @property
     def step(self) -> int:

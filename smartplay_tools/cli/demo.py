@@ -8,10 +8,9 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from smartplay_tools import playing
-from smartplay_tools.cli.show import TurnPrinter
+from smartplay_tools.cli.show import TurnPrinter, compact_table
 from smartplay_tools.conversation import Conversation
 from smartplay_tools.episode import Episode
 from smartplay_tools.players.rule import RulePlayer
@@ -35,7 +34,7 @@ def demo(
     """
     console = Console()
     folder = out or Path(tempfile.mkdtemp(prefix="smartplay-demo-"))
-    table = Table("game", "score", "end", "steps", "prompt cap", "largest prompt", "dropped", "tokens", "replay")
+    table = compact_table("game", "score", "human", "prompts", "dropped", "tokens", "replay")
     failed = False
     for game, cap in GAMES.items():
         console.rule(f"{game}, prompts of at most {cap} tokens", align="left")
@@ -47,6 +46,7 @@ def demo(
         failed = failed or not found.identical
         table.add_row(*_row(result, cap, watch), "identical" if found.identical else found.differences[0])
     console.rule("results", align="left")
+    console.print("[dim]prompts: the largest of its cap; dropped: the most turns that a prompt left out[/]")
     console.print(table)
     for game in GAMES:
         console.print(f"transcript: {folder / game}.jsonl", highlight=False, soft_wrap=True)
@@ -74,14 +74,11 @@ class _Watch:
 
 
 def _row(result: EpisodeResult, cap: int, watch: _Watch) -> list[str]:
-    human = "" if result.normalized_score is None else f" ({result.normalized_score:.0%} of human)"
     return [
         result.game,
-        f"{result.score:g}{human}",
-        result.end_reason,
-        str(result.steps),
-        str(cap),
-        str(watch.largest),
-        f"{watch.dropped} turns",
+        f"{result.score:g}",
+        "" if result.normalized_score is None else f"{result.normalized_score:.0%}",
+        f"{watch.largest}/{cap}",
+        str(watch.dropped),
         f"{result.tokens.prompt + result.tokens.reply:,}",
     ]

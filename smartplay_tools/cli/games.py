@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, cast, get_args
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from smartplay_tools import tools
 from smartplay_tools.cli import options
+from smartplay_tools.cli.show import compact_table
 from smartplay_tools.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.specs import GAMES, get_spec
@@ -25,9 +25,7 @@ def games(as_json: options.Json = False) -> None:
     if as_json:
         print(json.dumps(rows, indent=2))
         return
-    table = Table()
-    for column in rows[0]:
-        table.add_column(column, no_wrap=column == "id", justify="left" if column == "id" else "right")
+    table = compact_table(*rows[0])
     for row in rows:
         table.add_row(*("" if value is None else f"{value}" for value in row.values()))
     Console().print(table)
@@ -54,7 +52,7 @@ def schema(
     if form not in get_args(tools.SchemaFormat):
         raise InvalidArgumentError(f"--format {form}: the formats are {', '.join(get_args(tools.SchemaFormat))}.")
     with Episode(game, seed=0) as episode:
-        schemas = [tools.schema(tool, form) for tool in episode.tools]  # type: ignore[arg-type] # checked above
+        schemas = [tools.schema(tool, cast(tools.SchemaFormat, form)) for tool in episode.tools]
     print(json.dumps(schemas, indent=2, ensure_ascii=False))
 
 
@@ -66,5 +64,5 @@ def _facts(name: str) -> dict[str, Any]:
         "history": spec.history,
         "rollout": spec.rollout,
         "trials": spec.trials,
-        "human score": spec.human_score,
+        "human": spec.human_score,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -9,6 +10,7 @@ from rich.console import Console
 
 from smartplay_tools import playing
 from smartplay_tools.cli import options
+from smartplay_tools.cli.frames import FrameWriter, picture_options
 from smartplay_tools.cli.show import TurnPrinter, print_result
 from smartplay_tools.episode import Episode
 from smartplay_tools.players import get_player
@@ -22,6 +24,7 @@ def play(
     player: Annotated[str, typer.Option(help="Who plays: rule, random, ...")] = "rule",
     seed: options.Seed = 0,
     transcript: options.TranscriptFile = None,
+    frames: Annotated[Path | None, typer.Option(help="Write a picture of every step into this folder.")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print the result only.")] = False,
     as_json: options.Json = False,
     history: options.History = "game",
@@ -54,9 +57,10 @@ def play(
     modes: dict[str, Any] = {"manual": manual, "batch": batch, "engine": engine, "tokenizer": tokenizer}
     console = Console()
     watch = None if quiet or as_json else TurnPrinter(console)
-    with Episode(
-        game, seed=seed, budget=budget, transcript=transcript, **modes, **options.game_options(option)
-    ) as episode:
+    own_options = options.game_options(option) | (picture_options(game) if frames else {})
+    with Episode(game, seed=seed, budget=budget, transcript=transcript, **modes, **own_options) as episode:
+        if frames:
+            episode.look_on(FrameWriter(frames, episode.game))
         result = _run(episode, who, watch)
     if as_json:
         print(result.model_dump_json(indent=2))

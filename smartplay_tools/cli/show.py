@@ -36,8 +36,7 @@ class TurnPrinter:
                 f"  [cyan]{escape(function['name'])}[/] {escape(function['arguments'])}", soft_wrap=True
             )
         for item in turn.items:
-            text = item.manual if item.manual is not None else text_of(item.message)
-            for line in text.splitlines():
+            for line in text_of(item.message).splitlines():
                 self._console.print(f"  [dim]│[/] {escape(line)}", highlight=False, soft_wrap=True)
 
 
@@ -62,3 +61,11 @@ def print_result(console: Console, result: EpisodeResult) -> None:
     for name, values in result.deviations.items():
         table.add_row("deviation", f"{name}: {values['played']} instead of the paper's {values['paper']}")
     console.print(table)
+
+
+def compact_table(*headings: str) -> Table:
+    """Return a table that fits a terminal of 80 columns: no frame, the first column to the left, numbers right."""
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
+    for heading in headings:
+        table.add_column(heading, no_wrap=True, justify="left" if heading == headings[0] else "right")
+    return table

@@ -16,6 +16,7 @@ from smartplay_tools.records import AsyncPlayer, Player
 PLAYERS: dict[str, str] = {
     "random": "smartplay_tools.players.random:RandomPlayer",
     "rule": "smartplay_tools.players.rule:RulePlayer",
+    "rule-notes": "smartplay_tools.players.rule:RuleNotesPlayer",
 }
 """The players that come with the package: name -> where its class is."""
 

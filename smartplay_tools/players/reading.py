@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 from functools import cached_property
 
-from smartplay_tools.messages import Message, calls_of, text_of
+from smartplay_tools.messages import FunctionCall, Message, MessageToolCall, calls_of, text_of
 from smartplay_tools.prompts import OBSERVATION_LEFT
 from smartplay_tools.records import Prompt
 
@@ -80,9 +80,6 @@ def _call(function: object) -> tuple[str, str | None]:
 
 def call(tool: str, *, say: str | None = None, **arguments: str) -> Message:
     """Return an assistant message that calls one tool, with words beside it if there is something to say."""
-    function = {"name": tool, "arguments": json.dumps(arguments, ensure_ascii=False)}
-    return {
-        "role": "assistant",
-        "content": say,
-        "tool_calls": [{"id": "call_0", "type": "function", "function": function}],  # type: ignore[typeddict-item]
-    }
+    function: FunctionCall = {"name": tool, "arguments": json.dumps(arguments, ensure_ascii=False)}
+    tool_call: MessageToolCall = {"id": "call_0", "type": "function", "function": function}
+    return {"role": "assistant", "content": say, "tool_calls": [tool_call]}
