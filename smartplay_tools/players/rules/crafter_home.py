@@ -11,8 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from smartplay_tools.players.rules.crafter import SOLID, Situation, direction
+from smartplay_tools.players.rules.crafter import SOLID
 from smartplay_tools.players.rules.crafter_sight import ANY, BIT, DIRECTIONS, WALKABLE, Cell
+from smartplay_tools.players.rules.crafter_situation import Situation, direction
 
 SHAPES = (
     (3, 2, "Move West"),

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from smartplay_tools.messages import Message, text_of
 from smartplay_tools.players.reading import Reading, call
 from smartplay_tools.players.rules import crafter
-from smartplay_tools.players.rules.crafter import SOLID, WISHES, Situation
+from smartplay_tools.players.rules.crafter import SOLID, WISHES
 from smartplay_tools.players.rules.crafter_home import Home, dwell, find_site, has_water
 from smartplay_tools.players.rules.crafter_sight import ANY, BIT, OUTSIDE, WALKABLE, Cell, Map, read_frame
+from smartplay_tools.players.rules.crafter_situation import Situation
 
 NOTES = re.compile(r"^Notes: (\{.*\})$", re.MULTILINE)
 DAY, DUSK, DAWN = 300, 130, 280
