@@ -218,7 +218,7 @@ def play(policy: Policy, seed: int, steps: int) -> None:
     ("policy", "seed"), [(random_play, 1), (sleep_a_lot, 2), (walk_the_border, 3), (craft_and_fight, 4)]
 )
 def test_both_engines_agree(policy: Policy, seed: int) -> None:
-    play(policy, seed, 300)
+    play(policy, seed, 240)
 
 
 @pytest.mark.slow

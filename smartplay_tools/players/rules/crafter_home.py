@@ -11,8 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from smartplay_tools.players.rules.crafter import SOLID, Situation, direction
+from smartplay_tools.players.rules.crafter import SOLID
 from smartplay_tools.players.rules.crafter_sight import ANY, BIT, DIRECTIONS, WALKABLE, Cell
+from smartplay_tools.players.rules.crafter_situation import Situation, direction
 
 SHAPES = (
     (3, 2, "Move West"),
@@ -168,7 +169,7 @@ def _live(now: Situation, home: Home, clock: int) -> str:
         dx, dy = now.frame.cells("cow")[0]
         turn = direction((0, 0), (dx, dy))
         return "Do" if now.frame.faced == "cow" else turn
-    if now.lacks("drink", 5 if now.has("energy", 3) else 3):
+    if water and now.lacks("drink", 5 if now.has("energy", 3) else 3):
         return now.go(water) or "Noop"
     if now.lacks("energy", 2):
         return "Sleep"
@@ -182,6 +183,6 @@ def _live(now: Situation, home: Home, clock: int) -> str:
     if now.lacks("food", 6) and plants:
         # Whether a plant is ripe cannot be seen; trying does no harm.
         return now.go([plants[clock // 30 % len(plants)]]) or "Noop"
-    if now.lacks("drink", 9):
+    if water and now.lacks("drink", 9):
         return now.go(water) or "Noop"
     return "Noop"

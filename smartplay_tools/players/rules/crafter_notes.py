@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from smartplay_tools.messages import Message, text_of
 from smartplay_tools.players.reading import Reading, call
 from smartplay_tools.players.rules import crafter
-from smartplay_tools.players.rules.crafter import SOLID, WISHES, Situation
+from smartplay_tools.players.rules.crafter import SOLID, WISHES
 from smartplay_tools.players.rules.crafter_home import Home, dwell, find_site, has_water
 from smartplay_tools.players.rules.crafter_sight import ANY, BIT, OUTSIDE, WALKABLE, Cell, Map, read_frame
+from smartplay_tools.players.rules.crafter_situation import Situation
 
 NOTES = re.compile(r"^Notes: (\{.*\})$", re.MULTILINE)
 DAY, DUSK, DAWN = 300, 130, 280
@@ -129,11 +130,11 @@ def _home(now: Situation, notes: Notes) -> Home | None:
     """The home, or a site for one. For a night it may be dry; and who is out of stone cannot build any more."""
     night = DUSK <= notes.clock % DAY < DAWN
     home = notes.home
-    if home and (has_water(now, home) or (night and now.has("drink", 2))):
+    if home and (has_water(now, home) or (night and now.has("drink"))):
         return home if now.map.at in home.inside or now.has("stone") else None
     if now.lacks("wood_pickaxe") or now.lacks("stone", 3) or now.frame.faced is None or now.frame.asleep:
         return None
-    return find_site(now, dry=night and now.has("drink", 3))
+    return find_site(now, dry=night and now.has("drink", 4))
 
 
 def _act(now: Situation, home: Home | None, clock: int) -> str | None:

@@ -113,8 +113,7 @@ class Map:
                 self.at = self.ahead(action)
         self.visited = [*self.visited[1 - REMEMBERED :], self.at]
         if frame.faced is None:
-            self.kinds[self.at] = OUTSIDE
-            self.creatures = {}
+            self.creatures, self.kinds[self.at] = {}, OUTSIDE
             return
         self._look(frame)
 
