@@ -1,4 +1,7 @@
-"""Mean scores of the random and the rule player, setting by setting. `python benchmarks/scores.py [EPISODES]`."""
+"""Mean scores of the random and the rule player, setting by setting.
+
+`python benchmarks/scores.py [SEEDS [GAME ...]]`; without games, all of them.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +26,6 @@ def mean_score(game: str, player: str, episodes: int) -> float:
 if __name__ == "__main__":
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
     table = Table("setting", "random", "rule", title=f"Mean score over {count} seeds", title_justify="left")
-    for name in sp.GAMES:
-        table.add_row(name, *(f"{mean_score(name, player, count):.1f}" for player in ("random", "rule")))
+    for name in sys.argv[2:] or sp.GAMES:
+        table.add_row(name, *(f"{mean_score(name, player, count):,.2f}" for player in ("random", "rule")))
     Console().print(table)
