@@ -110,7 +110,7 @@ class Playthrough:
 
     def _act(self, action: int) -> ToolResult:
         try:
-            text, reward, terminated, truncated, _ = self.game.step(action)
+            text, reward, terminated, truncated = self.game.advance(action)
         except Exception as error:
             # An engine that breaks ends this episode, on the record, and no other.
             self.end("game_error", error)

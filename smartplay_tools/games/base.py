@@ -138,11 +138,15 @@ class TextGame(gymnasium.Env[str, Any]):
 
     def step(self, action: Any) -> tuple[str, float, bool, bool, dict[str, Any]]:
         """Play `actions[action]`."""
+        return (*self.advance(int(action)), self._info())
+
+    def advance(self, action: int) -> tuple[str, float, bool, bool]:
+        """Do what `step` does, without the `info` that prints the history: for callers that keep their own."""
         if self.history != 0:
             self._past.append((self._steps, self.observation))
-        self.observation, reward, terminated, truncated = self._step(int(action))
+        self.observation, reward, terminated, truncated = self._step(action)
         self._steps += 1
-        return self.observation, float(reward), terminated, truncated, self._info()
+        return self.observation, float(reward), terminated, truncated
 
     def render(self) -> Any:
         """Return the current observation (render mode `ansi`), or whatever else a game's render modes name."""
