@@ -23,7 +23,8 @@ from smartplay_tools.errors import (
     UnknownNameError,
 )
 from smartplay_tools.games.base import TextGame
-from smartplay_tools.messages import Message
+from smartplay_tools.messages import Message, MessageToolCall, assistant_message, calls_of, text_of
+from smartplay_tools.paper_protocol import PaperConversation
 from smartplay_tools.players import get_player, player_names
 from smartplay_tools.players.scripted import ScriptedPlayer
 from smartplay_tools.playing import aplay, play
@@ -57,7 +58,9 @@ __all__ = [
     "GameSpec",
     "InvalidArgumentError",
     "Message",
+    "MessageToolCall",
     "MissingExtraError",
+    "PaperConversation",
     "Player",
     "Prompt",
     "Replay",
@@ -75,6 +78,8 @@ __all__ = [
     "Usage",
     "View",
     "aplay",
+    "assistant_message",
+    "calls_of",
     "get_player",
     "get_spec",
     "get_tokenizer",
@@ -83,6 +88,7 @@ __all__ = [
     "read_transcript",
     "replay",
     "schema",
+    "text_of",
 ]
 
 for _spec in GAMES.values():

@@ -129,3 +129,10 @@ def test_every_adapter_is_packaged_typed_and_an_extra():
         assert f"adapters/{folder.name}" in packages
         assert (folder / "py.typed").exists()
         assert folder.name.removeprefix("smartplay_") in project["project"]["optional-dependencies"]
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "adapters").rglob("*.py")), ids=lambda path: str(path.name))
+def test_an_adapter_imports_public_names_only(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    modules = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert not {module for module in modules if module.startswith("smartplay_tools.")}

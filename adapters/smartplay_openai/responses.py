@@ -13,8 +13,7 @@ from typing import Any
 
 from smartplay_openai.answers import BrokenAnswerError, plain, read_usage
 from smartplay_openai.wire import acceptable
-from smartplay_tools import Message, Prompt, Reply, schema
-from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, text_of
+from smartplay_tools import Message, MessageToolCall, Prompt, Reply, assistant_message, calls_of, schema, text_of
 
 LEAST_LIMIT = 16
 """The interface refuses a smaller cap on the reply; a reply that uses the difference is recorded as an overrun."""

@@ -16,8 +16,7 @@ from starlette.routing import Route
 
 from smartplay_openai.server import chat, responses
 from smartplay_openai.server.problems import RequestError, bad
-from smartplay_tools import AsyncPlayer, Message, Player, Prompt, Reply, TokenCounter, Usage
-from smartplay_tools.messages import assistant_message
+from smartplay_tools import AsyncPlayer, Message, Player, Prompt, Reply, TokenCounter, Usage, assistant_message
 
 PlayerLike = Player | AsyncPlayer
 

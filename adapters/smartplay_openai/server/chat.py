@@ -8,8 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from smartplay_openai.server.problems import bad, check_calls, read_limit, read_tool
-from smartplay_tools import Message, Prompt, Usage
-from smartplay_tools.messages import assistant_message, calls_of, text_of
+from smartplay_tools import Message, Prompt, Usage, assistant_message, calls_of, text_of
 
 ROLES = ("system", "developer", "user", "assistant", "tool")
 PATH = "/v1/chat/completions"

@@ -10,8 +10,7 @@ from typing import Any
 from smartplay_openai.responses import output_items, read_items
 from smartplay_openai.server.chat import halves
 from smartplay_openai.server.problems import RequestError, bad, check_calls, read_limit, read_tool
-from smartplay_tools import Message, Prompt, Usage
-from smartplay_tools.messages import text_of
+from smartplay_tools import Message, Prompt, Usage, text_of
 
 PATH = "/v1/responses"
 ROLES = ("system", "developer", "user", "assistant")
