@@ -109,6 +109,7 @@ def _challenges(*degrees: int) -> Mapping[str, int]:
 _BANDIT = _challenges(1, 1, 1, 1, 2, 3, 2, 1, 1)
 _ROCK_PAPER_SCISSORS = _challenges(2, 1, 3, 1, 2, 3, 3, 1, 1)
 _HANOI = _challenges(2, 3, 2, 3, 1, 1, 1, 2, 1)
+_MINECRAFT = _challenges(1, 1, 2, 1, 3, 2, 1, 2, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,6 +195,19 @@ def _hanoi(disks: int) -> GameSpec:
     )
 
 
+def _minecraft(task: int) -> GameSpec:
+    return _setting(
+        id=f"MinedojoCreative{task}-v0",
+        family="minecraft",
+        entry_point="smartplay_tools.games.minecraft.game:Minecraft",
+        kwargs={"task": task},
+        history=2,
+        rollout=200,
+        trials=20,
+        challenges=_MINECRAFT,
+    )
+
+
 _SETTINGS = (
     _bandit("Deterministic", ((1.0, 1), (0.0, 1))),
     _bandit("HighHigh", ((0.8, 1), (0.9, 1))),
@@ -203,6 +217,7 @@ _SETTINGS = (
     _rock_paper_scissors("DifferentScore", (0.3, 0.3, 0.4), (1, 2, 1)),
     _hanoi(3),
     _hanoi(4),
+    *map(_minecraft, (0, 1, 2, 4, 5, 7, 8, 9)),
 )
 
 GAMES: dict[str, GameSpec] = {spec.id: spec for spec in _SETTINGS}
