@@ -58,6 +58,10 @@ ENOUGH = 4
 ARRIVED = 9
 """Things nearer than this were no goal, or the game would be over: look beyond them."""
 
+ROUND = 350
+"""Worlds begin near the origin of their coordinates. Who sees nothing walks this far and then in a square around it:
+straight on, the neighbourhood would soon be left behind."""
+
 STUCK = 4
 """Who has moved less than this during an action has met an obstacle."""
 
@@ -127,32 +131,53 @@ def choose_heading(sights: list[Sight], clues: Mapping[str, float]) -> str:
     """The way to go from the last of some sights, oldest first."""
     here = sights[-1]
     ahead = here.action or here.facing.partition("-")[0]
+    right, left, back = _turns(ahead)
     blocked = _blocked(sights)
-    wanted = [heading for heading in _towards_clues(sights, clues) if heading not in blocked]
+    # What is behind has been passed already, so evidence never turns a walker round.
+    wanted = [heading for heading in _towards_clues(sights, clues) if heading not in blocked | {back}]
     if wanted:
         return wanted[0]
-    around = _turns(ahead, here)
     if ahead in blocked or ("water" not in clues and _is_water_ahead(here)):
-        return next((heading for heading in around if heading not in blocked), around[-1])
+        return next((heading for heading in (right, left) if heading not in blocked), back)
     # Back to the old heading once an obstacle has been passed.
-    if len(sights) > 2 and sights[-2].action in around and _step(sights[-3], sights[-2]) < STUCK:
+    if len(sights) > 2 and sights[-2].action in (right, left) and _step(sights[-3], sights[-2]) < STUCK:
         return sights[-2].action or ahead
-    return ahead
+    return _search(here, ahead, blocked | {s.action for s in sights if s.action and _is_water_ahead(s)})
+
+
+def _search(here: Sight, ahead: str, blocked: set[str]) -> str:
+    """Out to a square around the origin, and then clockwise along it."""
+    sides = {"east": here.x, "south": here.z, "west": -here.x, "north": -here.z}
+    outward = max(sides, key=lambda side: (sides[side], side == ahead))
+    if sides[outward] < 2 * ARRIVED:
+        return ahead
+    if sides[outward] < ROUND and outward not in blocked:
+        return outward
+    return _turns(outward)[0]
+
+
+def _turns(heading: str) -> tuple[str, str, str]:
+    """The headings to the right, to the left and back."""
+    order = list(HEADINGS)
+    at = order.index(heading)
+    return order[(at + 1) % 4], order[at - 1], order[at - 2]
 
 
 def _towards_clues(sights: list[Sight], clues: Mapping[str, float]) -> list[str]:
     """The headings that lead to the best evidence in sight, the longer way first."""
     here = sights[-1]
     for sight in reversed(sights):
-        weights = [(thing, _weight(thing.name, clues) * (1 + thing.share)) for thing in sight.things]
-        if sum(weight for _, weight in weights) < ENOUGH:
+        beyond = [
+            (thing, _weight(thing.name, clues) * (1 + thing.share))
+            for thing in sight.things
+            if math.dist((thing.x, thing.z), (here.x, here.z)) > ARRIVED
+        ]
+        if sum(weight for _, weight in beyond) < ENOUGH:
             continue
-        beyond = [(t, w) for t, w in weights if w > 0 and math.dist((t.x, t.z), (here.x, here.z)) > ARRIVED]
-        total = sum(weight for _, weight in beyond)
-        if not total:
-            continue
-        dx = sum(thing.x * weight for thing, weight in beyond) / total - here.x
-        dz = sum(thing.z * weight for thing, weight in beyond) / total - here.z
+        speaking = [(thing, weight) for thing, weight in beyond if weight > 0]
+        total = sum(weight for _, weight in speaking)
+        dx = sum(thing.x * weight for thing, weight in speaking) / total - here.x
+        dz = sum(thing.z * weight for thing, weight in speaking) / total - here.z
         ways = {"east": dx, "west": -dx, "south": dz, "north": -dz}
         return sorted((way for way in ways if ways[way] > STUCK), key=lambda way: -ways[way])
     return []
@@ -178,13 +203,3 @@ def _step(before: Sight, after: Sight) -> float:
 def _is_water_ahead(sight: Sight) -> bool:
     water = [thing for thing in sight.things if thing.name in ("water", "ice")]
     return sum(t.share for t in water) > WATER_SHARE and min(t.distance for t in water) < WATER_NEAR
-
-
-def _turns(heading: str, here: Sight) -> list[str]:
-    """The other headings: to one side, to the other, back. Which side is first depends on the place."""
-    order = list(HEADINGS)
-    at = order.index(heading)
-    sides = [order[(at + 1) % 4], order[at - 1]]
-    if (here.x // 48 + here.z // 48) % 2:
-        sides.reverse()
-    return [*sides, order[at - 2]]

@@ -21,6 +21,9 @@ SEA_LEVEL = 63
 
 LOWEST_GROUND, HIGHEST_GROUND = 38, 106
 
+_FLAT = 0.0008
+"""The least slope of the rivers' field that is believed: on flatter ground rivers would be lakes."""
+
 SPACING = 8
 """Blocks between two points of the slow fields."""
 
@@ -64,28 +67,34 @@ class Climate:
     """Chooses between biomes of the same warmth and wetness."""
     ruggedness: Field
     river: Field
-    """0 in the middle of a river, of either sign on its two sides."""
+    """Blocks to the middle of the nearest river, about; of either sign on its two sides."""
 
 
 SHORE = 0.03
 COLD, COOL, WARM = -0.26, -0.08, 0.16
-RUGGED = 0.36
-RIVER_BED, RIVER_BANK = 0.02, 0.09
+RUGGED = 0.4
+RIVER_BED, RIVER_BANK = 5.0, 24.0
+"""Blocks from the middle of a river to where its bed ends, and to where its valley does."""
 
 
 def climate(seed: int, x: Axis, z: Axis) -> Climate:
     """The slow fields at the given places."""
 
-    def field(salt: int, scale: int, octaves: int) -> Field:
-        return fractal_noise(seed, salt, x, z, scale=scale, octaves=octaves)
+    def field(salt: int, scale: int, octaves: int, east: int = 0, south: int = 0) -> Field:
+        return fractal_noise(seed, salt, x + east, z + south, scale=scale, octaves=octaves)
+
+    # Rivers run where a field is 0; its slope turns the field's value into a distance.
+    course = field(6, 800, 3)
+    slopes = [(field(6, 800, 3, *step) - course) / np.float32(SPACING) for step in ((SPACING, 0), (0, SPACING))]
+    slope = np.sqrt(slopes[0] ** 2 + slopes[1] ** 2)
 
     return Climate(
-        land=field(1, 1100, 4) + np.float32(0.26),
-        warmth=field(2, 800, 3),
-        wetness=field(3, 640, 3),
-        variety=field(4, 420, 2),
-        ruggedness=field(5, 560, 2),
-        river=field(6, 900, 3),
+        land=field(1, 760, 4) + np.float32(0.3),
+        warmth=field(2, 640, 3),
+        wetness=field(3, 520, 3),
+        variety=field(4, 340, 2),
+        ruggedness=field(5, 480, 2),
+        river=(course / np.maximum(slope, np.float32(_FLAT))).astype(np.float32),
     )
 
 
@@ -93,7 +102,7 @@ def biomes(c: Climate) -> NDArray[np.uint8]:
     """The biome of every place. Later rules win."""
     biome = np.full(c.land.shape, Biome.PLAINS, np.uint8)
     biome[c.wetness > -0.02] = Biome.FOREST
-    biome[(c.wetness > -0.02) & (c.variety > 0.2)] = Biome.BIRCH_FOREST
+    biome[(c.wetness > -0.02) & (c.variety > 0.22)] = Biome.BIRCH_FOREST
     biome[(c.wetness > 0.06) & (c.variety < -0.22)] = Biome.ROOFED_FOREST
     warm = c.warmth > WARM
     biome[warm] = Biome.SAVANNA
@@ -107,7 +116,7 @@ def biomes(c: Climate) -> NDArray[np.uint8]:
     biome[cold & (c.wetness > 0.1)] = Biome.COLD_TAIGA
     biome[_swampiness(c) > 0.5] = Biome.SWAMPLAND
     biome[(c.ruggedness > RUGGED) & (c.land > SHORE)] = Biome.EXTREME_HILLS
-    river = np.abs(c.river) < RIVER_BED * 1.6
+    river = np.abs(c.river) < RIVER_BED + 3
     biome[river] = Biome.RIVER
     biome[river & cold] = Biome.FROZEN_RIVER
     shore = c.land < SHORE

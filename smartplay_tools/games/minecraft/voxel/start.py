@@ -18,7 +18,7 @@ from smartplay_tools.games.minecraft.voxel.climate import SHORE, SPACING, Biome,
 from smartplay_tools.games.minecraft.voxel.noise import hashed
 from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, World
 
-NEAREST_GOAL, FARTHEST_GOAL = 310, 560
+NEAREST_GOAL, FARTHEST_GOAL = 310, 460
 """Bounds of the straight distance from a start to the nearest goal biome, in blocks."""
 
 _SCALE = 2 * SPACING
