@@ -1,13 +1,14 @@
 """Every error that this package raises on purpose.
 
     SmartPlayError
+    ├── InvalidArgumentError  an argument or a budget that cannot be; also a ValueError
     ├── UnknownNameError      no game, player or tokenizer of that name; the message lists near ones
     ├── MissingExtraError     a feature whose optional dependency is not installed; the message is the remedy
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
-    └── TranscriptError       a file that is not a transcript, or not one that can be replayed here
+    └── TranscriptError       a file that is not a transcript, or not one that can be written, read or replayed
 
 What a *model* does wrong never raises: it is a `ToolResult` with `is_error`. What a *user* does wrong raises one
-sentence that names the remedy: one of the above, or a `ValueError` for a bad argument. Anything else is a bug.
+sentence that names the remedy, as one of the above. Anything else is a bug.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from collections.abc import Iterable
 
 class SmartPlayError(Exception):
     """The root of the tree above."""
+
+
+class InvalidArgumentError(SmartPlayError, ValueError):
+    """An argument that cannot be; the message says which one can."""
 
 
 class UnknownNameError(SmartPlayError, KeyError):
@@ -47,4 +52,4 @@ class PromptOverflowError(SmartPlayError):
 
 
 class TranscriptError(SmartPlayError, ValueError):
-    """A file is not a transcript that can be read or replayed."""
+    """A file that is not a transcript, or not one that can be written, read or replayed here."""

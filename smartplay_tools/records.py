@@ -1,51 +1,21 @@
-"""The plain data that everything here speaks: budgets, messages, calls, results, prompts and replies.
+"""The plain data that everything here speaks: budgets, tools, calls, results, prompts, replies and players.
 
-Chat messages are dictionaries in the shape of OpenAI's chat completions, because that is what most people can read
-and most servers take: one canonical form, and every adapter converts to it first. What travels often (`ToolCall`,
-`ToolResult`, `Prompt`) is a dataclass; what is stored and read back (`Budget`, `EpisodeResult`) is a pydantic model.
+What travels often (`ToolCall`, `ToolResult`, `Prompt`) is a dataclass; what is checked, stored and read back (`Budget`,
+`EpisodeResult`) is a pydantic model. Chat messages are dictionaries: see `smartplay_tools.messages`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, NotRequired, Protocol, Required, TypedDict, runtime_checkable
+from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from smartplay_tools.messages import Message
+
 TOOL_NAMES = ("observe", "act", "read_manual")
 """The agent's whole surface. There is no reset, seed or score tool."""
-
-
-class FunctionCall(TypedDict):
-    """Name and arguments of a tool call; the arguments are JSON text, as the model wrote it."""
-
-    name: str
-    arguments: Any
-
-
-class MessageToolCall(TypedDict, total=False):
-    """A tool call as it stands in an assistant message."""
-
-    id: str
-    type: Literal["function"]
-    function: Required[FunctionCall]
-
-
-class Message(TypedDict, total=False):
-    """One chat message.
-
-    `content` is text or a list of text parts. `provider_items` holds what a provider wants back unchanged, such as
-    reasoning items: it is recorded and counted (its visible text), and stays out of the prompt's hash.
-    """
-
-    role: Required[Literal["system", "developer", "user", "assistant", "tool"]]
-    content: Required[str | list[dict[str, Any]] | None]
-    name: NotRequired[str]
-    tool_calls: NotRequired[list[MessageToolCall]]
-    tool_call_id: NotRequired[str]
-    reasoning_content: NotRequired[str]
-    provider_items: NotRequired[list[Any]]
 
 
 Count = Annotated[int, Field(strict=True, ge=0)]
@@ -73,6 +43,16 @@ class Budget(BaseModel):
     slack: Annotated[float, Field(ge=0, le=1)] = 0.0
     """How much of the window is given up at once when it is full, so that the prompt's beginning stays the same for
     many calls and provider caches keep working. 0 shows as much as fits, always."""
+
+
+class ResolvedBudget(Budget):
+    """A budget in numbers, as an episode plays it; its words were resolved for one game and one head."""
+
+    history: Count | None
+    result_tokens: Cap | None
+    manual_tokens: Cap | None
+    """Cap on the manual, which "auto" sets apart from other results."""
+    tool_calls: Cap | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,28 +204,3 @@ class EpisodeResult(BaseModel):
     deviations: dict[str, Any]
     """What differs from the paper's protocol: name -> {"paper": ..., "played": ...}."""
     versions: dict[str, str]
-
-
-def text_of(message: Mapping[str, Any]) -> str:
-    """Return the text of a message; parts are joined. A part that is not text raises a ValueError."""
-    content = message.get("content")
-    if content is None:
-        return ""
-    if isinstance(content, str):
-        return content
-    return "".join(_text_of_part(part) for part in content)
-
-
-def _text_of_part(part: Any) -> str:
-    if isinstance(part, str):
-        return part
-    for key in ("text", "refusal"):
-        if isinstance(part.get(key), str):
-            text: str = part[key]
-            return text
-    raise ValueError(f"A message may hold text only, not a part of type {part.get('type')!r}.")
-
-
-def calls_of(message: Mapping[str, Any]) -> Sequence[MessageToolCall]:
-    """Return the tool calls of a message, in the order in which it lists them."""
-    return message.get("tool_calls") or ()

@@ -20,6 +20,8 @@ from typing import Any, ClassVar
 import gymnasium
 from gymnasium import spaces
 
+from smartplay_tools.errors import InvalidArgumentError
+
 
 @functools.cache
 def read_text(package: str, name: str) -> str:
@@ -56,15 +58,23 @@ class TextGame(gymnasium.Env[str, Any]):
         observation: the current observation, the text that `reset` or `step` returned last.
         history: how many past observations `info["history"]` holds at most; None for all.
         hash_every: how many steps lie between two state hashes of a record, a constant of the game.
+        options: the names of the keyword arguments that users of a setting may give.
+        engines: the engines that can run the game, the default first; empty where there is only one.
+        engine: the engine that runs it, one of `engines`; None where there is only one.
+        comparable: whether scores may be set against the paper's human score, which an engine may forbid.
 
     The only source of randomness is the seed of `reset`: games draw from `self.np_random` and nothing else.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 4}  # noqa: RUF012 - Gymnasium's attribute
     hash_every: ClassVar[int] = 1
+    options: ClassVar[tuple[str, ...]] = ()
+    engines: ClassVar[tuple[str, ...]] = ()
 
     actions: tuple[str, ...]
     manual: str
+    engine: str | None = None
+    comparable: bool = True
 
     def __init__(
         self,
@@ -76,9 +86,11 @@ class TextGame(gymnasium.Env[str, Any]):
     ) -> None:
         """`longest_observation` (characters) and `characters` bound the observation space truly."""
         if history is not None and history < 0:
-            raise ValueError(f"history must be 0 or more, or None for all steps, not {history}.")
+            raise InvalidArgumentError(f"history must be 0 or more, or None for all steps, not {history}.")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode must be one of {self.metadata['render_modes']}, not {render_mode!r}.")
+            raise InvalidArgumentError(
+                f"render_mode must be one of {self.metadata['render_modes']}, not {render_mode!r}."
+            )
         self.history = history
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(len(self.actions))
@@ -109,6 +121,10 @@ class TextGame(gymnasium.Env[str, Any]):
     @abstractmethod
     def _state(self) -> Any:
         """The whole state of the game's rules as JSON, or as bytes; the random stream is added by `state_hash`."""
+
+    def deviations(self) -> dict[str, Any]:
+        """What this game's options make differ from the paper: name -> {"paper": ..., "played": ...}."""
+        return {}
 
     # What every game has.
 

@@ -11,10 +11,9 @@ import re
 from dataclasses import dataclass
 from functools import cached_property
 
-from smartplay_tools.records import Message, Prompt, calls_of, text_of
-
-OBSERVATION_LEFT = "[observation left the history window]"
-"""How a result reads whose observation has left the window."""
+from smartplay_tools.messages import Message, calls_of, text_of
+from smartplay_tools.prompts import OBSERVATION_LEFT
+from smartplay_tools.records import Prompt
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,15 @@
-"""Bandit: try each machine, then pull the one with the best mean of what is visible."""
+"""Bandit: try each machine, then pull the one with the best mean of what is visible.
+
+The mean imagines one win and one loss of each machine beside what is seen, so that a good machine that loses its
+first pull is not given up for ever.
+"""
 
 from __future__ import annotations
 
 import re
 
+from smartplay_tools.messages import Message
 from smartplay_tools.players.reading import Reading, call
-from smartplay_tools.records import Message
 
 PULL = re.compile(r"You pulled slot machine (\d+), you received reward (-?\d+)\.")
 
@@ -16,11 +20,15 @@ def plays(reading: Reading) -> bool:
 
 
 def decide(reading: Reading) -> Message:
-    """Pull a machine of which nothing is visible, else the one with the best visible mean."""
+    """Pull a machine of which nothing is visible, else the one with the best mean."""
     rewards: dict[int, list[int]] = {machine: [] for machine in range(1, len(reading.actions) + 1)}
     for observation in reading.observations:
         if match := PULL.search(observation):
             rewards[int(match[1])].append(int(match[2]))
     untried = [machine for machine, received in rewards.items() if not received]
-    best = untried[0] if untried else max(rewards, key=lambda machine: sum(rewards[machine]) / len(rewards[machine]))
+    best = untried[0] if untried else max(rewards, key=lambda machine: _mean(rewards[machine]))
     return call("act", action=reading.actions[best - 1])
+
+
+def _mean(rewards: list[int]) -> float:
+    return sum(rewards) / (len(rewards) + 2)

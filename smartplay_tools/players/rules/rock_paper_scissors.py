@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
+from smartplay_tools.messages import Message
 from smartplay_tools.players.reading import Reading, call
-from smartplay_tools.records import Message
 
 ROUND = re.compile(r"the opponent chose (\w+)\.")
 SCORE = re.compile(r"\((\w+?)s? wins?, score (\d+)\)")

@@ -1,0 +1,68 @@
+"""Commands that show what there is: `games`, `manual`, `schema`."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, get_args
+
+import typer
+from rich.console import Console
+
+from smartplay_tools import tools
+from smartplay_tools.cli import options
+from smartplay_tools.cli.show import compact_table
+from smartplay_tools.episode import Episode
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.specs import GAMES, get_spec
+
+
+def games(as_json: options.Json = False) -> None:
+    """List every setting that can be played.
+
+    Example: smartplay-tools games
+    """
+    rows = [_facts(name) for name in GAMES]
+    if as_json:
+        print(json.dumps(rows, indent=2))
+        return
+    table = compact_table(*rows[0])
+    for row in rows:
+        table.add_row(*("" if value is None else f"{value}" for value in row.values()))
+    Console().print(table)
+
+
+def manual(game: options.Game, seed: options.Seed = 0) -> None:
+    """Print a game's manual, as the original prints it.
+
+    Example: smartplay-tools manual Hanoi3Disk-v0
+    """
+    environment = get_spec(game).make()
+    environment.reset(seed=seed)
+    print(environment.manual)
+
+
+def schema(
+    game: options.Game,
+    form: Annotated[str, typer.Option("--format", help="openai, responses, anthropic or json.")] = "openai",
+) -> None:
+    """Print the tool schemas of a game.
+
+    Example: smartplay-tools schema Hanoi3Disk-v0 --format anthropic
+    """
+    if form not in get_args(tools.SchemaFormat):
+        raise InvalidArgumentError(f"--format {form}: the formats are {', '.join(get_args(tools.SchemaFormat))}.")
+    with Episode(game, seed=0) as episode:
+        schemas = [tools.schema(tool, form) for tool in episode.tools]  # type: ignore[arg-type] # checked above
+    print(json.dumps(schemas, indent=2, ensure_ascii=False))
+
+
+def _facts(name: str) -> dict[str, Any]:
+    spec = GAMES[name]
+    return {
+        "id": spec.id,
+        "actions": len(spec.load().actions),
+        "history": spec.history,
+        "rollout": spec.rollout,
+        "trials": spec.trials,
+        "human": spec.human_score,
+    }

@@ -1,0 +1,75 @@
+"""Cutting a tool result to its cap, honestly: what is missing is said where it is missing.
+
+A result is cut once, when it is made, and never again. The notice is part of what the cap allows, so no cut result
+is longer than its cap by one token; where not even the notice fits, nothing is shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Count = Callable[[str], int]
+"""A text's tokens."""
+
+
+def cut_end(text: str, cap: int, count: Count) -> str:
+    """Keep the beginning of a text; the notice stands at the end."""
+    return _longest(len(text), lambda length: _with_notice(text[:length], "", text, count), cap, count)
+
+
+def cut_middle(text: str, cap: int, count: Count) -> str:
+    """Keep whole lines from both ends of a text, as many above as below; the notice stands between them."""
+    lines = text.splitlines(keepends=True)
+
+    def keep(number: int) -> str:
+        above, below = lines[: number - number // 2], lines[len(lines) - number // 2 :]
+        return _with_notice("".join(above), "".join(below), text, count)
+
+    return _longest(len(lines) - 1, keep, cap, count)
+
+
+def cut_history(history: Callable[[int], str], steps: int, current: str, cap: int, count: Count) -> str:
+    """Keep the current observation and as many of the newest past steps as fit; the notice stands on top.
+
+    `history(n)` prints the newest n past steps. If the current observation alone is too long, its end is cut.
+    """
+
+    def join(*parts: str) -> str:
+        return "\n\n".join(part for part in parts if part)
+
+    whole = join(history(steps), current)
+
+    def keep(number: int) -> str:
+        kept = join(history(number), current)
+        return join(_notice(count(whole) - count(kept)), kept)
+
+    return _longest(steps - 1, keep, cap, count, fallback=lambda: cut_end(current, cap, count))
+
+
+def _notice(missing: int) -> str:
+    return f"[{missing} tokens cut]"
+
+
+def _with_notice(above: str, below: str, whole: str, count: Count) -> str:
+    missing = count(whole) - count(above) - count(below)
+    parts = (above.rstrip("\n"), _notice(missing), below)
+    return "\n".join(part for part in parts if part)
+
+
+def _longest(
+    most: int, keep: Callable[[int], str], cap: int, count: Count, fallback: Callable[[], str] = lambda: ""
+) -> str:
+    """Return `keep(n)` for the largest n that the search finds to fit, `fallback()` if not even `keep(0)` does.
+
+    Tokens grow with the text but for a token or two where pieces meet, so bisection lands at the border or just
+    beside it; the last check is exact, and the result always fits.
+    """
+    low, high = 0, max(most, 0)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if count(keep(middle)) <= cap:
+            low = middle
+        else:
+            high = middle - 1
+    kept = keep(low)
+    return kept if count(kept) <= cap else fallback()

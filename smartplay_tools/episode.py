@@ -1,0 +1,278 @@
+"""Episode: one playthrough of one game behind one door, `call`.
+
+Whatever a model sends goes through that door and is answered: an action is played, a mistake is told and counted, and
+nothing is repaired or guessed. `call` never raises for anything that JSON or text can express. A call's journey:
+
+    lock -> answered before? -> over? -> `Tools.parse` -> the game's step -> cut to its cap -> transcript -> result
+
+There is no reset, seed or score tool: what an agent may do and what its harness may do are different surfaces.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import operator
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self, get_args
+
+from smartplay_tools import prompts
+from smartplay_tools.arguments import as_text, canonical
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.games.base import TextGame
+from smartplay_tools.playthrough import ContextOwner, ManualMode, Playthrough
+from smartplay_tools.records import Budget, EndReason, EpisodeResult, ToolCall, ToolResult, ToolSpec
+from smartplay_tools.specs import GameSpec, get_spec
+from smartplay_tools.tally import versions
+from smartplay_tools.tokens import TokenCounter, Tokenizer
+from smartplay_tools.transcript import Event, Transcript
+
+BatchPolicy = Literal["all", "first_act"]
+
+REMEMBERED_CALLS = 64
+"""How many answered idempotency keys are kept: more than any transport has in flight."""
+
+
+class Episode:
+    """One playthrough of a setting.
+
+    Arguments:
+        game: the id of a setting in `GAMES`, or a `GameSpec` of your own.
+        seed: the only source of the game's randomness.
+        budget: what may be seen and spent; its words are resolved to numbers at once (`Episode.budget`).
+        engine: the engine, for games that have several.
+        manual: "tool", the agent may read it; "pinned", it stands in every prompt; "none", it is withheld.
+        batch: "all" plays every `act` of a message in order; "first_act" refuses all but the first.
+        context: "window", a `Conversation` decides what the model sees; "host", somebody else's agent does.
+        tokenizer: a name or an object, see `smartplay_tools.tokens`.
+        transcript: a new file, or a list, for the record.
+        options: the game's own keyword arguments (`TextGame.options`).
+
+    Thread-safe. Parallel episodes share nothing. `with` guarantees the close.
+    """
+
+    def __init__(
+        self,
+        game: str | GameSpec,
+        *,
+        seed: int,
+        budget: Budget | None = None,
+        engine: str | None = None,
+        manual: ManualMode = "tool",
+        batch: BatchPolicy = "all",
+        context: ContextOwner = "window",
+        tokenizer: str | Tokenizer | None = None,
+        transcript: str | Path | list[Event] | None = None,
+        **options: Any,
+    ) -> None:
+        _check_choice("manual", manual, ManualMode)
+        _check_choice("batch", batch, BatchPolicy)
+        _check_choice("context", context, ContextOwner)
+        self.spec, self.seed, budget = get_spec(game), operator.index(seed), budget or Budget()
+        self.manual, self.batch, self.context, self.options = manual, batch, context, options
+        self.counter = TokenCounter(tokenizer)
+        self.game = _make_game(self.spec, budget, engine, options)
+        self.game.reset(seed=self.seed)
+        self._play = Playthrough(self.spec, self.game, budget, self.counter, manual, context)
+        self.tally = self._play.tally
+        self.budget = self._play.budget
+        """The budget in numbers."""
+        self.head = self._play.head
+        """The first messages of every prompt: system and task."""
+        self.result: EpisodeResult | None = None
+        """The result, once the episode is over."""
+        self._answered: OrderedDict[str, tuple[tuple[str, str], ToolResult]] = OrderedDict()
+        self._lock = threading.RLock()
+        self._worker: ThreadPoolExecutor | None = None
+        self._transcript = None if transcript is None else Transcript(transcript)
+        self._begun = False
+
+    # What the agent may do.
+
+    @property
+    def tools(self) -> tuple[ToolSpec, ...]:
+        """The three tools as the model is told of them."""
+        return self._play.tools.specs
+
+    def call(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
+        """Answer one call: a turn of its own. Total: a mistake is a result with `is_error`, never an exception.
+
+        `call_id` is the transport's idempotency key: the same key with the same call gives the recorded result again
+        (`data["replayed"]`), counted nowhere; with another call it gives an error. The last 64 keys are kept.
+        """
+        return self.call_batch([ToolCall(name, arguments, call_id)])[0]
+
+    def call_batch(self, calls: Sequence[ToolCall | None]) -> list[ToolResult]:
+        """Answer the calls of one assistant message in their order; None stands for a call to somebody else's tool."""
+        with self._lock:
+            self.begin()
+            turn, is_turn, acted = self.tally.turns, not calls, False
+            results = []
+            for position, call in enumerate(calls):
+                if call is None:
+                    is_turn = True
+                    continue
+                result = self._recall(call)
+                if result is None:
+                    is_turn = True
+                    result = self._play.answer(call, may_act=not acted or self.batch == "all")
+                    self._remember(call, result)
+                    self._log_call(turn, position, call, result)
+                acted = acted or call.name == "act"
+                results.append(result)
+            self.tally.turns += is_turn
+            self._finish_if_over()
+            return results
+
+    async def acall(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
+        """Answer one call in the episode's own worker thread, first in, first out."""
+        if self.done:
+            return self.call(name, arguments, call_id)
+        with self._lock:
+            if self._worker is None:
+                self._worker = ThreadPoolExecutor(1, thread_name_prefix="episode")
+        return await asyncio.get_running_loop().run_in_executor(self._worker, self.call, name, arguments, call_id)
+
+    def functions(self) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
+        """Return the tools as plain annotated, documented functions: observe, act, read_manual."""
+
+        def observe() -> str:
+            return self.call("observe").text
+
+        def act(action: str) -> str:
+            return self.call("act", {"action": action}).text
+
+        def read_manual() -> str:
+            return self.call("read_manual").text
+
+        for function, tool in zip((observe, act, read_manual), self.tools, strict=True):
+            arguments = [f"    {name}: {p['description']}" for name, p in tool.parameters["properties"].items()]
+            function.__doc__ = "\n".join([tool.description, *(["\nArgs:", *arguments] if arguments else [])])
+        return observe, act, read_manual
+
+    # What the harness may do.
+
+    @property
+    def end_reason(self) -> EndReason | None:
+        """Why the episode is over; None while it runs."""
+        return self._play.end_reason
+
+    @property
+    def done(self) -> bool:
+        """Whether the episode is over."""
+        return self._play.end_reason is not None
+
+    @property
+    def recording(self) -> bool:
+        """Whether there is a transcript."""
+        return self._transcript is not None
+
+    def log(self, event: str, **fields: Any) -> None:
+        """Append an event to the transcript, if there is one."""
+        if self._transcript is not None:
+            self._transcript.append(event, **fields)
+
+    def begin(self, *, player: str | None = None, protocol: str = "tools") -> None:
+        """Write the record's first event, with the player's name; the first call does it if nobody else did."""
+        if self._begun:
+            return
+        self._begun = True
+        facts = {"game": self.spec.id, "seed": self.seed, "engine": self.game.engine, "options": self.options}
+        rules = {"manual": self.manual, "batch": self.batch, "context": self.context, "protocol": protocol}
+        names = {"player": player, "tokenizer": self.counter.tokenizer.name, "prompts": prompts.VERSION}
+        self.log("start", **facts, **rules, **names, budget=self.budget.model_dump(), versions=versions())
+
+    def end(self, reason: EndReason, error: BaseException | None = None) -> None:
+        """End the episode, unless it is over; an error goes into the record with its traceback."""
+        with self._lock:
+            self.begin()
+            self._play.end(reason, error)
+            self._finish_if_over()
+
+    def close(self) -> None:
+        """End the episode as `closed` if it is still running, and release what it holds. May be called twice."""
+        with self._lock:
+            self.end("closed")
+            if self._transcript is not None:
+                self._transcript.close()
+            if self._worker is not None:
+                self._worker.shutdown(wait=False)
+            self.game.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _recall(self, call: ToolCall) -> ToolResult | None:
+        """The recorded answer to a call whose key was seen before."""
+        if not call.call_id or call.call_id not in self._answered:
+            return None
+        asked, result = self._answered[call.call_id]
+        if asked == (call.name, canonical(call.arguments)):
+            return replace(result, data={**result.data, "replayed": True})
+        return self._play.refuse("This call id was used for another call; send a new one.")
+
+    def _remember(self, call: ToolCall, result: ToolResult) -> None:
+        if call.call_id:
+            self._answered[call.call_id] = ((call.name, canonical(call.arguments)), result)
+            if len(self._answered) > REMEMBERED_CALLS:
+                self._answered.popitem(last=False)
+
+    def _log_call(self, turn: int, position: int, call: ToolCall, result: ToolResult) -> None:
+        if self._transcript is not None:
+            sent = {"name": call.name, "arguments": as_text(call.arguments)}
+            answer = {"text": result.text, "is_error": result.is_error, "done": result.done, "data": dict(result.data)}
+            self.log("call", turn=turn, position=position, **sent, **answer)
+
+    def _finish_if_over(self) -> None:
+        reason = self.end_reason
+        if reason is None or self.result is not None:
+            return
+        deviations = self.game.deviations()
+        if self.budget.history != self.spec.history:
+            deviations = {"history": {"paper": self.spec.history, "played": self.budget.history}, **deviations}
+        self.result = EpisodeResult(
+            game=self.spec.id,
+            engine=self.game.engine,
+            seed=self.seed,
+            score=self.game.score,
+            normalized_score=self.spec.normalize(self.game.score) if self.game.comparable else None,
+            completed=self.game.completed,
+            end_reason=reason,
+            error=self._play.error,
+            # A game that has failed may not be able to say in which state.
+            state_hash="" if reason == "game_error" else self.game.state_hash(),
+            context=self.context,
+            deviations=deviations,
+            versions=versions(),
+            **self.tally.counts(),
+        )
+        self.log("end", result=self.result.model_dump(), traceback=self._play.traceback)
+
+
+def _make_game(spec: GameSpec, asked: Budget, engine: str | None, options: dict[str, Any]) -> TextGame:
+    game = spec.load()
+    if unknown := options.keys() - set(game.options):
+        known = ", ".join(game.options) or "none"
+        raise InvalidArgumentError(f"{spec.id} has no option {', '.join(sorted(unknown))}; its options: {known}.")
+    if engine is not None:
+        if engine not in game.engines:
+            raise InvalidArgumentError(
+                f"{spec.id} has no engine {engine!r}; its engines: {', '.join(game.engines) or 'only one'}."
+            )
+        options = {**options, "engine": engine}
+    return spec.make(**options, history=spec.history if asked.history == "game" else asked.history)
+
+
+def _check_choice(name: str, value: str, choices: Any) -> None:
+    if value not in get_args(choices):
+        raise InvalidArgumentError(f"{name} must be one of {', '.join(get_args(choices))}, not {value!r}.")

@@ -1,0 +1,22 @@
+"""The random player: a legal action, drawn anew at every prompt. The floor that every other player is above."""
+
+from __future__ import annotations
+
+import random
+
+from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.records import Prompt, Reply
+
+
+class RandomPlayer:
+    """Plays any legal action with equal probability, from its own seeded generator."""
+
+    name = "random"
+
+    def __init__(self, *, seed: int = 0) -> None:
+        # String seeds are hashed by a fixed algorithm, and keep this stream apart from the game's.
+        self._random = random.Random(f"random player {seed}")
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Act."""
+        return Reply(call("act", action=self._random.choice(Reading(prompt).actions)))

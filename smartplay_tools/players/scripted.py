@@ -1,0 +1,24 @@
+"""The scripted player: says what it was told to say. For tests of your own, and for demonstrations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from smartplay_tools.messages import Message
+from smartplay_tools.records import Prompt, Reply, Usage
+
+
+class ScriptedPlayer:
+    """Replies with the given messages in order, and keeps the prompts that it was given in `prompts`."""
+
+    name = "scripted"
+
+    def __init__(self, messages: Iterable[Message], usage: Usage | None = None) -> None:
+        self._messages = iter(messages)
+        self._usage = usage
+        self.prompts: list[Prompt] = []
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Say the next message; when there is none left, a StopIteration tells so."""
+        self.prompts.append(prompt)
+        return Reply(next(self._messages), self._usage)

@@ -1,0 +1,41 @@
+"""The words around the games: what this library, not the benchmark, says to a model.
+
+They are data files in a folder for each version, and a record names its version: a changed word is a changed
+benchmark. The first sentence of the system text is the original's (with its typographic apostrophe); the rest tells
+what is true of tools and windows, and gives no advice on any game.
+"""
+
+from __future__ import annotations
+
+import functools
+from importlib import resources
+
+from smartplay_tools.messages import Message
+
+VERSION = "v1"
+"""The version in use; it stands in every transcript."""
+
+OBSERVATION_LEFT = "[observation left the history window]"
+"""What a result reads once its observation is older than the history limit."""
+
+MANUAL_IS_ABOVE = "The manual stands at the end of the system message."
+"""What a `read_manual` result reads where the manual itself is in the head."""
+
+NO_MANUAL = "There is no manual for this game."
+"""What `read_manual` answers where the manual is withheld."""
+
+GAME_IS_OVER = "The game is over."
+"""The last line of the result that ends a game."""
+
+
+@functools.cache
+def text(name: str) -> str:
+    """Return one of the texts: "system", "task" or "idle"."""
+    file = resources.files(__package__).joinpath(VERSION, f"{name}.txt")
+    return file.read_text(encoding="utf-8").removesuffix("\n")
+
+
+def head(manual: str | None = None) -> list[Message]:
+    """Return the first messages of every prompt: system and task; a manual ends the system message."""
+    system = text("system") if manual is None else f"{text('system')}\n\n{manual}"
+    return [{"role": "system", "content": system}, {"role": "user", "content": text("task")}]

@@ -1,0 +1,146 @@
+"""What every game promises. A setting is tested the moment it is listed in GAMES."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import re
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import smartplay_tools as sp
+from smartplay_tools.games.base import TextGame
+from smartplay_tools.tools import Tools
+
+LONGEST_WALK = 200
+
+
+@pytest.fixture(params=sp.GAMES)
+def spec(request: pytest.FixtureRequest) -> sp.GameSpec:
+    return sp.GAMES[request.param]
+
+
+@pytest.fixture
+def game(spec: sp.GameSpec) -> TextGame:
+    game = spec.make()
+    game.reset(seed=5)
+    return game
+
+
+def random_walk(game: TextGame, steps: int, seed: int = 0) -> list[tuple]:
+    """Play random actions; return what each step gave, and the state hash after it."""
+    rng = np.random.default_rng(seed)
+    seen = []
+    for _ in range(steps):
+        observation, reward, terminated, truncated, info = game.step(int(rng.integers(len(game.actions))))
+        seen.append((observation, reward, terminated, truncated, info, game.state_hash()))
+        if terminated or truncated:
+            break
+    return seen
+
+
+def test_it_is_a_clean_gymnasium_environment(spec):
+    environment = gymnasium.make(f"smartplay/{spec.id}")
+    check_env(environment.unwrapped)
+
+
+def test_gymnasium_truncates_it_at_the_papers_rollout(spec):
+    environment = gymnasium.make(f"smartplay/{spec.id}")
+    assert environment.spec.max_episode_steps == spec.rollout
+
+
+def test_info_is_the_originals(game):
+    observation, info = game.reset(seed=1)
+    assert info == {"obs": observation, "manual": game.manual, "history": "", "score": 0, "completed": 0}
+    following, *_, info = game.step(0)
+    assert list(info) == ["obs", "manual", "history", "score", "completed"]
+    assert info["obs"] == following == game.observation == game.render()
+    assert info["history"] == (
+        f"Most recent 1 steps of the player's in-game observation:\n\nPlayer Observation Step 0:\n{observation}"
+    )
+
+
+def test_history_holds_at_most_the_papers_number_of_steps(spec):
+    game = spec.make(history=2)
+    first, _ = game.reset(seed=3)
+    observations = [first] + [step[0] for step in random_walk(game, 4)]
+    if len(observations) == 5:  # short games end before the history is full
+        assert game.recent() == (
+            "Most recent 2 steps of the player's in-game observation:\n\n"
+            f"Player Observation Step 2:\n{observations[2]}\n\nPlayer Observation Step 3:\n{observations[3]}"
+        )
+        assert game.recent(0) == ""
+
+
+def test_a_seed_and_the_actions_decide_everything(spec):
+    one, other = spec.make(), spec.make()
+    assert one.reset(seed=9) == other.reset(seed=9)
+    assert one.state_hash() == other.state_hash()
+    assert random_walk(one, 40) == random_walk(other, 40)
+
+
+def test_another_seed_is_another_episode(spec):
+    hashes = set()
+    game = spec.make()
+    for seed in range(8):
+        game.reset(seed=seed)
+        hashes.add(game.state_hash())
+    assert len(hashes) == 8
+
+
+def test_a_copy_and_a_pickle_go_on_alike(game):
+    random_walk(game, 3)
+    twins = [copy.deepcopy(game), pickle.loads(pickle.dumps(game))]
+    walk = random_walk(game, 20, seed=1)
+    assert [random_walk(twin, 20, seed=1) for twin in twins] == [walk, walk]
+
+
+def test_every_text_is_within_the_observation_space(game, spec):
+    assert game.observation in game.observation_space
+    for observation, *_ in random_walk(game, min(spec.rollout, LONGEST_WALK)):
+        assert observation in game.observation_space
+
+
+def test_the_state_hash_is_128_bits_and_changes_with_play(game):
+    before = game.state_hash()
+    assert re.fullmatch("[0-9a-f]{32}", before)
+    assert game.state_hash() == before
+    game.step(0)
+    assert game.state_hash() != before
+
+
+def test_every_number_in_the_manual_is_the_action_that_it_names(game):
+    tools = Tools(game)
+    for number, name in enumerate(game.numbered_actions, start=1):
+        assert f"\n{number}. {name}" in game.manual
+        for sent in (f"{number}", f"{number}.", f" {number}. {name} ", name.upper(), f"{name.removesuffix('.')}."):
+            action = tools.parse("act", {"action": sent}).action
+            assert game.actions[action] == name, sent
+
+
+def test_the_tool_lists_the_actions_as_the_manual_numbers_them(game):
+    act = Tools(game).specs[1]
+    assert all(f"\n{n}. {name}" in act.description for n, name in enumerate(game.numbered_actions, start=1))
+
+
+def test_random_play_through_the_tools_ends_by_the_game(spec):
+    if spec.rollout > 1_000:
+        spec = sp.GameSpec(**{**vars(spec), "rollout": 300})
+    with sp.Episode(spec, seed=2) as episode:
+        result = sp.play(episode, sp.get_player("random", seed=2))
+    assert result.end_reason in ("terminated", "rollout")
+    assert result.steps <= spec.rollout
+    assert result.illegal_actions == result.malformed_calls == 0
+
+
+@pytest.mark.parametrize("family", {spec.family: name for name, spec in sp.GAMES.items()}.values())
+def test_an_unknown_option_is_refused_in_one_sentence(family):
+    with pytest.raises(sp.InvalidArgumentError, match="has no option colour"):
+        sp.Episode(family, seed=0, colour="red")
+
+
+def test_the_module_prefix_registers_on_its_own():
+    assert isinstance(gymnasium.make("smartplay_tools:smartplay/Hanoi3Disk-v0").unwrapped, TextGame)

@@ -1,0 +1,129 @@
+"""The shape of the project: layers, imports, the public surface, and that it speaks of itself only."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import smartplay_tools as sp
+
+PACKAGE = Path(sp.__file__).parent
+ROOT = Path(__file__).parents[1]
+
+LAYERS = (
+    "errors",
+    "arguments",
+    "messages",
+    "tokens",
+    "specs",
+    "records",
+    "prompts",
+    "games",
+    "tools",
+    "cutting",
+    "budgets",
+    "tally",
+    "transcript",
+    "turns",
+    "playthrough",
+    "episode",
+    "ledger",
+    "context",
+    "conversation",
+    "playing",
+    "rebuild",
+    "replay",
+    "players",
+    "evaluation",
+    "cli",
+)
+"""Lowest first. An import never points up."""
+
+
+def modules() -> list[Path]:
+    return [path for path in sorted(PACKAGE.rglob("*.py")) if path.parent != PACKAGE or not path.stem.startswith("__")]
+
+
+def imported(tree: ast.AST) -> set[str]:
+    """The modules of this package that a module imports, those for type checkers only left out."""
+    guarded = {
+        id(node)
+        for branch in ast.walk(tree)
+        if isinstance(branch, ast.If) and "TYPE_CHECKING" in ast.dump(branch.test)
+        for node in ast.walk(branch)
+    }
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if (
+            isinstance(node, ast.ImportFrom)
+            and id(node) not in guarded
+            and (node.module or "").split(".")[0] == sp.__name__
+        ):
+            if node.module == sp.__name__:
+                found |= {f"{node.module}.{alias.name}" for alias in node.names}
+            else:
+                found.add(node.module)
+    return found
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_never_point_up(path):
+    layer = LAYERS.index(path.relative_to(PACKAGE).parts[0].removesuffix(".py"))
+    for module in imported(ast.parse(path.read_text(encoding="utf-8"))):
+        assert LAYERS.index(module.split(".")[1]) <= layer, f"{path.name} imports {module}"
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    script = "import sys, smartplay_tools; print([m for m in HEAVY if m in sys.modules])"
+    heavy = [
+        "crafter",
+        "scipy",
+        "PIL",
+        "tiktoken",
+        "typer",
+        "rich",
+        "openai",
+        "matplotlib",
+        "opensimplex",
+        "asyncio.base",
+    ]
+    shown = subprocess.run(
+        [sys.executable, "-c", script.replace("HEAVY", repr(heavy))], capture_output=True, text=True, check=True
+    )
+    assert shown.stdout.strip() == "[]"
+
+
+def test_the_public_surface_is_sorted_and_complete():
+    constants = [name for name in sp.__all__ if name.isupper()]
+    classes = [name for name in sp.__all__ if not name.isupper() and name[0].isupper()]
+    functions = [name for name in sp.__all__ if name.islower()]
+    assert sp.__all__ == [*sorted(constants), *sorted(classes), *sorted(functions)]
+    assert all(hasattr(sp, name) for name in sp.__all__)
+
+
+def test_every_public_name_is_documented():
+    for name in sp.__all__:
+        thing = getattr(sp, name)
+        if callable(thing):
+            assert thing.__doc__, name
+
+
+def test_every_module_says_what_it_is():
+    for path in modules():
+        assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
+
+
+def test_every_adapter_is_packaged_typed_and_an_extra():
+    if not (ROOT / "pyproject.toml").exists():
+        pytest.skip("not in a checkout")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    packages = project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    for folder in sorted((ROOT / "adapters").glob("smartplay_*")):
+        assert f"adapters/{folder.name}" in packages
+        assert (folder / "py.typed").exists()
+        assert folder.name.removeprefix("smartplay_") in project["project"]["optional-dependencies"]

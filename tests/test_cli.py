@@ -1,0 +1,117 @@
+"""The command line, as a user types it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+
+HANOI = "Hanoi3Disk-v0"
+
+
+def run(*words: str) -> Result:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def test_games_lists_every_setting():
+    shown = run("games").output
+    assert all(name in shown for name in sp.GAMES)
+    assert [row["id"] for row in json.loads(run("games", "--json").output)] == list(sp.GAMES)
+
+
+def test_manual_prints_the_manual():
+    assert run("manual", HANOI).output == sp.GAMES[HANOI].make().manual + "\n"
+
+
+@pytest.mark.parametrize("form", ["openai", "responses", "anthropic", "json"])
+def test_schema_prints_the_three_tools(form):
+    printed = json.loads(run("schema", HANOI, "--format", form).output)
+    with sp.Episode(HANOI, seed=0) as episode:
+        assert printed == [sp.schema(tool, form) for tool in episode.tools]
+
+
+def test_play_shows_the_game_and_its_result(tmp_path):
+    path = tmp_path / "play.jsonl"
+    result = run("play", HANOI, "--seed", 7, "--prompt-tokens", 600, "--transcript", path)
+    assert result.exit_code == 0
+    assert "prompt 590/600 tokens" in result.output
+    assert "turns dropped" in result.output
+    assert "100% of the human score" in result.output
+    assert run("replay", path).exit_code == 0
+
+
+def test_play_prints_json_for_machines():
+    printed = run("play", HANOI, "--player", "random", "--json").output
+    assert sp.EpisodeResult.model_validate_json(printed).game == HANOI
+
+
+def test_play_takes_every_episode_option():
+    options = {
+        "--history": "2",
+        "--prompt-tokens": "2000",
+        "--reply-tokens": "100",
+        "--episode-tokens": "none",
+        "--result-tokens": "auto",
+        "--tool-calls": "50",
+        "--slack": "0.5",
+        "--manual": "pinned",
+        "--batch": "first_act",
+        "--tokenizer": "approximate",
+    }
+    words = [word for pair in options.items() for word in pair]
+    result = sp.EpisodeResult.model_validate_json(run("play", HANOI, "--json", *words).output)
+    assert result.deviations == {"history": {"paper": 30, "played": 2}}
+    assert result.completed
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["play", "Hanoi3Disc-v0"], "did you mean Hanoi3Disk-v0"),
+        (["play", HANOI, "--player", "rul"], "did you mean rule"),
+        (["play", HANOI, "--slack", "2"], "--slack 2.0"),
+        (["play", HANOI, "--history", "few"], "--history few"),
+        (["play", HANOI, "--prompt-tokens", "60"], "cannot hold the head"),
+        (["play", HANOI, "--option", "colour"], "write it as KEY=VALUE"),
+        (["play", HANOI, "--option", "colour=red"], "has no option colour"),
+        (["play", HANOI, "--engine", "warp"], "has no engine 'warp'"),
+        (["play", HANOI, "--tokenizer", "o200"], "no tokenizer 'o200'"),
+        (["schema", HANOI, "--format", "xml"], "the formats are openai"),
+        (["replay", "no-such-file.jsonl"], "There is no file"),
+    ],
+)
+def test_what_a_user_gets_wrong_is_one_sentence_and_exit_code_2(words, sentence):
+    result = run(*words)
+    assert result.exit_code == 2
+    assert sentence in result.stderr
+    assert result.stderr.startswith("smartplay-tools: ")
+    assert result.stderr.count("\n") == 1
+
+
+def test_replay_tells_the_first_difference_and_fails(tmp_path):
+    path = tmp_path / "play.jsonl"
+    run("play", HANOI, "--transcript", path, "--quiet")
+    path.write_text(path.read_text().replace("[2, 1], top", "[2, 0], top", 1))
+    result = run("replay", path)
+    assert result.exit_code == 1
+    assert "differs: Event" in result.stderr
+    assert json.loads(run("replay", path, "--json").output)["differences"]
+
+
+def test_demo_plays_trims_and_verifies(tmp_path):
+    result = run("demo", "--out", tmp_path)
+    assert result.exit_code == 0
+    assert result.output.count("identical") == 3
+    assert len(list(tmp_path.glob("*.jsonl"))) == 3
+
+
+@pytest.mark.parametrize("command", ["games", "manual", "schema", "play", "replay", "demo"])
+def test_every_command_has_help_with_an_example(command):
+    assert f"Example: smartplay-tools {command}" in " ".join(run(command, "--help").output.split())

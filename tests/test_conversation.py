@@ -1,0 +1,262 @@
+"""Conversations, by example: what is sent, what comes back, and every way in which an episode ends."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+import smartplay_tools as sp
+
+RPS, HANOI = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
+
+
+def calling(*calls: tuple[str, str], say: str | None = None) -> sp.Message:
+    """An assistant message with tool calls, all of them with the same id, as some models send them."""
+    functions = [{"name": name, "arguments": arguments} for name, arguments in calls]
+    tool_calls = [{"id": "call_0", "type": "function", "function": function} for function in functions]
+    return {"role": "assistant", "content": say, "tool_calls": tool_calls}
+
+
+def acting(action: str = "Rock", say: str | None = None) -> sp.Message:
+    return calling(("act", f'{{"action": "{action}"}}'), say=say)
+
+
+def saying(words: str) -> sp.Message:
+    return {"role": "assistant", "content": words}
+
+
+def test_the_first_prompt_is_system_and_task_and_shows_no_observation():
+    conversation = sp.Conversation(sp.Episode(RPS, seed=1))
+    prompt = conversation.prompt()
+    assert [message["role"] for message in prompt.messages] == ["system", "user"]
+    assert prompt.messages[0]["content"].startswith("You’re a player trying to play the game.")
+    assert [tool.name for tool in prompt.tools] == ["observe", "act", "read_manual"]
+    assert "New round begins." not in str(prompt.messages)
+
+
+def test_a_reply_becomes_a_turn_with_its_results():
+    conversation = sp.Conversation(sp.Episode(RPS, seed=1))
+    (result,) = conversation.receive(acting(say="Rock it is."))
+    *_, assistant, tool = conversation.prompt().messages
+    assert assistant == acting(say="Rock it is.")
+    assert tool == {"role": "tool", "content": result.text, "tool_call_id": "call_0"}
+
+
+def test_asking_twice_gives_the_same_prompt_and_editing_it_changes_nothing():
+    conversation = sp.Conversation(sp.Episode(RPS, seed=1))
+    conversation.receive(acting())
+    first = conversation.prompt()
+    for message in first.messages:
+        message["content"] = "edited"
+        for call in message.get("tool_calls", []):
+            call["function"]["name"] = "edited"
+    first.messages.clear()
+    assert conversation.prompt() == conversation.prompt()
+    assert "edited" not in str(conversation.prompt().messages)
+
+
+def test_the_manual_moves_into_the_system_message_once_read():
+    conversation = sp.Conversation(sp.Episode(RPS, seed=1))
+    conversation.receive(calling(("read_manual", "")))
+    system, *_, result = conversation.prompt().messages
+    assert system["content"].endswith(f"\n\n{conversation.episode.game.manual}")
+    assert result["content"] == "The manual stands at the end of the system message."
+
+
+def test_old_observations_are_marked_and_old_turns_dropped():
+    conversation = sp.Conversation(sp.Episode(RPS, seed=1, budget=sp.Budget(history=1)))
+    conversation.receive(calling(("act", '{"action": "1"}'), ("act", '{"action": "2"}'), ("act", '{"action": "3"}')))
+    results = [message["content"] for message in conversation.prompt().messages if message["role"] == "tool"]
+    assert results[0] == "[observation left the history window]"
+    assert results[1].startswith("You chose Paper")
+    assert results[2].startswith("You chose Scissor")
+    conversation.receive(acting())
+    conversation.receive(acting())
+    conversation.prompt()
+    assert (conversation.view.dropped_turns, conversation.view.shown_steps) == (1, 2)
+
+
+class TestEnds:
+    def test_terminated(self):
+        with sp.Episode(HANOI, seed=0) as episode:
+            result = sp.play(episode, sp.get_player("rule"))
+        assert (result.end_reason, result.score, result.completed, result.normalized_score) == (
+            "terminated",
+            3,
+            True,
+            1,
+        )
+
+    def test_rollout(self):
+        with sp.Episode(RPS, seed=0) as episode:
+            result = sp.play(episode, sp.get_player("rule"))
+        assert (result.end_reason, result.steps) == ("rollout", 50)
+
+    def test_tool_calls(self):
+        with sp.Episode(RPS, seed=0, budget=sp.Budget(tool_calls=3)) as episode:
+            result = sp.play(episode, sp.ScriptedPlayer([calling(("observe", ""))] * 9))
+        assert (result.end_reason, result.tool_calls, result.turns) == ("tool_calls", 3, 3)
+
+    def test_looking_for_ever_ends_some_day(self):
+        with sp.Episode(RPS, seed=0) as episode:
+            result = sp.play(episode, sp.ScriptedPlayer([calling(("observe", ""))] * 1_000))
+        assert (result.end_reason, result.tool_calls) == ("tool_calls", 4 * 50 + 16)
+
+    def test_episode_tokens_are_never_passed(self):
+        with sp.Episode(RPS, seed=0, budget=sp.Budget(episode_tokens=2_000, reply_tokens=40)) as episode:
+            result = sp.play(episode, sp.get_player("rule"))
+        assert result.end_reason == "episode_tokens"
+        assert result.tokens.prompt + result.tokens.reply <= 2_000
+        assert result.tokens.overruns == 0
+
+    def test_prompt_tokens_when_the_newest_turn_alone_is_too_long(self):
+        with sp.Episode(RPS, seed=0, budget=sp.Budget(prompt_tokens=400)) as episode:
+            result = sp.play(episode, sp.ScriptedPlayer([acting(), acting(say="word " * 400)]))
+        assert (result.end_reason, result.turns) == ("prompt_tokens", 2)
+
+    def test_three_idle_replies_in_a_row(self):
+        player = sp.ScriptedPlayer([saying("Hm."), saying("Hm."), acting(), saying("1"), saying("2"), saying("3")])
+        with sp.Episode(RPS, seed=0) as episode:
+            result = sp.play(episode, player)
+        assert (result.end_reason, result.idle_replies, result.steps) == ("no_tool_call", 5, 1)
+        assert player.prompts[1].messages[-1]["content"].startswith("Your reply called no tool.")
+
+    def test_player_error(self, tmp_path):
+        path = tmp_path / "error.jsonl"
+        with sp.Episode(RPS, seed=0, transcript=path) as episode:
+            result = sp.play(episode, sp.ScriptedPlayer([acting()]))
+        assert (result.end_reason, result.steps) == ("player_error", 1)
+        assert result.error.startswith("StopIteration")
+        assert "Traceback" in sp.read_transcript(path)[-1]["traceback"]
+
+    def test_a_reply_that_is_no_message_is_the_players_error(self):
+        picture = {"role": "assistant", "content": [{"type": "image_url", "image_url": {"url": "x"}}]}
+        with sp.Episode(RPS, seed=0) as episode:
+            result = sp.play(episode, sp.ScriptedPlayer([picture]))
+        assert result.end_reason == "player_error"
+        assert "text only" in result.error
+
+    def test_closed(self):
+        with sp.Episode(RPS, seed=0) as episode:
+            sp.Conversation(episode).receive(acting())
+        assert episode.result.end_reason == "closed"
+
+    def test_run_budget(self):
+        with sp.Episode(RPS, seed=0) as episode:
+            conversation = sp.Conversation(episode)
+            conversation.receive(acting())
+            episode.end("run_budget")
+            assert conversation.prompt() is None
+        assert episode.result.end_reason == "run_budget"
+
+
+class TestBudgets:
+    def test_a_reply_longer_than_allowed_is_charged_in_full_and_counted(self):
+        with sp.Episode(RPS, seed=0, budget=sp.Budget(reply_tokens=30)) as episode:
+            conversation = sp.Conversation(episode)
+            assert conversation.prompt().max_tokens == 30
+            conversation.receive(acting(say="word " * 100))
+            assert episode.tally.tokens.overruns == 1
+            assert episode.tally.tokens.reply > 100
+
+    def test_max_tokens_is_what_the_episode_has_left(self):
+        budget = sp.Budget(episode_tokens=1_000)
+        with sp.Episode(RPS, seed=0, budget=budget) as episode:
+            conversation = sp.Conversation(episode)
+            first = conversation.prompt()
+            spent = conversation.view.tokens
+            assert first.max_tokens == 1_000 - spent
+            conversation.receive(acting())
+            spent += episode.tally.tokens.reply
+            second = conversation.prompt()
+            assert second.max_tokens == 1_000 - spent - conversation.view.tokens
+
+    def test_the_providers_usage_stands_beside_our_count(self):
+        usage = sp.Usage(prompt=500, reply=20, cached=400, requests=2)
+        with sp.Episode(RPS, seed=0) as episode:
+            result = sp.play(episode, sp.ScriptedPlayer([acting(), acting()], usage))
+        assert result.tokens.provider == sp.Usage(prompt=1000, reply=40, cached=800, requests=4)
+
+
+class TestForeignTools:
+    """Tools of the host's agent: counted and shown, but not ours to answer."""
+
+    search = sp.ToolSpec("search", "Search the web.", {"type": "object", "properties": {"query": {"type": "string"}}})
+
+    def test_the_host_answers_them(self):
+        with sp.Episode(RPS, seed=0) as episode:
+            conversation = sp.Conversation(episode, foreign_tools=[self.search])
+            message = calling(("search", '{"query": "odds"}'), ("act", '{"action": "1"}'))
+            message["tool_calls"][0]["id"] = "call_s"
+            assert len(conversation.receive(message)) == 1
+            with pytest.raises(sp.InvalidArgumentError, match="call_s have no result yet"):
+                conversation.prompt()
+            conversation.add({"role": "tool", "tool_call_id": "call_s", "content": "Rock is common."})
+            conversation.add({"role": "user", "content": "Go on."})
+            assert [m["role"] for m in conversation.prompt().messages[2:]] == ["assistant", "tool", "tool", "user"]
+            assert episode.tally.tool_calls == 1
+
+    def test_a_foreign_call_is_not_idle(self):
+        with sp.Episode(RPS, seed=0) as episode:
+            conversation = sp.Conversation(episode, foreign_tools=[self.search])
+            conversation.receive(calling(("search", "{}")))
+            conversation.add({"role": "tool", "tool_call_id": "call_0", "content": "Nothing."})
+            assert episode.tally.idle_replies == 0
+
+    def test_names_may_not_clash(self):
+        mine = sp.ToolSpec("act", "Mine.", {})
+        with sp.Episode(RPS, seed=0) as episode, pytest.raises(sp.InvalidArgumentError, match="rename yours"):
+            sp.Conversation(episode, foreign_tools=[mine])
+
+
+def test_what_the_host_says_first_belongs_to_every_head():
+    head = [{"role": "user", "content": "Be brief."}]
+    with sp.Episode(RPS, seed=0, budget=sp.Budget(history=0)) as episode:
+        conversation = sp.Conversation(episode, head=head)
+        for _ in range(4):
+            conversation.receive(acting())
+        assert conversation.prompt().messages[2] == head[0]
+
+
+def test_a_conversation_needs_the_window():
+    with sp.Episode(RPS, seed=0, context="host") as episode, pytest.raises(sp.InvalidArgumentError, match="window"):
+        sp.Conversation(episode)
+
+
+def test_fields_that_client_libraries_add_do_no_harm():
+    dumped = {**acting(), "refusal": None, "annotations": [], "audio": None, "function_call": None}
+    with sp.Episode(RPS, seed=0) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.receive(dumped)
+        assert conversation.latest_turn.assistant == acting()
+
+
+def test_aplay_plays_asynchronous_and_ordinary_players():
+    class Waiting:
+        name = "waiting"
+
+        def __init__(self) -> None:
+            self._player = sp.get_player("rule")
+
+        async def areply(self, prompt: sp.Prompt) -> sp.Reply:
+            await asyncio.sleep(0)
+            return self._player.reply(prompt)
+
+    async def both() -> list[sp.EpisodeResult]:
+        with sp.Episode(HANOI, seed=0) as one, sp.Episode(HANOI, seed=0) as other:
+            return await asyncio.gather(sp.aplay(one, Waiting()), sp.aplay(other, sp.get_player("rule")))
+
+    one, other = asyncio.run(both())
+    assert one == other
+    assert one.completed
+
+
+def test_an_asynchronous_player_is_sent_to_aplay():
+    class Waiting:
+        name = "waiting"
+
+        async def areply(self, prompt: sp.Prompt) -> sp.Reply: ...
+
+    with sp.Episode(HANOI, seed=0) as episode, pytest.raises(sp.InvalidArgumentError, match="aplay"):
+        sp.play(episode, Waiting())

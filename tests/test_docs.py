@@ -1,0 +1,61 @@
+"""The documentation does what it says: its Python runs, and its commands work."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from smartplay_tools.cli import app
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted(path for path in [ROOT / "README.md", *ROOT.glob("docs/**/*.md")] if path.exists())
+BLOCK = re.compile(r"^```(python|python continued|console)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
+
+
+def blocks(kind: str) -> list[tuple[Path, str]]:
+    """The blocks of one kind; a `python continued` goes on where the block before it stopped."""
+    found: list[tuple[Path, str]] = []
+    for page in PAGES:
+        for language, text in BLOCK.findall(page.read_text(encoding="utf-8")):
+            if language == f"{kind} continued":
+                found[-1] = (page, found[-1][1] + "\n" + text)
+            elif language == kind:
+                found.append((page, text))
+    return found
+
+
+def test_there_is_documentation():
+    assert PAGES[0].name == "README.md"
+    assert len(blocks("python")) >= 3
+
+
+@pytest.mark.parametrize(("page", "code"), blocks("python"), ids=lambda value: getattr(value, "name", ""))
+def test_the_python_runs_as_printed(page, code, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, page.name, "exec"), {"__name__": "__main__"})
+
+
+@pytest.mark.parametrize(("page", "commands"), blocks("console"), ids=lambda value: getattr(value, "name", ""))
+def test_the_commands_work(page, commands, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for line in commands.splitlines():
+        words = shlex.split(line, comments=True)
+        if words and words[0] == "smartplay-tools":
+            result = CliRunner().invoke(app, words[1:])
+            assert result.exit_code == 0, f"{line}: {result.output}"
+
+
+def test_every_link_leads_somewhere():
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+            if not target.startswith("http"):
+                assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_the_readme_s_example_is_ten_lines():
+    _, code = blocks("python")[0]
+    assert len(code.strip().splitlines()) <= 10

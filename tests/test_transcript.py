@@ -1,0 +1,196 @@
+"""Transcripts: what happened, what was shown, and the proof that both are true."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.rebuild import recorded_turns, sent_prompts
+from smartplay_tools.transcript import comparable
+
+GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "Hanoi3Disk-v0")
+TIGHT = sp.Budget(prompt_tokens=700, slack=0.4)
+
+
+class Listening:
+    """Hands every prompt on to another player, and keeps it."""
+
+    name = "listening"
+
+    def __init__(self, player: sp.Player) -> None:
+        self._player = player
+        self.prompts: list[sp.Prompt] = []
+
+    def reply(self, prompt: sp.Prompt) -> sp.Reply:
+        self.prompts.append(prompt)
+        return self._player.reply(prompt)
+
+
+@pytest.fixture(params=GAMES)
+def played(request, tmp_path):
+    """A transcript, and the prompts that its player was given."""
+    path, player = tmp_path / "episode.jsonl", Listening(sp.get_player("rule"))
+    with sp.Episode(request.param, seed=11, budget=TIGHT, transcript=path) as episode:
+        sp.play(episode, player)
+    return path, player.prompts
+
+
+def test_every_prompt_is_rebuilt_word_for_word(played):
+    path, prompts = played
+    rebuilt = list(sent_prompts(sp.read_transcript(path)))
+    assert [sent.prompt for sent in rebuilt] == prompts
+    assert all(sent.sha256 == sent.recorded_sha256 for sent in rebuilt)
+
+
+def test_it_replays_to_the_bit(played):
+    found = sp.replay(played[0])
+    assert found.identical, found.differences
+    assert found.result.steps > 0
+
+
+@pytest.mark.parametrize(
+    ("event", "change", "told"),
+    [
+        ("call", lambda event: event.update(text=event["text"] + " "), "text is"),
+        ("call", lambda event: event["data"].update(score=99), "data: score is"),
+        ("call", lambda event: event["data"].update(state_hash="0" * 32), "state_hash is"),
+        ("view", lambda event: event.update(tokens=event["tokens"] + 1), "tokens is"),
+        ("view", lambda event: event.update(sha256="0" * 64), "sha256"),
+        ("end", lambda event: event["result"].update(score=50.0), "result: score is"),
+        ("start", lambda event: event.update(seed=12), ""),
+    ],
+)
+def test_a_record_that_was_tampered_with_is_found_out(played, event, change, told):
+    path, _ = played
+    events = sp.read_transcript(path)
+    change(next(e for e in reversed(events) if e["event"] == event))
+    path.write_text("\n".join(map(json.dumps, events)))
+    found = sp.replay(path)
+    assert not found.identical
+    assert any(told in difference for difference in found.differences)
+
+
+def test_a_changed_message_is_found_out_by_the_prompts_hash(played):
+    path, _ = played
+    events = sp.read_transcript(path)
+    message = next(e for e in events if e["event"] == "message")
+    message["message"]["content"] = "I never said that."
+    path.write_text("\n".join(map(json.dumps, events)))
+    assert any("sha256" in difference for difference in sp.replay(path).differences)
+
+
+def test_a_torn_last_line_costs_that_line_only(played):
+    path, _ = played
+    whole = sp.read_transcript(path)
+    text = path.read_text()
+    for cut in (5, len(text) // 3, len(text) // 2):
+        path.write_text(text[:-cut])
+        events = sp.read_transcript(path)
+        assert events == whole[: len(events)]
+        found = sp.replay(path)
+        assert found.identical, found.differences
+        assert found.result is None
+
+
+def test_a_line_is_on_disk_before_the_next_thing_happens(tmp_path):
+    path = tmp_path / "running.jsonl"
+    with sp.Episode(GAMES[0], seed=1, transcript=path) as episode:
+        episode.call("act", {"action": "1"})
+        assert [event["event"] for event in sp.read_transcript(path)] == ["start", "call"]
+
+
+def test_a_record_is_never_overwritten(tmp_path):
+    path = tmp_path / "kept.jsonl"
+    sp.Episode(GAMES[0], seed=1, transcript=path).close()
+    with pytest.raises(sp.TranscriptError, match="never overwritten"):
+        sp.Episode(GAMES[0], seed=1, transcript=path)
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("", "does not begin with a start event"),
+        ("hello", "line 1 is not JSON"),
+        ("[1]\n", "line 1 is not an event"),
+        ('{"event": "call"}\n', "does not begin with a start event"),
+        ('{"event": "start"}\nbroken\n{"event": "end"}\n', "line 2 is not JSON"),
+        ('{"event": "start"}\n', "cannot be replayed"),
+    ],
+)
+def test_what_is_no_transcript_is_told_in_one_sentence(tmp_path, content, sentence):
+    path = tmp_path / "wrong.jsonl"
+    path.write_text(content)
+    with pytest.raises(sp.TranscriptError, match=sentence):
+        sp.replay(path)
+
+
+def test_a_missing_file_is_told(tmp_path):
+    with pytest.raises(sp.TranscriptError, match="There is no file"):
+        sp.replay(tmp_path / "nothing.jsonl")
+
+
+def test_whatever_a_model_writes_is_kept_as_it_was(tmp_path):
+    words = "a lone \ud800 surrogate, \u2028 a separator, \x00 a null, 愛, \r\n"
+    path = tmp_path / "odd.jsonl"
+    reply = {
+        "role": "assistant",
+        "content": words,
+        "reasoning_content": "think",
+        "provider_items": [{"type": "reasoning", "id": "r1", "summary": [{"text": "more"}]}],
+        "tool_calls": [{"id": "", "type": "function", "function": {"name": words, "arguments": words}}],
+    }
+    with sp.Episode(GAMES[0], seed=1, transcript=path) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.receive(reply)
+        conversation.prompt()
+    events = sp.read_transcript(path)
+    assert next(e["message"] for e in events if e["event"] == "message") == reply
+    assert next(e for e in events if e["event"] == "call")["arguments"] == words
+    assert recorded_turns(events)[0].assistant == reply
+    assert sp.replay(path).identical
+
+
+def test_host_transcripts_replay_too(tmp_path):
+    path = tmp_path / "host.jsonl"
+    with sp.Episode(GAMES[1], seed=3, context="host", transcript=path) as episode:
+        for name, arguments in [("observe", ""), ("act", '{"action":"1"}'), ("act", "broken"), ("observe", None)]:
+            episode.call(name, arguments)
+    events = sp.read_transcript(path)
+    assert [e["turn"] for e in events if e["event"] == "call"] == [0, 1, 2, 3]
+    assert not any(e["event"] in ("view", "message") for e in events)
+    assert sp.replay(path).identical
+
+
+def test_foreign_tools_and_host_messages_replay(tmp_path):
+    path = tmp_path / "foreign.jsonl"
+    search = sp.ToolSpec("search", "Search.", {"type": "object", "properties": {}})
+    call = {"id": "s", "type": "function", "function": {"name": "search", "arguments": "{}"}}
+    act = {"id": "a", "type": "function", "function": {"name": "act", "arguments": '{"action":"1"}'}}
+    with sp.Episode(GAMES[0], seed=1, transcript=path) as episode:
+        head = [{"role": "user", "content": "Be brief."}]
+        conversation = sp.Conversation(episode, head=head, foreign_tools=[search])
+        for _ in range(3):
+            conversation.receive({"role": "assistant", "content": None, "tool_calls": [call, act]})
+            conversation.add({"role": "tool", "tool_call_id": "s", "content": "nothing"})
+            conversation.add({"role": "user", "content": "go on"})
+            conversation.receive({"role": "assistant", "content": "idle"})
+    assert sp.replay(path).identical
+
+
+def test_two_transcripts_are_equal_whatever_the_ids_and_the_spelling():
+    def transcript(call_id: str, arguments: object, usage: sp.Usage | None) -> list:
+        events: list = []
+        function = {"name": "act", "arguments": arguments}
+        with sp.Episode(GAMES[0], seed=1, transcript=events) as episode:
+            conversation = sp.Conversation(episode)
+            call = {"id": call_id, "type": "function", "function": function}
+            conversation.receive({"role": "assistant", "content": None, "tool_calls": [call]}, usage)
+            conversation.prompt()
+        return events
+
+    one = transcript("call_1", '{"action":"1"}', None)
+    other = transcript("toolu_2", {"action": "1"}, sp.Usage(prompt=3))
+    assert comparable(one) == comparable(other)
+    assert comparable(one) != comparable(transcript("call_1", '{"action":"2"}', None))
