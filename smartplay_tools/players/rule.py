@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from smartplay_tools.players.reading import Reading
-from smartplay_tools.players.rules import bandit, hanoi, rock_paper_scissors
+from smartplay_tools.players.rules import bandit, hanoi, minecraft, rock_paper_scissors
 from smartplay_tools.records import Prompt, Reply
 
-RULES = (bandit, hanoi, rock_paper_scissors)
+RULES = (bandit, hanoi, minecraft, rock_paper_scissors)
 
 
 class RulePlayer:

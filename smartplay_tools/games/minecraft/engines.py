@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar, Protocol
 
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.minecraft.observation import Observation, TextMode
 from smartplay_tools.games.minecraft.tasks import Goal, Stride
 
@@ -51,7 +52,7 @@ ENGINES: Mapping[str, str] = MappingProxyType(
 def load_engine(name: str) -> type[Engine]:
     """Return the class of that name."""
     if name not in ENGINES:
-        raise ValueError(f"engine must be one of {', '.join(ENGINES)}, not {name!r}.")
+        raise InvalidArgumentError(f"engine must be one of {', '.join(ENGINES)}, not {name!r}.")
     module, _, attribute = ENGINES[name].partition(":")
     engine: type[Engine] = getattr(importlib.import_module(module), attribute)
     return engine

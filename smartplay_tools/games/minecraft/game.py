@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from typing import Any, get_args
 
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
-from smartplay_tools.games.minecraft.engines import Engine, load_engine
+from smartplay_tools.games.minecraft.engines import ENGINES, Engine, load_engine
 from smartplay_tools.games.minecraft.observation import Observation, TextMode
 from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, strides, turn
 from smartplay_tools.games.minecraft.text import CHARACTERS, LONGEST, describe
+
+PAPER_ENGINE = "minedojo"
+"""The engine of the paper, Minecraft itself."""
 
 
 class Minecraft(TextGame):
@@ -24,12 +28,16 @@ class Minecraft(TextGame):
 
     actions = ACTIONS
     hash_every = 100
+    options = ("text",)
+    engines = tuple(ENGINES)
 
     def __init__(self, *, task: int, engine: str = "voxel", text: TextMode | None = None, **options: Any) -> None:
         if text is not None and text not in get_args(TextMode):
-            raise ValueError(f"text must be one of {', '.join(get_args(TextMode))}, not {text!r}.")
+            raise InvalidArgumentError(f"text must be one of {', '.join(get_args(TextMode))}, not {text!r}.")
         world = load_engine(engine)
         self.engine = engine
+        # People played the real game, so only its scores may be set against theirs.
+        self.comparable = engine == PAPER_ENGINE
         self.text: TextMode = text or world.default_text
         self._goal = (PAPER_GOALS if self.text == "paper" else CORRECTED_GOALS)[task]
         self.manual = with_action_list(read_text(__package__, "manual.txt").format(goal=self._goal.name), ACTIONS)
@@ -48,6 +56,11 @@ class Minecraft(TextGame):
         self.completed = self._seen.biome in self._goal.biomes
         self.score = int(self.completed)
         return describe(self._seen, self.text, ACTIONS[action]), 0, self.completed, False
+
+    def deviations(self) -> dict[str, Any]:
+        """Engine and text, where they are not the paper's."""
+        played = {"engine": (PAPER_ENGINE, self.engine), "text": ("paper", self.text)}
+        return {name: {"paper": paper, "played": ours} for name, (paper, ours) in played.items() if ours != paper}
 
     def _state(self) -> bytes:
         return self._world.state()

@@ -12,8 +12,8 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from smartplay_tools.messages import Message
 from smartplay_tools.players.reading import Reading, call
-from smartplay_tools.records import Message
 
 HEADINGS = {"north": (0, -1), "east": (1, 0), "south": (0, 1), "west": (-1, 0)}
 """Action word to x and z; clockwise."""
@@ -62,8 +62,11 @@ ROUND = 350
 """Worlds begin near the origin of their coordinates. Who sees nothing walks this far and then in a square around it:
 straight on, the neighbourhood would soon be left behind."""
 
-STUCK = 4
+STUCK, STUCK_SWIMMING = 4, 1.5
 """Who has moved less than this during an action has met an obstacle."""
+
+SEA_LEVEL = 62.9
+"""Whose feet are lower swims, and had best go on until there is land again."""
 
 WATER_NEAR, WATER_SHARE = 30, 25
 """Blocks and percent of the screen: more water than that ahead is no brook."""
@@ -85,6 +88,7 @@ class Sight:
     """What an observation says."""
 
     x: float
+    y: float
     z: float
     facing: str
     action: str | None
@@ -114,9 +118,9 @@ def look(observation: str) -> Sight | None:
     place = PLACE.search(observation)
     if place is None:
         return None
-    x, z = float(place[1]), float(place[3])
+    x, y, z = (float(place[i]) for i in (1, 2, 3))
     took = TOOK.search(observation)
-    return Sight(x, z, place[4], took[1].lower() if took else None, tuple(_things(observation, x, z)))
+    return Sight(x, y, z, place[4], took[1].lower() if took else None, tuple(_things(observation, x, z)))
 
 
 def _things(observation: str, x: float, z: float) -> Iterator[Thing]:
@@ -140,7 +144,7 @@ def choose_heading(sights: list[Sight], clues: Mapping[str, float]) -> str:
     if ahead in blocked or ("water" not in clues and _is_water_ahead(here)):
         return next((heading for heading in (right, left) if heading not in blocked), back)
     # Back to the old heading once an obstacle has been passed.
-    if len(sights) > 2 and sights[-2].action in (right, left) and _step(sights[-3], sights[-2]) < STUCK:
+    if len(sights) > 2 and sights[-2].action in (right, left) and _is_stuck(sights[-3], sights[-2]):
         return sights[-2].action or ahead
     return _search(here, ahead, blocked | {s.action for s in sights if s.action and _is_water_ahead(s)})
 
@@ -193,13 +197,16 @@ def _weight(name: str, clues: Mapping[str, float]) -> float:
 def _blocked(sights: list[Sight]) -> set[str]:
     """Headings that, as far as one can see, led nowhere and not long ago."""
     steps = itertools.pairwise(sights)
-    return {after.action for before, after in steps if after.action and _step(before, after) < STUCK}
+    return {after.action for before, after in steps if after.action and _is_stuck(before, after)}
 
 
-def _step(before: Sight, after: Sight) -> float:
-    return abs(after.x - before.x) + abs(after.z - before.z)
+def _is_stuck(before: Sight, after: Sight) -> bool:
+    step = abs(after.x - before.x) + abs(after.z - before.z)
+    return step < (STUCK_SWIMMING if min(before.y, after.y) < SEA_LEVEL else STUCK)
 
 
 def _is_water_ahead(sight: Sight) -> bool:
+    if sight.y < SEA_LEVEL:
+        return False
     water = [thing for thing in sight.things if thing.name in ("water", "ice")]
     return sum(t.share for t in water) > WATER_SHARE and min(t.distance for t in water) < WATER_NEAR

@@ -7,6 +7,7 @@ player does. Chunks are made when they come near and overwrite those that are fa
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,14 @@ class World:
         self.biome = np.zeros((SIDE, SIDE), np.uint8)
         self.ground = np.zeros((SIDE, SIDE), np.int16)
         self._present: dict[tuple[int, int], tuple[int, int]] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the second view of the blocks, which a copy makes of its own blocks."""
+        return {name: value for name, value in vars(self).items() if name != "flat"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.flat = memoryview(self.blocks.data).cast("B")
 
     def prepare(self, x: int, z: int) -> None:
         """Make what is missing around a place."""
