@@ -141,7 +141,7 @@ def choose_heading(sights: list[Sight], clues: Mapping[str, float]) -> str:
     wanted = [heading for heading in _towards_clues(sights, clues) if heading not in blocked | {back}]
     if wanted:
         return wanted[0]
-    if ahead in blocked or ("water" not in clues and _is_water_ahead(here)):
+    if ahead in blocked or (clues.get("water", 0) <= 0 and _is_water_ahead(here)):
         return next((heading for heading in (right, left) if heading not in blocked), back)
     # Back to the old heading once an obstacle has been passed.
     if len(sights) > 2 and sights[-2].action in (right, left) and _is_stuck(sights[-3], sights[-2]):

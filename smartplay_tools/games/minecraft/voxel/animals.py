@@ -70,7 +70,7 @@ FARTHEST = 64
 
 _PASTURE = 40
 """Side of the squares of land of which some have a herd."""
-_HERDS = 0.45
+_HERDS = 0.7
 _HERD = 4
 _ROAM = 6
 """Blocks between a herd's middle and an animal's home."""

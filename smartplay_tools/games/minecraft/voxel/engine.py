@@ -24,6 +24,7 @@ from smartplay_tools.games.minecraft.voxel import animals, blocks
 from smartplay_tools.games.minecraft.voxel.rays import hit_blocks, hit_boxes
 from smartplay_tools.games.minecraft.voxel.start import make_world
 from smartplay_tools.games.minecraft.voxel.walking import EYES, Walker
+from smartplay_tools.games.minecraft.voxel.world import World
 
 
 @functools.cache
@@ -71,14 +72,14 @@ class VoxelEngine:
         """Nothing is held outside of memory."""
 
     @property
+    def world(self) -> World:
+        """The world that is played."""
+        return self._world
+
+    @property
     def position(self) -> tuple[float, float, float]:
         """The player's feet."""
         return self._player.x, self._player.y, self._player.z
-
-    @property
-    def world_seed(self) -> int:
-        """The seed of the world that is played, as the functions of `climate` take it."""
-        return self._world.seed
 
     def _biome(self) -> int:
         return self._world.biome_at(math.floor(self._player.x), math.floor(self._player.z))

@@ -41,7 +41,7 @@ class Guide:
         self._west, self._north = int(x) // SPACING * SPACING - _REACH, int(z) // SPACING * SPACING - _REACH
         size = 2 * _REACH // SPACING + 1
         xs, zs = (corner + np.arange(size) * SPACING for corner in (self._west, self._north))
-        self._time = _walking_time(engine.world_seed, xs, zs, goals)
+        self._time = _walking_time(engine.world.seed, xs, zs, goals)
         self._last: tuple[int, float, float] | None = None
         self._avoid = dict.fromkeys(range(len(_HEADINGS)), 0)
 

@@ -1,7 +1,8 @@
 """Walking: how Minecraft 1.11 moves a player, tick by tick (50 ms).
 
 Plain Python on single cells: a player touches a handful of blocks per tick. Left out are health, hunger, breath and
-ladders; a body counts as in water where its middle is.
+ladders; a body counts as in water by the cell of its knees. In water it swims up, as if the jump key were held: with
+the contract's half of the ticks it would hover at any depth, where the real game drowns it.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ class Walker:
         self.vx, self.vy, self.vz = (0.0 if abs(v) < _STANDSTILL else v for v in (self.vx, self.vy, self.vz))
         wet = self._block(self.x, self.y + 0.4, self.z) == Block.WATER
         self._jump_or_sprint(stride, wet, sine, cosine)
+        self.vy += _SWIM_UP if wet else 0.0
         slip = _SLIP_ON_ICE if SLIPPERY[self._block(self.x, self.y - 1, self.z)] else _SLIP
         drag = _WATER_DRAG if wet else slip * _AIR_DRAG if self.grounded else _AIR_DRAG
         if stride is not None:
@@ -62,9 +64,7 @@ class Walker:
             self.sprinting = False
         elif not stride.jump:
             self.sprinting = True
-        elif wet:
-            self.vy += _SWIM_UP
-        elif self.grounded:
+        elif self.grounded and not wet:
             self.vy = _JUMP
             if self.sprinting:
                 self.vx -= sine * _SPRINT_JUMP_PUSH
