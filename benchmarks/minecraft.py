@@ -1,7 +1,7 @@
-"""The embedded Minecraft world, measured: time, memory, and who finds a biome.
+"""The embedded Minecraft world, measured: time, memory, and who finds a biome. `python benchmarks/minecraft.py [N]`.
 
-`python benchmarks/minecraft.py [SEEDS]`. The guide knows the map and has 150 actions, the rule player and the random one see what a model sees and have 200.
-Times are of this machine and hold for one environment; memory is a process with one environment over one without.
+The guide knows the map and has 150 actions; the rule player and the random one see what a model sees and have 200.
+Times are processor time of this machine. Memory is what an environment adds to a process that has imported everything.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def milliseconds(times: list[float]) -> tuple[str, str, str]:
 
 
 def timed(call: Callable[[], object], times: list[float]) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     call()
-    times.append(time.perf_counter() - start)
+    times.append(time.process_time() - start)
 
 
 def speed() -> Table:
@@ -52,7 +52,7 @@ def speed() -> Table:
                 action = int(random.integers(4))
                 timed(lambda game=game, action=action: game.step(action), steps)
                 timed(lambda game=game: describe(game._seen, "corrected"), texts)
-    table = Table("", "median", "p90", "max", title="Milliseconds", title_justify="left")
+    table = Table("", "median", "p90", "max", title="Milliseconds of processor time", title_justify="left")
     table.add_row("new world and start", *milliseconds(resets))
     table.add_row("step, text included", *milliseconds(steps))
     table.add_row("of it the text", *milliseconds(texts))
@@ -60,20 +60,23 @@ def speed() -> Table:
 
 
 _PROBE = """
-import resource, numpy as np, scipy.ndimage, smartplay_tools as sp
+import numpy as np, scipy.ndimage, smartplay_tools as sp
 import smartplay_tools.games.minecraft.game, smartplay_tools.games.minecraft.voxel.engine
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+def resident():
+    with open("/proc/self/status") as status:
+        return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmRSS"))
+before = resident()
 game = sp.GAMES["MinedojoCreative5-v0"].make()
 game.reset(seed=0)
 random = np.random.default_rng(0)
 for _ in range(200):
     game.step(int(random.integers(4)))
-print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024)
+print(resident() - before)
 """
 
 
 def memory() -> float:
-    """MiB that an environment adds to a process that has everything imported, at most, over 200 steps."""
+    """MiB that an environment has added to a process after 200 steps (Linux)."""
     shown = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, text=True, check=True)
     return float(shown.stdout)
 

@@ -13,7 +13,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.games.minecraft.observation import RAY_RANGES, true_rays
 from smartplay_tools.games.minecraft.tasks import CORRECTED_GOALS, Stride
-from smartplay_tools.games.minecraft.voxel import animals
+from smartplay_tools.games.minecraft.voxel import animals, plants, start
 from smartplay_tools.games.minecraft.voxel.blocks import NAMES, SOLID, Block
 from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, Biome, biomes, climate, terrain
 from smartplay_tools.games.minecraft.voxel.guide import Guide
@@ -103,6 +103,12 @@ def test_names_in_paper_mode_are_the_games_display_names():
         "grass block",
     ]
     assert NAMES["corrected"][[Block.BIRCH_WOOD, Block.JUNGLE_LEAVES]].tolist() == ["birch wood", "jungle leaves"]
+
+
+def test_no_plant_reaches_further_than_the_margin_in_which_plants_are_known():
+    for shape in plants.SHAPES:
+        cells = np.concatenate([shape.trunk, shape.foliage])
+        assert np.abs(cells[:, [0, 2]]).max() <= plants.REACH
 
 
 # Rays.
@@ -291,6 +297,19 @@ def test_starts_are_outside_the_goal_and_a_walk_away_from_it(task):
         away.append(float(np.hypot(axis[i], axis[j]).min()))
     assert 300 <= statistics.median(away) <= 900
     assert min(away) > 250
+
+
+def test_who_cannot_climb_out_is_walled_in():
+    ground = np.full((65, 65), 64)
+    ground[20:45, 20:45] = 60
+    free = np.ones(ground.shape, bool)
+    assert start._walkable(ground, free).sum() == 25 * 25
+    ground[30, 20:24] = [61, 62, 63, 63]
+    assert start._walkable(ground, free).sum() == 25 * 25
+    ground[30, 20:24] = [63, 62, 61, 60]
+    assert start._walkable(ground, free).all()
+    free[10:55, 10] = free[10:55, 54] = free[10, 10:55] = free[54, 10:55] = False
+    assert not start._walkable(ground, free)[0].any()
 
 
 def wins(task: int, seeds: range, steps: int, player: str) -> float:

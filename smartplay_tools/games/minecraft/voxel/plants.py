@@ -93,9 +93,8 @@ def _swamp_oak(height: int) -> Shape:
 def _acacia(height: int, lean: int) -> Shape:
     bend = height - 2
     trunk = {(0 if y < bend else (y - bend + 1) * lean, y, 0): Block.ACACIA_WOOD for y in range(height)}
-    top = 2 * lean
     crown = _crown(Block.ACACIA_LEAVES, [(height, 2.6), (height + 1, 1)])
-    return _shape(trunk, {(x + top if abs(x + top) <= REACH else x, y, z): b for (x, y, z), b in crown.items()})
+    return _shape(trunk, {(x + 2 * lean, y, z): block for (x, y, z), block in crown.items()})
 
 
 def _bush(height: int) -> Shape:
@@ -130,7 +129,7 @@ _JUNGLE = _heights(_jungle_tree, 6, 7, 8, 9)
 _SPIKES = [_ice_spike(7, 1.4), _ice_spike(10, 1.8), _ice_spike(13, 2.2), _ice_spike(20, 2.6)]
 
 TREES: Mapping[Biome, tuple[float, list[Shape]]] = {
-    # How many of a biome's ground columns carry a tree, and which trees, equally often.
+    # The share of a biome's ground columns that carry a tree, and which trees, about equally often.
     Biome.PLAINS: (0.0006, _OAK),
     Biome.FOREST: (0.016, [*_OAK, *_OAK, *_BIRCH[:2]]),
     Biome.BIRCH_FOREST: (0.016, _BIRCH),
@@ -148,7 +147,7 @@ TREES: Mapping[Biome, tuple[float, list[Shape]]] = {
 }
 
 SHRUBS: Mapping[Biome, tuple[float, list[Block]]] = {
-    # The same for what fills one cell.
+    # The same for plants of one cell.
     Biome.PLAINS: (0.16, [*[Block.TALL_GRASS] * 12, Block.DANDELION, Block.POPPY]),
     Biome.FOREST: (0.05, [*[Block.TALL_GRASS] * 6, Block.DANDELION, Block.POPPY]),
     Biome.BIRCH_FOREST: (0.05, [*[Block.TALL_GRASS] * 6, Block.DANDELION, Block.POPPY]),
