@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.games.minecraft.doctor import check_engines
+from smartplay_tools.games.minecraft.engines import ENGINES
 from smartplay_tools.games.minecraft.tasks import CORRECTED_GOALS, PAPER_GOALS, TICKS, Stride, strides, turn
 
 TASKS = (0, 1, 2, 4, 5, 7, 8, 9)
@@ -96,3 +98,9 @@ def test_a_score_of_another_engine_is_not_compared_with_people():
 def test_unknown_values_are_refused_in_one_sentence(option, message):
     with pytest.raises(ValueError, match=message):
         sp.GAMES["MinedojoCreative0-v0"].make(**option)
+
+
+def test_the_doctor_plays_on_every_engine():
+    checks = check_engines()
+    assert [check.engine for check in checks] == list(ENGINES)
+    assert all(check.works and check.detail.startswith("a new world in") for check in checks)

@@ -7,5 +7,6 @@ One contract in front of interchangeable engines:
     text           those arrays in the original's words
     engines        the interface of an engine, and the table of those that exist
     game           `Minecraft`, the environment that glues them
+    doctor         which engines work on this machine
     voxel/         the embedded engine: a world of blocks in NumPy
 """
