@@ -49,6 +49,13 @@ def test_it_turns_away_from_the_sea_unless_that_is_the_goal():
     assert choose_heading(at_the_shore, CLUES["ocean"]) == "south"
 
 
+def test_it_crosses_water_that_is_all_around():
+    turns = [sight(100, 20, "south", SEA), sight(90, 20, "west", SEA), sight(90, 10, "north", SEA)]
+    assert choose_heading(turns[:2], DESERT) == "north"
+    assert choose_heading(turns, DESERT) == "north"
+    assert choose_heading([*turns[1:], sight(90, -3, "north", SEA)], DESERT) == "north"
+
+
 def test_it_goes_around_what_stops_it_and_then_on():
     stopped = sight(0, 60, "south"), sight(0, 61, "south")
     assert choose_heading(list(stopped), DESERT) == "west"

@@ -141,12 +141,23 @@ def choose_heading(sights: list[Sight], clues: Mapping[str, float]) -> str:
     wanted = [heading for heading in _towards_clues(sights, clues) if heading not in blocked | {back}]
     if wanted:
         return wanted[0]
-    if ahead in blocked or (clues.get("water", 0) <= 0 and _is_water_ahead(here)):
+    avoids_water = clues.get("water", 0) <= 0 and not _is_crossing(sights)
+    if ahead in blocked or (avoids_water and _is_water_ahead(here)):
         return next((heading for heading in (right, left) if heading not in blocked), back)
     # Back to the old heading once an obstacle has been passed.
     if len(sights) > 2 and sights[-2].action in (right, left) and _is_stuck(sights[-3], sights[-2]):
         return sights[-2].action or ahead
+    if not avoids_water and _is_water_ahead(here):
+        return ahead
     return _search(here, ahead, blocked | {s.action for s in sights if s.action and _is_water_ahead(s)})
+
+
+def _is_crossing(sights: list[Sight]) -> bool:
+    """Whether water has to be crossed: it was turned away from all around, or it is being crossed already."""
+    if len(sights) < 2:
+        return False
+    before, here = sights[-2:]
+    return len({sight.action for sight in sights}) > 2 or (before.action == here.action and _is_water_ahead(before))
 
 
 def _search(here: Sight, ahead: str, blocked: set[str]) -> str:
