@@ -65,14 +65,15 @@ def hit_boxes(
     """The nearest box, given by two corners, that each ray enters within its range (-1 for none) and how far away."""
     if not len(low):
         return np.full(len(directions), -1), ranges.copy()
+    origin = np.array(eye, np.float32)
     with np.errstate(divide="ignore", invalid="ignore"):
-        at_low = (low - np.array(eye))[None, :, :] / directions[:, None, :]
-        at_high = (high - np.array(eye))[None, :, :] / directions[:, None, :]
+        at_low = (low - origin)[None, :, :] / directions[:, None, :]
+        at_high = (high - origin)[None, :, :] / directions[:, None, :]
     # A ray in the plane of a face is 0/0: fmax and fmin leave that axis out.
     enters = np.fmax.reduce(np.fmin(at_low, at_high), axis=2)
     leaves = np.fmin.reduce(np.fmax(at_low, at_high), axis=2)
     entered = np.where((enters <= leaves) & (enters >= 0), enters, np.inf)
     nearest = entered.argmin(axis=1)
-    distances = entered[np.arange(len(directions)), nearest].astype(np.float32)
+    distances = entered[np.arange(len(directions)), nearest]
     hit = distances < ranges
     return np.where(hit, nearest, -1), np.where(hit, distances, ranges)

@@ -18,12 +18,12 @@ from smartplay_tools.games.minecraft.voxel.climate import SHORE, SPACING, Biome,
 from smartplay_tools.games.minecraft.voxel.noise import hashed
 from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, World
 
-NEAREST_GOAL, FARTHEST_GOAL = 310, 460
+NEAREST_GOAL, FARTHEST_GOAL = 310, 430
 """Bounds of the straight distance from a start to the nearest goal biome, in blocks."""
 
 _SCALE = 2 * SPACING
 """Blocks between two points of the coarse map."""
-_STARTS = 8
+_STARTS = 6
 """The map's points from the origin to the farthest start, along x and z; the map itself reaches a goal further.
 As in the real game, worlds begin near the origin of their coordinates."""
 _ROOM = 32
