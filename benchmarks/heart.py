@@ -11,6 +11,7 @@ that tokenizes what it is asked to count, and this library's, which remembers te
 
 from __future__ import annotations
 
+import dataclasses
 import statistics
 import tempfile
 import time
@@ -43,7 +44,7 @@ def microseconds(call: Callable[[], object], runs: int) -> float:
 
 def door() -> Table:
     """`Episode.call("act")` over the bare step, move by move in one loop."""
-    spec = sp.GameSpec(**{**vars(sp.GAMES[HANOI]), "rollout": 10**9})
+    spec = dataclasses.replace(sp.GAMES[HANOI], rollout=10**9)
     move = '{"action": "Move the top disk of rod B to the top of rod A"}'
     bare = spec.make()
     bare.reset(seed=0)
@@ -81,7 +82,7 @@ def conversation(turns: int) -> tuple[list[sp.Message], list[Turn]]:
         assistant: sp.Message = {
             "role": "assistant",
             "content": f"Step {n}: I move a disk.",
-            "tool_calls": [{"id": call_id, "type": "function", "function": function}],  # type: ignore[typeddict-item]
+            "tool_calls": [{"id": call_id, "type": "function", "function": function}],
         }
         text = f"You tried move {n}. Current configuration:\n- A: |bottom, [2, 1, 0], top|\n- B: |bottom, [], top|"
         result: sp.Message = {"role": "tool", "content": text, "tool_call_id": call_id}

@@ -37,10 +37,14 @@ def parse(text: str) -> dict[str, Any]:
         raise ValueError(f"are longer than {LONGEST:,} characters")
     try:
         value = json.loads(text, object_pairs_hook=_object, parse_constant=_constant)
+    except _UnreadableError:
+        raise
     except json.JSONDecodeError:
         raise ValueError("are not valid JSON") from None
     except RecursionError:
         raise ValueError("are nested too deep") from None
+    except ValueError:
+        raise ValueError("hold a number that is too long to read") from None
     if not isinstance(value, dict):
         raise ValueError("are not a JSON object")
     return value
@@ -57,12 +61,16 @@ def canonical(arguments: Any) -> str:
         return text
 
 
+class _UnreadableError(ValueError):
+    """JSON to Python's parser, but not to us."""
+
+
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     value = dict(pairs)
     if len(value) < len(pairs):
-        raise ValueError("have a key that stands twice")
+        raise _UnreadableError("have a key that stands twice")
     return value
 
 
 def _constant(name: str) -> Any:
-    raise ValueError(f"hold {name}, which is not JSON")
+    raise _UnreadableError(f"hold {name}, which is not JSON")

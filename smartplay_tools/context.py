@@ -217,6 +217,8 @@ class ContextWindow:
         if cap is None:
             return low
         pins = self._total(now, now.last)
+        if pins > cap:
+            return now.last
         room = share * (cap - pins)
         # From the newest turn back the total only grows: bisect for where it passes the room.
         return low + bisect_left(range(low, now.last), x=True, key=lambda at: self._total(now, at) - pins <= room)

@@ -7,24 +7,25 @@ Whoever owns an event loop, a framework or a network drives the same two methods
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from smartplay_tools import prompts
+from smartplay_tools import budgets, prompts
 from smartplay_tools.context import ContextWindow, View
+from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
-from smartplay_tools.messages import Message, assistant_message, calls_of, copy_of
-from smartplay_tools.records import TOOL_NAMES, EpisodeResult, Prompt, ToolCall, ToolResult, ToolSpec, Usage
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.messages import Message, calls_of
+from smartplay_tools.records import TOOL_NAMES, ToolCall, ToolResult, ToolSpec
 from smartplay_tools.transcript import message_bytes, prompt_sha256, tools_bytes
-from smartplay_tools.turns import Item, Turn, Turns
+from smartplay_tools.turns import Item, Turn, unanswered
 
 IDLE_REPLIES = 3
 """So many replies in a row without a tool call end an episode."""
 
 
-class Conversation:
+class Conversation(Dialogue):
     """An episode as a chat.
 
     Arguments:
@@ -43,102 +44,43 @@ class Conversation:
         head: Sequence[Message] = (),
         foreign_tools: Sequence[ToolSpec] = (),
     ) -> None:
-        if episode.context != "window":
-            raise InvalidArgumentError(
-                'A conversation decides what the model sees; make the episode with context="window".'
-            )
         if clash := {tool.name for tool in foreign_tools} & set(TOOL_NAMES):
             raise InvalidArgumentError(f"The game's own tools are named {', '.join(sorted(clash))}; rename yours.")
-        self.episode = episode
         self._foreign = {tool.name for tool in foreign_tools}
-        self._tools = (*episode.tools, *foreign_tools)
-        self._tools_bytes = tools_bytes(self._tools)
+        tools = (*episode.tools, *foreign_tools)
+        self._tools_bytes = tools_bytes(tools)
         head = [*episode.head, *head]
-        self._window = ContextWindow(head, self._tools, episode.budget, episode.counter)
-        self._turns = Turns()
-        self._draft: Turn | None = None
+        if episode.budget.prompt_tokens is not None:
+            budgets.check_head(episode.budget, episode.counter.prompt(head, tools))
+        self._window = ContextWindow(head, tools, episode.budget, episode.counter)
         self._step = 0
         self._manual: str | None = None
         self._idle_in_a_row = 0
-        self._view: View | None = None
-        self._pending: Prompt | None = None
-        episode.begin(player=player)
-        schemas = [{"name": t.name, "description": t.description, "parameters": t.parameters} for t in self._tools]
-        episode.log("head", messages=head, tools=schemas)
+        super().__init__(episode, protocol="tools", player=player, head=head, tools=tools)
 
-    @property
-    def turns(self) -> Turns:
-        """Every turn so far."""
-        return self._turns if self._draft is None else Turns([*self._turns, self._draft])
+    def add(self, message: Message) -> None:
+        """Put a user message, or the result of a foreign tool, after the latest reply, before the next prompt."""
+        if self._draft is None:
+            raise InvalidArgumentError(
+                "Add messages between a reply and the next prompt; earlier ones belong into `head`."
+            )
+        position = None
+        if message["role"] == "tool":
+            # Models repeat ids: of several calls with one id, results answer the first that waits.
+            call_id = message.get("tool_call_id", "")
+            position = next((at for at, waiting in self._unanswered() if waiting == call_id), None)
+            if position is None:
+                raise InvalidArgumentError(f"No call with the id {call_id!r} waits for a result.")
+        self._append(Item(message, self._step, position=position), by="host")
 
-    @property
-    def latest_turn(self) -> Turn | None:
-        """The turn of the latest reply; None before the first."""
-        return self._draft or (self._turns[-1] if self._turns else None)
+    def _next_view(self) -> View:
+        return self._window.view(self._turns)
 
-    @property
-    def view(self) -> View | None:
-        """What the latest prompt showed; None before the first."""
-        return self._view
-
-    @property
-    def result(self) -> EpisodeResult | None:
-        """The episode's result, once it is over."""
-        return self.episode.result
-
-    # What the model is sent.
-
-    def prompt(self) -> Prompt | None:
-        """Return the next prompt, or None when the episode is over; a budget that is spent ends it here.
-
-        Asked twice, it gives the same prompt twice. The messages are copies: do with them what you like.
-        """
-        if self._pending is None and not self.episode.done:
-            self._close_turn()
-            self._pending = self._next_prompt()
-        if self._pending is None or self.episode.done:
-            return None
-        return replace(self._pending, messages=[copy_of(message) for message in self._pending.messages])
-
-    def _next_prompt(self) -> Prompt | None:
-        try:
-            view = self._window.view(self._turns)
-        except PromptOverflowError:
-            self.episode.end("prompt_tokens")
-            return None
-        max_tokens = self._max_tokens(view.tokens)
-        if max_tokens is not None and max_tokens < max(1, self.episode.budget.reply_tokens or 1):
-            self.episode.end("episode_tokens")
-            return None
-        self._view = view
-        self._log_view(view, max_tokens)
-        return Prompt(view.messages, view.tools, max_tokens)
-
-    def _max_tokens(self, prompt_tokens: int) -> int | None:
-        budget, spent = self.episode.budget, self.episode.tally.tokens
-        if budget.episode_tokens is None:
-            return budget.reply_tokens
-        left = budget.episode_tokens - spent.prompt - spent.reply - prompt_tokens
-        return left if budget.reply_tokens is None else min(left, budget.reply_tokens)
-
-    def _log_view(self, view: View, max_tokens: int | None) -> None:
-        if not self.episode.recording:
-            return
+    def _shown(self, view: View) -> dict[str, Any]:
         kept = view.kept
         pinned = [] if kept.pinned is None else [[kept.pinned, kept.pinned]]
         run = [[kept.first, kept.last]] if kept.last >= 0 else []
-        self.episode.log(
-            "view",
-            turn=self.episode.tally.turns,
-            turns=pinned + run,
-            marked=view.marked_results,
-            tokens=view.tokens,
-            max_tokens=max_tokens,
-            prefix_tokens=view.prefix_tokens,
-            shown_steps=view.shown_steps,
-            dropped_turns=view.dropped_turns,
-            sha256=self._sha256(view),
-        )
+        return {"turns": pinned + run, "marked": view.marked_results, "sha256": self._sha256(view)}
 
     def _sha256(self, view: View) -> str:
         messages = [message_bytes(message, ()) for message in self._window.head(self._manual)]
@@ -146,24 +88,7 @@ class Conversation:
             messages.extend(self._turns[index].canonical_seen(view.kept.oldest))
         return prompt_sha256(messages, self._tools_bytes)
 
-    # What the model said.
-
-    def receive(self, message: Mapping[str, Any], usage: Usage | None = None) -> list[ToolResult]:
-        """Take the reply to the latest prompt: charge it, answer its calls, and return their results in order.
-
-        `message` is an assistant message in chat form; anything else is a ValueError. The provider's `usage` is
-        recorded beside our count. A reply that comes after the end is recorded, and its calls are refused.
-        """
-        assistant = assistant_message(message)
-        prompt = self.prompt()
-        self._close_turn()
-        number = self.episode.tally.turns
-        if number != len(self._turns):
-            raise InvalidArgumentError("The episode was called past its conversation, which alone may call it.")
-        self.episode.log("message", turn=number, by="player", message=assistant)
-        if prompt is not None:
-            self._charge(number, assistant, prompt, usage)
-        self._pending = None
+    def _take(self, number: int, assistant: Message) -> list[ToolResult]:
         functions = [call["function"] for call in calls_of(assistant)]
         results = self.episode.call_batch(
             [
@@ -179,29 +104,6 @@ class Conversation:
         if not functions:
             self._answer_idle_reply()
         return results
-
-    def add(self, message: Message) -> None:
-        """Put a user message, or the result of a foreign tool, after the latest reply, before the next prompt."""
-        if self._draft is None:
-            raise InvalidArgumentError(
-                "Add messages between a reply and the next prompt; earlier ones belong into `head`."
-            )
-        position = None
-        if message["role"] == "tool":
-            call_id = message.get("tool_call_id", "")
-            position = self._unanswered().get(call_id)
-            if position is None:
-                raise InvalidArgumentError(f"No call with the id {call_id!r} waits for a result.")
-        self._append(Item(message, self._step, position=position), by="host")
-
-    def _charge(self, number: int, assistant: Message, prompt: Prompt, usage: Usage | None) -> None:
-        assert self._view is not None
-        reply = self.episode.counter.message(assistant)
-        overrun = prompt.max_tokens is not None and reply > prompt.max_tokens
-        counts = {"prompt": self._view.tokens, "reply": reply, "prefix": self._view.prefix_tokens}
-        self.episode.tally.charge(**counts, overrun=overrun, usage=usage)
-        provider = None if usage is None else usage.model_dump()
-        self.episode.log("usage", turn=number, **counts, overrun=overrun, provider=provider)
 
     def _add_results(self, assistant: Message, results: list[ToolResult]) -> None:
         answers = iter(results)
@@ -232,17 +134,12 @@ class Conversation:
         if by is not None:
             self.episode.log("message", turn=self._draft.number, by=by, message=item.message)
 
-    def _unanswered(self) -> dict[str, int]:
-        """Calls of the latest reply that wait for a result: id -> position."""
-        if self._draft is None:
-            return {}
-        answered = {item.position for item in self._draft.items}
-        calls = enumerate(calls_of(self._draft.assistant))
-        return {call["id"]: position for position, call in calls if position not in answered}
+    def _unanswered(self) -> list[tuple[int, str]]:
+        """Calls of the latest reply that wait for a result: (position, id)."""
+        return [] if self._draft is None else unanswered(self._draft.assistant, self._draft.items)
 
     def _close_turn(self) -> None:
         if waiting := self._unanswered():
-            raise InvalidArgumentError(f"The foreign calls {', '.join(waiting)} have no result yet: `add` them.")
-        if self._draft is not None:
-            self._turns = self._turns.add(self._draft)
-            self._draft = None
+            ids = ", ".join(call_id for _, call_id in waiting)
+            raise InvalidArgumentError(f"The foreign calls {ids} have no result yet: `add` them.")
+        super()._close_turn()

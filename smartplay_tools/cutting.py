@@ -14,7 +14,7 @@ Count = Callable[[str], int]
 
 def cut_end(text: str, cap: int, count: Count) -> str:
     """Keep the beginning of a text; the notice stands at the end."""
-    return _longest(len(text), lambda length: _with_notice(text[:length], "", text, count), cap, count)
+    return _cut_end(text, text, cap, count)
 
 
 def cut_middle(text: str, cap: int, count: Count) -> str:
@@ -43,7 +43,12 @@ def cut_history(history: Callable[[int], str], steps: int, current: str, cap: in
         kept = join(history(number), current)
         return join(_notice(count(whole) - count(kept)), kept)
 
-    return _longest(steps - 1, keep, cap, count, fallback=lambda: cut_end(current, cap, count))
+    return _longest(steps - 1, keep, cap, count, fallback=lambda: _cut_end(current, whole, cap, count))
+
+
+def _cut_end(text: str, whole: str, cap: int, count: Count) -> str:
+    """Keep the beginning of a part of a text; the notice is about the whole."""
+    return _longest(len(text), lambda length: _with_notice(text[:length], "", whole, count), cap, count)
 
 
 def _notice(missing: int) -> str:

@@ -19,7 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, Self, get_args, get_type_hints
 
 from smartplay_tools import prompts
 from smartplay_tools.arguments import as_text, canonical
@@ -27,7 +27,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.playthrough import ContextOwner, ManualMode, Playthrough
 from smartplay_tools.records import Budget, EndReason, EpisodeResult, ToolCall, ToolResult, ToolSpec
-from smartplay_tools.specs import GameSpec, get_spec
+from smartplay_tools.specs import GAMES, GameSpec, get_spec
 from smartplay_tools.tally import versions
 from smartplay_tools.tokens import TokenCounter, Tokenizer
 from smartplay_tools.transcript import Event, Transcript
@@ -74,9 +74,10 @@ class Episode:
         _check_choice("batch", batch, BatchPolicy)
         _check_choice("context", context, ContextOwner)
         self.spec, self.seed, budget = get_spec(game), operator.index(seed), budget or Budget()
-        self.manual, self.batch, self.context, self.options = manual, batch, context, options
+        self.manual, self.batch, self.context = manual, batch, context
+        self.options = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
         self.counter = TokenCounter(tokenizer)
-        self.game = _make_game(self.spec, budget, engine, options)
+        self.game = _make_game(self.spec, budget, engine, self.options)
         self.game.reset(seed=self.seed)
         self._play = Playthrough(self.spec, self.game, budget, self.counter, manual, context)
         self.tally = self._play.tally
@@ -117,6 +118,9 @@ class Episode:
                 if call is None:
                     is_turn = True
                     continue
+                if not (isinstance(call.name, str) and isinstance(call.call_id, str | None)):
+                    # A model's JSON can hold anything where a name belongs.
+                    call = replace(call, name=as_text(call.name), call_id=as_text(call.call_id))
                 result = self._recall(call)
                 if result is None:
                     is_turn = True
@@ -152,10 +156,16 @@ class Episode:
 
         for function, tool in zip((observe, act, read_manual), self.tools, strict=True):
             arguments = [f"    {name}: {p['description']}" for name, p in tool.parameters["properties"].items()]
+            function.__annotations__ = get_type_hints(function)  # types, not their names: what frameworks look at
             function.__doc__ = "\n".join([tool.description, *(["\nArgs:", *arguments] if arguments else [])])
         return observe, act, read_manual
 
     # What the harness may do.
+
+    @property
+    def manual_text(self) -> str:
+        """The game's manual, as cut to its cap."""
+        return self._play.manual_text
 
     @property
     def end_reason(self) -> EndReason | None:
@@ -172,6 +182,10 @@ class Episode:
         """Whether there is a transcript."""
         return self._transcript is not None
 
+    def look_on(self, on_step: Callable[[TextGame], None]) -> None:
+        """Have a function called with the game after every step, to draw it, say. It must not play."""
+        self._play.on_step = on_step
+
     def log(self, event: str, **fields: Any) -> None:
         """Append an event to the transcript, if there is one."""
         if self._transcript is not None:
@@ -182,7 +196,9 @@ class Episode:
         if self._begun:
             return
         self._begun = True
-        facts = {"game": self.spec.id, "seed": self.seed, "engine": self.game.engine, "options": self.options}
+        setting = {"history": self.spec.history, "rollout": self.spec.rollout, "kwargs": dict(self.spec.kwargs)}
+        facts = {"game": self.spec.id, "setting": setting, "seed": self.seed}
+        facts |= {"engine": self.game.engine, "options": self.options}
         rules = {"manual": self.manual, "batch": self.batch, "context": self.context, "protocol": protocol}
         names = {"player": player, "tokenizer": self.counter.tokenizer.name, "prompts": prompts.VERSION}
         self.log("start", **facts, **rules, **names, budget=self.budget.model_dump(), versions=versions())
@@ -237,9 +253,6 @@ class Episode:
         reason = self.end_reason
         if reason is None or self.result is not None:
             return
-        deviations = self.game.deviations()
-        if self.budget.history != self.spec.history:
-            deviations = {"history": {"paper": self.spec.history, "played": self.budget.history}, **deviations}
         self.result = EpisodeResult(
             game=self.spec.id,
             engine=self.game.engine,
@@ -252,11 +265,21 @@ class Episode:
             # A game that has failed may not be able to say in which state.
             state_hash="" if reason == "game_error" else self.game.state_hash(),
             context=self.context,
-            deviations=deviations,
+            deviations=self._deviations(),
             versions=versions(),
             **self.tally.counts(),
         )
         self.log("end", result=self.result.model_dump(), traceback=self._play.traceback)
+
+    def _deviations(self) -> dict[str, Any]:
+        paper = GAMES.get(self.spec.id, self.spec)
+        played = {"history": self.budget.history, "rollout": self.spec.rollout}
+        changed = {
+            name: {"paper": getattr(paper, name), "played": value}
+            for name, value in played.items()
+            if value != getattr(paper, name)
+        }
+        return {**changed, **self.game.deviations()}
 
 
 def _make_game(spec: GameSpec, asked: Budget, engine: str | None, options: dict[str, Any]) -> TextGame:

@@ -1,34 +1,44 @@
-"""play and aplay: the loop between a player and a conversation, ten lines each."""
+"""play and aplay: the loop between a player and a dialogue, ten lines each."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from typing import Literal
 
 from smartplay_tools.conversation import Conversation
+from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import assistant_message
-from smartplay_tools.records import AsyncPlayer, EpisodeResult, Player, Reply
+from smartplay_tools.paper_protocol import PaperConversation
+from smartplay_tools.records import AsyncPlayer, EpisodeResult, Player, Reply, Usage
 
-OnTurn = Callable[[Conversation], None]
+ProtocolName = Literal["tools", "paper"]
+
+PROTOCOLS: dict[str, Callable[..., Dialogue]] = {"tools": Conversation, "paper": PaperConversation}
+"""How a model plays: through tool calls, or in the paper's free text (`smartplay_tools.paper_protocol`)."""
+
+OnTurn = Callable[[Dialogue], None]
 """Called after every reply, to look on."""
 
 
-def play(episode: Episode, player: Player, *, on_turn: OnTurn | None = None) -> EpisodeResult:
+def play(
+    episode: Episode, player: Player, *, protocol: ProtocolName = "tools", on_turn: OnTurn | None = None
+) -> EpisodeResult:
     """Have a player play an episode to its end and return the result.
 
     An exception of the player ends the episode as `player_error`; it is in the record, with its traceback, and its
-    message in `EpisodeResult.error`.
+    message in `EpisodeResult.error`. What it cost is counted if the exception says so (`usage`).
     """
     if not isinstance(player, Player):
         raise InvalidArgumentError(f"{player!r} cannot `reply`; drive an asynchronous player with `aplay`.")
-    conversation = Conversation(episode, player=player.name)
+    conversation = converse(episode, player.name, protocol)
     while (prompt := conversation.prompt()) is not None:
         try:
             reply = _checked(player.reply(prompt))
         except Exception as error:
-            episode.end("player_error", error)
+            _fail(conversation, error)
             break
         conversation.receive(reply.message, reply.usage)
         if on_turn is not None:
@@ -36,9 +46,11 @@ def play(episode: Episode, player: Player, *, on_turn: OnTurn | None = None) -> 
     return _result(conversation)
 
 
-async def aplay(episode: Episode, player: AsyncPlayer | Player, *, on_turn: OnTurn | None = None) -> EpisodeResult:
+async def aplay(
+    episode: Episode, player: AsyncPlayer | Player, *, protocol: ProtocolName = "tools", on_turn: OnTurn | None = None
+) -> EpisodeResult:
     """Do the same on an event loop; the game's steps, and a player that is not asynchronous, run in threads."""
-    conversation = Conversation(episode, player=player.name)
+    conversation = converse(episode, player.name, protocol)
     while (prompt := await asyncio.to_thread(conversation.prompt)) is not None:
         try:
             if isinstance(player, AsyncPlayer):
@@ -46,7 +58,7 @@ async def aplay(episode: Episode, player: AsyncPlayer | Player, *, on_turn: OnTu
             else:
                 reply = _checked(await asyncio.to_thread(player.reply, prompt))
         except Exception as error:
-            episode.end("player_error", error)
+            _fail(conversation, error)
             break
         await asyncio.to_thread(conversation.receive, reply.message, reply.usage)
         if on_turn is not None:
@@ -59,6 +71,20 @@ def _checked(reply: Reply) -> Reply:
     return Reply(assistant_message(reply.message), reply.usage)
 
 
-def _result(conversation: Conversation) -> EpisodeResult:
+def converse(episode: Episode, player: str, protocol: str) -> Dialogue:
+    """Return a dialogue about an episode that follows the protocol."""
+    if protocol not in PROTOCOLS:
+        raise InvalidArgumentError(f"protocol must be one of {', '.join(PROTOCOLS)}, not {protocol!r}.")
+    return PROTOCOLS[protocol](episode, player=player)
+
+
+def _fail(conversation: Dialogue, error: Exception) -> None:
+    usage = getattr(error, "usage", None)
+    if isinstance(usage, Usage):
+        conversation.spend(usage)
+    conversation.episode.end("player_error", error)
+
+
+def _result(conversation: Dialogue) -> EpisodeResult:
     assert conversation.result is not None
     return conversation.result

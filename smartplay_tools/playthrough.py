@@ -40,6 +40,8 @@ class Playthrough:
         self.tools = Tools(game)
         self.tally = Tally()
         self.end_reason: EndReason | None = None
+        self.on_step: Callable[[TextGame], None] | None = None
+        """Called after every step of the game, to look on."""
         self.error: str | None = None
         self.traceback: str | None = None
         self.budget = self._resolve(asked)
@@ -116,6 +118,8 @@ class Playthrough:
         self.tally.steps += 1
         self.tally.reward += reward
         step = self.tally.steps
+        if self.on_step is not None:
+            self.on_step(self.game)
         if terminated:
             self.end("terminated")
         elif truncated or step >= self.spec.rollout:

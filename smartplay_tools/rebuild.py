@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from smartplay_tools import prompts
+from smartplay_tools import paper_protocol, prompts
 from smartplay_tools.context import with_manual
 from smartplay_tools.messages import Message, calls_of
 from smartplay_tools.records import Prompt, ToolSpec
 from smartplay_tools.transcript import Event, message_bytes, prompt_sha256, tools_bytes
-from smartplay_tools.turns import Item, Turn
+from smartplay_tools.turns import Item, Turn, unanswered
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,10 @@ def sent_prompts(events: Sequence[Event]) -> Iterator[SentPrompt]:
     head = next((event for event in events if event["event"] == "head"), None)
     if head is None:
         return
+    if events[0].get("protocol") == "paper":
+        for view, prompt, sha256 in paper_protocol.sent_prompts(events):
+            yield SentPrompt(view["turn"], prompt, view["sha256"], sha256)
+        return
     tools = tuple(ToolSpec(**tool) for tool in head["tools"])
     turns = recorded_turns(events)
     for event in events:
@@ -51,14 +55,15 @@ def recorded_turns(events: Sequence[Event]) -> list[Turn]:
     step, manual = 0, None
     for number, parts in sorted(by_turn.items()):
         assistant = next(part["message"] for part in parts if part.get("by") == "player")
-        items, made_at = [], step
+        items: list[Item] = []
+        made_at = step
         for part in parts:
             if part["event"] == "call":
                 step = max(step, part["data"].get("observation") or 0)
                 manual = part["text"] if part["data"].get("manual") else manual
                 items.append(_result(part, assistant, step))
             elif part["by"] != "player":
-                items.append(_other(part["message"], assistant, step))
+                items.append(_other(part["message"], unanswered(assistant, items), step))
         turns.append(Turn(number, assistant, tuple(items), made_at, manual))
     return turns
 
@@ -70,9 +75,10 @@ def _result(call: Event, assistant: Message, step: int) -> Item:
     return Item(message, step, call["data"].get("observation"), call["position"])
 
 
-def _other(message: Message, assistant: Message, step: int) -> Item:
-    ids = [call["id"] for call in calls_of(assistant)]
-    return Item(message, step, position=ids.index(message["tool_call_id"]) if message["role"] == "tool" else None)
+def _other(message: Message, waiting: list[tuple[int, str]], step: int) -> Item:
+    if message["role"] != "tool":
+        return Item(message, step)
+    return Item(message, step, position=next(at for at, call_id in waiting if call_id == message["tool_call_id"]))
 
 
 def _rebuild(view: Event, head: list[Message], tools: tuple[ToolSpec, ...], turns: list[Turn]) -> SentPrompt:

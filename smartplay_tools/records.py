@@ -191,9 +191,11 @@ class EpisodeResult(BaseModel):
     illegal_actions: int
     malformed_calls: int
     refused_calls: int
-    """Calls that the batch policy refused, or that came after the end."""
+    """Calls that the batch policy refused, or that came after the end in the same message."""
     idle_replies: int
     """Replies without a tool call."""
+    fallback_actions: int = 0
+    """Answers in which the paper's protocol found no action, so that the first one was played."""
     tokens: Tokens
     cut_results: int
     end_reason: EndReason

@@ -8,16 +8,19 @@ differ - that is what a replay is there to find out about.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, zip_longest
 from pathlib import Path
 from typing import Any
 
 from smartplay_tools.conversation import Conversation
+from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.episode import Episode
 from smartplay_tools.errors import SmartPlayError, TranscriptError
+from smartplay_tools.paper_protocol import PaperConversation
 from smartplay_tools.rebuild import sent_prompts
 from smartplay_tools.records import EpisodeResult, ResolvedBudget, ToolCall, ToolSpec, Usage
+from smartplay_tools.specs import get_spec
 from smartplay_tools.transcript import Event, read_transcript
 
 BUDGET_ENDS = ("prompt_tokens", "episode_tokens")
@@ -52,7 +55,7 @@ def replay(path: str | Path) -> Replay:
     again: list[Event] = []
     try:
         with _same_episode(recorded[0], again) as episode:
-            if episode.context == "window":
+            if any(event["event"] == "head" for event in recorded):
                 _converse(episode, recorded)
             else:
                 _call(episode, recorded)
@@ -61,24 +64,22 @@ def replay(path: str | Path) -> Replay:
     except (KeyError, TypeError, ValueError) as error:
         raise TranscriptError(f"{path} cannot be replayed: {type(error).__name__}: {error}.") from error
     differences = [*_differences(recorded, again), *_tampered(recorded)]
-    return Replay(len(recorded), differences, episode.result if recorded[-1]["event"] == "end" else None)
+    return Replay(len(recorded), differences, episode.result if _has_end(recorded) else None)
 
 
 def _same_episode(start: Event, transcript: list[Event]) -> Episode:
     settings = {key: start[key] for key in ("seed", "engine", "manual", "batch", "context", "tokenizer")}
     budget = ResolvedBudget(**start["budget"])
-    episode = Episode(start["game"], budget=budget, transcript=transcript, **settings, **start["options"])
+    # The rules come from the setting that is registered here; the record may have changed its numbers.
+    spec = replace(get_spec(start["game"]), **start["setting"])
+    episode = Episode(spec, budget=budget, transcript=transcript, **settings, **start["options"])
     episode.begin(player=start["player"], protocol=start["protocol"])
     return episode
 
 
 def _converse(episode: Episode, recorded: list[Event]) -> None:
-    head = next((event for event in recorded if event["event"] == "head"), None)
-    if head is None:
-        return
-    own = len(episode.head)
-    foreign = [ToolSpec(**tool) for tool in head["tools"][len(episode.tools) :]]
-    conversation = Conversation(episode, head=head["messages"][own:], foreign_tools=foreign)
+    head = next(event for event in recorded if event["event"] == "head")
+    conversation = _same_conversation(episode, recorded[0]["protocol"], head)
     usages = {event["turn"]: event["provider"] for event in recorded if event["event"] == "usage"}
     for event in recorded:
         match event["event"], event.get("by"):
@@ -88,11 +89,22 @@ def _converse(episode: Episode, recorded: list[Event]) -> None:
                 usage = usages.get(event["turn"])
                 conversation.receive(event["message"], None if usage is None else Usage(**usage))
             case "message", "host":
+                assert isinstance(conversation, Conversation)
                 conversation.add(event["message"])
+            case "usage", _ if event["turn"] == episode.tally.turns:
+                conversation.spend(Usage(**event["provider"]))  # of a reply that never came
             case "end", _ if not episode.done:
                 if event["result"]["end_reason"] in BUDGET_ENDS:
                     conversation.prompt()
                 _end(episode, event["result"])
+
+
+def _same_conversation(episode: Episode, protocol: str, head: Event) -> Dialogue:
+    if protocol == "paper":
+        return PaperConversation(episode)
+    own = len(episode.head)
+    foreign = [ToolSpec(**tool) for tool in head["tools"][len(episode.tools) :]]
+    return Conversation(episode, head=head["messages"][own:], foreign_tools=foreign)
 
 
 def _call(episode: Episode, recorded: list[Event]) -> None:
@@ -109,8 +121,13 @@ def _end(episode: Episode, result: dict[str, Any]) -> None:
         episode.end(result["end_reason"])
 
 
+def _has_end(recorded: list[Event]) -> bool:
+    """Whether the episode came to its end; what was said after it stands behind the `end` event."""
+    return any(event["event"] == "end" for event in recorded)
+
+
 def _differences(recorded: list[Event], again: list[Event]) -> Iterator[str]:
-    if recorded[-1]["event"] != "end":
+    if not _has_end(recorded):
         # The process died; what it wrote is compared, what the replay adds at its own end is not.
         again = again[: len(recorded)]
     for number, (was, now) in enumerate(zip_longest(recorded, again), start=1):

@@ -109,6 +109,9 @@ def _challenges(*degrees: int) -> Mapping[str, int]:
 _BANDIT = _challenges(1, 1, 1, 1, 2, 3, 2, 1, 1)
 _ROCK_PAPER_SCISSORS = _challenges(2, 1, 3, 1, 2, 3, 3, 1, 1)
 _HANOI = _challenges(2, 3, 2, 3, 1, 1, 1, 2, 1)
+_MESSENGER_L1 = _challenges(3, 1, 2, 1, 2, 2, 1, 1, 2)
+_MESSENGER = _challenges(3, 2, 2, 2, 2, 2, 1, 1, 2)
+_CRAFTER = _challenges(4, 3, 3, 3, 3, 2, 4, 3, 2)
 _MINECRAFT = _challenges(1, 1, 2, 1, 3, 2, 1, 2, 3)
 
 
@@ -195,6 +198,31 @@ def _hanoi(disks: int) -> GameSpec:
     )
 
 
+def _messenger(level: int, rollout: int) -> GameSpec:
+    return _setting(
+        id=f"MessengerL{level}-v0",
+        family="messenger",
+        entry_point="smartplay_tools.games.messenger.game:Messenger",
+        kwargs={"level": level},
+        history=2,
+        rollout=rollout,
+        trials=100,
+        challenges=_MESSENGER_L1 if level == 1 else _MESSENGER,
+    )
+
+
+def _crafter() -> GameSpec:
+    return _setting(
+        id="Crafter-v0",
+        family="crafter",
+        entry_point="smartplay_tools.games.crafter.game:Crafter",
+        history=5,
+        rollout=10_000,
+        trials=10,
+        challenges=_CRAFTER,
+    )
+
+
 def _minecraft(task: int) -> GameSpec:
     return _setting(
         id=f"MinedojoCreative{task}-v0",
@@ -217,6 +245,10 @@ _SETTINGS = (
     _rock_paper_scissors("DifferentScore", (0.3, 0.3, 0.4), (1, 2, 1)),
     _hanoi(3),
     _hanoi(4),
+    _messenger(1, rollout=4),
+    _messenger(2, rollout=64),
+    _messenger(3, rollout=128),
+    _crafter(),
     *map(_minecraft, (0, 1, 2, 4, 5, 7, 8, 9)),
 )
 

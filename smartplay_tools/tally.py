@@ -26,6 +26,7 @@ class Tally:
     malformed_calls: int = 0
     refused_calls: int = 0
     idle_replies: int = 0
+    fallback_actions: int = 0
     cut_results: int = 0
     tokens: Tokens = field(default_factory=Tokens)
 

@@ -5,6 +5,7 @@
     view     what a prompt showed: turn ranges, marked results, tokens, the prompt's sha256
     message  an assistant message, or one that the host or this library put after it, verbatim, with its turn
     usage    the tokens of a reply: our count, and the provider's beside it
+    choice   in the paper's protocol: the action that an answer chose, or fell back to
     call     a tool call and its answer: turn, position, name, raw arguments, text, is_error, data
     end      the EpisodeResult, with a traceback if something failed
 

@@ -86,6 +86,12 @@ class Turn:
         return message_bytes(message, [f"{self.number}.{item.position}"])
 
 
+def unanswered(assistant: Message, items: Iterable[Item]) -> list[tuple[int, str]]:
+    """Return the calls of a message that none of the items answers, in order: (position, id)."""
+    answered = {item.position for item in items}
+    return [(at, call["id"]) for at, call in enumerate(calls_of(assistant)) if at not in answered]
+
+
 class Turns(Sequence[Turn]):
     """An immutable sequence that grows cheaply: a prefix of an append-only log, shared with what grew from it.
 

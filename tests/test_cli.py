@@ -105,13 +105,22 @@ def test_replay_tells_the_first_difference_and_fails(tmp_path):
     assert json.loads(run("replay", path, "--json").output)["differences"]
 
 
+def test_frames_are_pictures_of_every_step(tmp_path):
+    result = run("play", "Crafter-v0", "--tool-calls", 5, "--player", "random", "--frames", tmp_path, "--quiet")
+    assert result.exit_code == 0, result.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{step:05}.png" for step in range(6)]
+    assert "draws no pictures" in run("play", HANOI, "--frames", tmp_path).stderr
+
+
 def test_demo_plays_trims_and_verifies(tmp_path):
+    pytest.importorskip("openai")
     result = run("demo", "--out", tmp_path)
     assert result.exit_code == 0
-    assert result.output.count("identical") == 3
-    assert len(list(tmp_path.glob("*.jsonl"))) == 3
+    assert result.output.count("identical") == 6
+    assert "Both players' records are equal" in result.output
+    assert len(list(tmp_path.glob("*.jsonl"))) == 6
 
 
-@pytest.mark.parametrize("command", ["games", "manual", "schema", "play", "replay", "demo"])
+@pytest.mark.parametrize("command", ["games", "manual", "schema", "play", "replay", "demo", "serve openai"])
 def test_every_command_has_help_with_an_example(command):
-    assert f"Example: smartplay-tools {command}" in " ".join(run(command, "--help").output.split())
+    assert f"Example: smartplay-tools {command}" in " ".join(run(*command.split(), "--help").output.split())

@@ -72,7 +72,7 @@ def test_nothing_else_is_an_action(episode, sent):
         ('{"action": NaN}', "The arguments hold NaN, which is not JSON"),
         ('{"action": ' + "[" * 3_000 + "]" * 3_000 + "}", "The arguments are nested too deep"),
         ('{"action": "' + "R" * 10_000 + '"}', "The arguments are longer than 10,000 characters"),
-        ('{"action": ' + "1" * 5_000 + "}", "The arguments"),
+        ('{"action": ' + "1" * 5_000 + "}", "The arguments hold a number that is too long to read"),
         (None, "The argument `action` is missing"),
         ("{}", "The argument `action` is missing"),
         ('{"actoin": "Rock"}', "The argument `action` is missing"),
@@ -104,6 +104,17 @@ def test_an_unknown_tool_is_told_which_there_are(episode, name):
     quoted = name if len(name) <= 80 else name[:80] + "…"
     assert result.text == f'Error: There is no tool "{quoted}". The tools are observe, act, read_manual.'
     assert episode.tally.malformed_calls == 1
+
+
+def test_a_name_may_be_anything_that_json_can_hold(tmp_path):
+    deep: list = []
+    for _ in range(100_000):
+        deep = [deep]
+    with sp.Episode(RPS, seed=1, transcript=tmp_path / "names.jsonl") as episode:
+        for name in (None, 3, 10**5_000, ["act"], {"name": "act"}, deep):
+            result = episode.call(name, '{"action": "Rock"}', call_id=["odd"])
+            assert result.text.startswith("Error: There is no tool") or result.text.startswith("Error: This call id")
+    assert sp.replay(tmp_path / "names.jsonl").identical
 
 
 def test_an_error_quotes_at_most_80_characters(episode):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import pytest
@@ -152,9 +153,10 @@ def test_whatever_a_model_writes_is_kept_as_it_was(tmp_path):
     assert sp.replay(path).identical
 
 
-def test_host_transcripts_replay_too(tmp_path):
-    path = tmp_path / "host.jsonl"
-    with sp.Episode(GAMES[1], seed=3, context="host", transcript=path) as episode:
+@pytest.mark.parametrize("context", ["host", "window"])
+def test_calls_without_a_conversation_replay_too(tmp_path, context):
+    path = tmp_path / "calls.jsonl"
+    with sp.Episode(GAMES[1], seed=3, context=context, transcript=path) as episode:
         for name, arguments in [("observe", ""), ("act", '{"action":"1"}'), ("act", "broken"), ("observe", None)]:
             episode.call(name, arguments)
     events = sp.read_transcript(path)
@@ -194,3 +196,13 @@ def test_two_transcripts_are_equal_whatever_the_ids_and_the_spelling():
     other = transcript("toolu_2", {"action": "1"}, sp.Usage(prompt=3))
     assert comparable(one) == comparable(other)
     assert comparable(one) != comparable(transcript("call_1", '{"action":"2"}', None))
+
+
+def test_a_setting_with_another_rollout_replays_and_says_so(tmp_path):
+    path = tmp_path / "short.jsonl"
+    spec = dataclasses.replace(sp.GAMES[GAMES[0]], rollout=5)
+    with sp.Episode(spec, seed=1, transcript=path) as episode:
+        result = sp.play(episode, sp.get_player("random"))
+    assert (result.end_reason, result.steps) == ("rollout", 5)
+    assert result.deviations == {"rollout": {"paper": 50, "played": 5}}
+    assert sp.replay(path).identical

@@ -11,7 +11,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from smartplay_tools.cli import demo, games, play, replay
+from smartplay_tools.cli import demo, games, play, replay, serve
 from smartplay_tools.errors import SmartPlayError
 
 
@@ -35,3 +35,4 @@ app = typer.Typer(
 )
 for command in (games.games, games.manual, games.schema, play.play, replay.replay, demo.demo):
     app.command(no_args_is_help=False)(command)
+app.add_typer(serve.app, name="serve")

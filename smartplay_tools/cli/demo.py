@@ -1,8 +1,15 @@
-"""The command `demo`: real games, real tool calls, tight budgets, verified records. No key, no network."""
+"""The command `demo`: real games, real tool calls, tight budgets, verified records. No key, no network.
+
+Each game is played twice: by the rule player here, and by the same rules behind a local endpoint through the `openai`
+client, as a model would play. The two records must be equal.
+"""
 
 from __future__ import annotations
 
+import importlib
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -11,11 +18,13 @@ from rich.console import Console
 
 from smartplay_tools import playing
 from smartplay_tools.cli.show import TurnPrinter, compact_table
-from smartplay_tools.conversation import Conversation
+from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.episode import Episode
+from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.players.rule import RulePlayer
-from smartplay_tools.records import Budget, EpisodeResult
+from smartplay_tools.records import Budget, EpisodeResult, Player
 from smartplay_tools.replay import replay
+from smartplay_tools.transcript import comparable, read_transcript
 
 GAMES = {"BanditTwoArmedHighLowFixed-v0": 700, "RockPaperScissorBasic-v0": 800, "Hanoi3Disk-v0": 600}
 """Each game with a prompt cap that its conversation outgrows."""
@@ -28,30 +37,70 @@ def demo(
     out: Annotated[Path | None, typer.Option(help="Folder for the transcripts; a new one if not given.")] = None,
     seed: Annotated[int, typer.Option(help="The source of all randomness.")] = 7,
 ) -> None:
-    """Play a bandit, Rock Paper Scissors and Hanoi to the end through tool calls, and verify the records by replay.
+    """Play a bandit, Rock Paper Scissors and Hanoi through tool calls, here and through the openai client.
+
+    The records are verified by replay, and compared.
 
     Example: smartplay-tools demo
     """
     console = Console()
     folder = out or Path(tempfile.mkdtemp(prefix="smartplay-demo-"))
-    table = compact_table("game", "score", "human", "prompts", "dropped", "tokens", "replay")
-    failed = False
-    for game, cap in GAMES.items():
-        console.rule(f"{game}, prompts of at most {cap} tokens", align="left")
-        watch = _Watch(console)
-        path = folder / f"{game}.jsonl"
-        with Episode(game, seed=seed, budget=Budget(prompt_tokens=cap), transcript=path) as episode:
-            result = playing.play(episode, RulePlayer(), on_turn=watch)
-        found = replay(path)
-        failed = failed or not found.identical
-        table.add_row(*_row(result, cap, watch), "identical" if found.identical else found.differences[0])
+    tables, failures = [], []
+    with _players(console) as players:
+        for player in players:
+            table = compact_table("game", "score", "human", "prompts", "dropped", "tokens", "replay")
+            table.title = f"played by {player.name}"
+            for game, cap in GAMES.items():
+                console.rule(f"{game}, {player.name}, prompts of at most {cap} tokens", align="left")
+                watch = _Watch(console)
+                path = _record(folder, game, player)
+                with Episode(game, seed=seed, budget=Budget(prompt_tokens=cap), transcript=path) as episode:
+                    result = playing.play(episode, player, on_turn=watch)
+                found = replay(path)
+                failures += found.differences[:1]
+                table.add_row(*_row(result, cap, watch), "identical" if found.identical else "differs")
+            tables.append(table)
+        failures += [
+            f"{game} differs when {player.name} plays it."
+            for game in GAMES
+            for player in players[1:]
+            if not _equal(_record(folder, game, players[0]), _record(folder, game, player))
+        ]
     console.rule("results", align="left")
     console.print("[dim]prompts: the largest of its cap; dropped: the most turns that a prompt left out[/]")
-    console.print(table)
-    for game in GAMES:
-        console.print(f"transcript: {folder / game}.jsonl", highlight=False, soft_wrap=True)
-    if failed:
+    for table in tables:
+        console.print(table)
+    if len(players) > 1 and not failures:
+        console.print("Both players' records are equal: the client and the server in between changed nothing.")
+    for path in (_record(folder, game, player) for player in players for game in GAMES):
+        console.print(f"transcript: {path}", highlight=False, soft_wrap=True)
+    for failure in failures:
+        console.print(f"[red]{failure}[/]")
+    if failures:
         raise typer.Exit(1)
+
+
+def _record(folder: Path, game: str, player: Player) -> Path:
+    return folder / f"{game}.{player.name.replace(':', '-')}.jsonl"
+
+
+def _equal(*records: Path) -> bool:
+    first, second = (comparable(read_transcript(path)) for path in records)
+    return first == second
+
+
+@contextmanager
+def _players(console: Console) -> Iterator[list[Player]]:
+    """The rule player, and the same through the client and a server, if both are installed."""
+    rule = RulePlayer()
+    try:
+        adapter = importlib.import_module("smartplay_openai")
+    except MissingExtraError as error:
+        console.print(f"[dim]{error}[/]", highlight=False, soft_wrap=True)
+        yield [rule]
+        return
+    with adapter.LocalEndpoint(rule) as endpoint, adapter.OpenAIPlayer("rule", base_url=endpoint.base_url) as model:
+        yield [rule, model]
 
 
 class _Watch:
@@ -62,7 +111,7 @@ class _Watch:
         self._print = TurnPrinter(console)
         self.largest = self.dropped = 0
 
-    def __call__(self, conversation: Conversation) -> None:
+    def __call__(self, conversation: Dialogue) -> None:
         assert conversation.view is not None
         self.largest = max(self.largest, conversation.view.tokens)
         self.dropped = max(self.dropped, conversation.view.dropped_turns)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, cast, get_args
 
 import typer
 from rich.console import Console
@@ -52,7 +52,7 @@ def schema(
     if form not in get_args(tools.SchemaFormat):
         raise InvalidArgumentError(f"--format {form}: the formats are {', '.join(get_args(tools.SchemaFormat))}.")
     with Episode(game, seed=0) as episode:
-        schemas = [tools.schema(tool, form) for tool in episode.tools]  # type: ignore[arg-type] # checked above
+        schemas = [tools.schema(tool, cast(tools.SchemaFormat, form)) for tool in episode.tools]
     print(json.dumps(schemas, indent=2, ensure_ascii=False))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -9,19 +11,23 @@ from rich.console import Console
 
 from smartplay_tools import playing
 from smartplay_tools.cli import options
+from smartplay_tools.cli.frames import FrameWriter, picture_options
 from smartplay_tools.cli.show import TurnPrinter, print_result
 from smartplay_tools.episode import Episode
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.players import get_player
-from smartplay_tools.records import EpisodeResult, Player
+from smartplay_tools.records import AsyncPlayer, EpisodeResult, Player
 
 FAILED = ("player_error", "game_error")
 
 
 def play(
     game: options.Game,
-    player: Annotated[str, typer.Option(help="Who plays: rule, random, ...")] = "rule",
+    player: Annotated[str, typer.Option(help="Who plays: rule, random, openai:MODEL, ...")] = "rule",
+    base_url: Annotated[str | None, typer.Option(help="Where the model of openai:MODEL is served.")] = None,
     seed: options.Seed = 0,
     transcript: options.TranscriptFile = None,
+    frames: Annotated[Path | None, typer.Option(help="Write a picture of every step into this folder.")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print the result only.")] = False,
     as_json: options.Json = False,
     history: options.History = "game",
@@ -35,6 +41,7 @@ def play(
     engine: options.Engine = None,
     batch: options.Batch = "all",
     tokenizer: options.TokenizerName = None,
+    protocol: options.Protocol = "tools",
     option: options.GameOptions = None,
 ) -> None:
     """Play one episode and show it: calls, observations, the prompt against its cap, the result.
@@ -50,14 +57,17 @@ def play(
         tool_calls=tool_calls,
         slack=slack,
     )
-    who = get_player(player, seed=seed)
+    who = _player(player, seed, base_url)
     modes: dict[str, Any] = {"manual": manual, "batch": batch, "engine": engine, "tokenizer": tokenizer}
     console = Console()
     watch = None if quiet or as_json else TurnPrinter(console)
-    with Episode(
-        game, seed=seed, budget=budget, transcript=transcript, **modes, **options.game_options(option)
-    ) as episode:
-        result = _run(episode, who, watch)
+    own_options = options.game_options(option) | (picture_options(game) if frames else {})
+    new_episode = Episode(game, seed=seed, budget=budget, transcript=transcript, **modes, **own_options)
+    # A player may have connections to give back.
+    with who if isinstance(who, AbstractContextManager) else nullcontext(), new_episode as episode:
+        if frames:
+            episode.look_on(FrameWriter(frames, episode.game))
+        result = _run(episode, who, protocol, watch)
     if as_json:
         print(result.model_dump_json(indent=2))
     else:
@@ -66,9 +76,17 @@ def play(
         raise typer.Exit(1)
 
 
-def _run(episode: Episode, player: Any, watch: TurnPrinter | None) -> EpisodeResult:
+def _player(name: str, seed: int, base_url: str | None) -> Player | AsyncPlayer:
+    if base_url is None:
+        return get_player(name, seed=seed)
+    if ":" not in name:
+        raise InvalidArgumentError(f"--base-url is for models, such as openai:MODEL; {name} needs no server.")
+    return get_player(name, seed=seed, base_url=base_url)
+
+
+def _run(episode: Episode, player: Any, protocol: Any, watch: TurnPrinter | None) -> EpisodeResult:
     if isinstance(player, Player):
-        return playing.play(episode, player, on_turn=watch)
+        return playing.play(episode, player, protocol=protocol, on_turn=watch)
     import asyncio
 
-    return asyncio.run(playing.aplay(episode, player, on_turn=watch))
+    return asyncio.run(playing.aplay(episode, player, protocol=protocol, on_turn=watch))

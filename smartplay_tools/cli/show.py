@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from smartplay_tools.conversation import Conversation
+from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.records import EpisodeResult
 
@@ -17,7 +17,7 @@ class TurnPrinter:
     def __init__(self, console: Console) -> None:
         self._console = console
 
-    def __call__(self, conversation: Conversation) -> None:
+    def __call__(self, conversation: Dialogue) -> None:
         """Print the latest turn."""
         turn, view = conversation.latest_turn, conversation.view
         assert turn is not None

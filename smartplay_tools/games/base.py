@@ -144,8 +144,8 @@ class TextGame(gymnasium.Env[str, Any]):
         self._steps += 1
         return self.observation, float(reward), terminated, truncated, self._info()
 
-    def render(self) -> str:
-        """Return the current observation (render mode `ansi`)."""
+    def render(self) -> Any:
+        """Return the current observation (render mode `ansi`), or whatever else a game's render modes name."""
         return self.observation
 
     def recent(self, steps: int | None = None) -> str:

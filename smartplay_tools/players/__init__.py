@@ -14,8 +14,11 @@ from smartplay_tools.errors import UnknownNameError
 from smartplay_tools.records import AsyncPlayer, Player
 
 PLAYERS: dict[str, str] = {
+    "openai": "smartplay_openai:OpenAIPlayer",
+    "openai-responses": "smartplay_openai:ResponsesPlayer",
     "random": "smartplay_tools.players.random:RandomPlayer",
     "rule": "smartplay_tools.players.rule:RulePlayer",
+    "rule-notes": "smartplay_tools.players.rule:RuleNotesPlayer",
 }
 """The players that come with the package: name -> where its class is."""
 

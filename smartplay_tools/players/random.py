@@ -1,4 +1,7 @@
-"""The random player: a legal action, drawn anew at every prompt. The floor that every other player is above."""
+"""The random player: a legal action, drawn anew at every prompt. The floor that every other player is above.
+
+It acts through a tool where the prompt has tools, and says the action's name where it has none (the paper's protocol).
+"""
 
 from __future__ import annotations
 
@@ -19,4 +22,5 @@ class RandomPlayer:
 
     def reply(self, prompt: Prompt) -> Reply:
         """Act."""
-        return Reply(call("act", action=self._random.choice(Reading(prompt).actions)))
+        action = self._random.choice(Reading(prompt).actions)
+        return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})

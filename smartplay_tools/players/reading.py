@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 from functools import cached_property
 
-from smartplay_tools.messages import Message, calls_of, text_of
+from smartplay_tools.messages import FunctionCall, Message, MessageToolCall, calls_of, text_of
 from smartplay_tools.prompts import OBSERVATION_LEFT
 from smartplay_tools.records import Prompt
 
@@ -39,9 +39,12 @@ class Reading:
 
     @cached_property
     def actions(self) -> tuple[str, ...]:
-        """The legal actions in the manual's numbering, read from the description of the tool `act`."""
-        act = next(tool for tool in self.prompt.tools if tool.name == "act")
-        return tuple(re.findall(r"^\d+\. (.+)$", act.description, flags=re.MULTILINE))
+        """The legal actions in the manual's numbering, read from the tool `act`; without tools, from the manual."""
+        described = [tool.description for tool in self.prompt.tools if tool.name == "act"] or [self.system]
+        numbered = re.findall(r"^(\d+)\. (.+)$", described[0], flags=re.MULTILINE)
+        # A manual may hold other lists; that of the actions is the last.
+        start = max((at for at, (number, _) in enumerate(numbered) if number == "1"), default=0)
+        return tuple(name for _, name in numbered[start:])
 
     @cached_property
     def seen(self) -> tuple[Seen, ...]:
@@ -80,9 +83,6 @@ def _call(function: object) -> tuple[str, str | None]:
 
 def call(tool: str, *, say: str | None = None, **arguments: str) -> Message:
     """Return an assistant message that calls one tool, with words beside it if there is something to say."""
-    function = {"name": tool, "arguments": json.dumps(arguments, ensure_ascii=False)}
-    return {
-        "role": "assistant",
-        "content": say,
-        "tool_calls": [{"id": "call_0", "type": "function", "function": function}],  # type: ignore[typeddict-item]
-    }
+    function: FunctionCall = {"name": tool, "arguments": json.dumps(arguments, ensure_ascii=False)}
+    tool_call: MessageToolCall = {"id": "call_0", "type": "function", "function": function}
+    return {"role": "assistant", "content": say, "tool_calls": [tool_call]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import pickle
 import re
 
@@ -128,7 +129,7 @@ def test_the_tool_lists_the_actions_as_the_manual_numbers_them(game):
 
 def test_random_play_through_the_tools_ends_by_the_game(spec):
     if spec.rollout > 1_000:
-        spec = sp.GameSpec(**{**vars(spec), "rollout": 300})
+        spec = dataclasses.replace(spec, rollout=300)
     with sp.Episode(spec, seed=2) as episode:
         result = sp.play(episode, sp.get_player("random", seed=2))
     assert result.end_reason in ("terminated", "rollout")

@@ -1,0 +1,50 @@
+"""Answers: what a server sent, as plain data, and the error for what is not an answer.
+
+The client does not check what a server sends, and servers that call themselves compatible send all sorts of things.
+So everything here is read from plain dictionaries, with as little faith as that takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from smartplay_tools import Usage
+
+
+class BrokenAnswerError(Exception):
+    """A server answered, but not with a reply: no choices, a stream that stops half-way, something else entirely."""
+
+    def __init__(self, problem: str, usage: Usage | None = None) -> None:
+        super().__init__(problem)
+        self.usage = usage
+        """What the provider charged for it, where it says so."""
+
+
+def plain(answer: Any) -> dict[str, Any]:
+    """Return the client's object as a dictionary of what was sent, no more; a dictionary as it is."""
+    if isinstance(answer, Mapping):
+        return dict(answer)
+    dump = getattr(answer, "model_dump", None)
+    if dump is None:
+        raise BrokenAnswerError(f"The server sent {str(answer)[:80]!r}, which is not JSON.")
+    # The client's objects may hold what their fields do not allow; that is no news here.
+    sent: dict[str, Any] = dump(exclude_unset=True, warnings=False)
+    return sent
+
+
+def read_usage(usage: Any, prompt: str, reply: str) -> Usage | None:
+    """Return the provider's usage; `prompt` and `reply` are the interface's words, such as `input` and `output`."""
+    if not isinstance(usage, Mapping):
+        return None
+    return Usage(
+        prompt=_count(usage, f"{prompt}_tokens"),
+        reply=_count(usage, f"{reply}_tokens"),
+        cached=_count(usage.get(f"{prompt}_tokens_details"), "cached_tokens"),
+        reasoning=_count(usage.get(f"{reply}_tokens_details"), "reasoning_tokens"),
+    )
+
+
+def _count(counts: Any, name: str) -> int:
+    count = counts.get(name) if isinstance(counts, Mapping) else None
+    return int(count) if isinstance(count, int | float) else 0

@@ -1,0 +1,69 @@
+"""What an OpenAI interface refuses, put right on the wire alone: repeated call ids, impossible names, half characters.
+
+Models behind compatible servers name every call `call_0`, or leave the id empty, or invent a tool called `go north!`,
+or stop in the midst of an emoji. The record keeps what they said. A request that repeats it would be refused and the
+episode lost, so these are rewritten where they must be; everything else travels as it stands in the prompt.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from smartplay_tools import Message
+from smartplay_tools.messages import MessageToolCall
+
+NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+"""What a tool's name may be."""
+
+
+def acceptable(messages: Sequence[Message]) -> list[Message]:
+    """Return the messages with call ids that are unique in the prompt and tool names that the interface takes."""
+    used: set[str] = set()
+    waiting: list[tuple[str, str]] = []
+    """Calls without a result so far: (id in the record, id on the wire)."""
+    sent: list[Message] = []
+    for message in messages:
+        copy = message.copy()
+        for field, value in message.items():
+            if not (isinstance(value, str) and value.isascii()) and field != "tool_calls":
+                copy[field] = _encodable(value)  # type: ignore[literal-required]
+        if message["role"] == "assistant" and message.get("tool_calls"):
+            calls = [_call(call, _unused(call.get("id") or "", used)) for call in message["tool_calls"]]
+            waiting = [(was.get("id") or "", now["id"]) for was, now in zip(message["tool_calls"], calls, strict=True)]
+            copy["tool_calls"] = calls
+        elif message["role"] == "tool":
+            recorded = message.get("tool_call_id", "")
+            at = next((at for at, (was, _) in enumerate(waiting) if was == recorded), None)
+            if at is not None:
+                copy["tool_call_id"] = waiting.pop(at)[1]
+        sent.append(copy)
+    return sent
+
+
+def _encodable(value: Any) -> Any:
+    """Copy a JSON value; a lone surrogate, which UTF-8 cannot hold, becomes U+FFFD."""
+    if isinstance(value, str):
+        return value if value.isascii() else value.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+    if isinstance(value, Mapping):
+        return {key: _encodable(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_encodable(item) for item in value]
+    return value
+
+
+def _unused(call_id: str, used: set[str]) -> str:
+    number = len(used)
+    unused = call_id if call_id.isascii() else ""
+    while not unused or unused in used:
+        unused, number = f"call_{number}", number + 1
+    used.add(unused)
+    return unused
+
+
+def _call(call: MessageToolCall, call_id: str) -> MessageToolCall:
+    name, arguments = call["function"]["name"], _encodable(call["function"]["arguments"])
+    if not NAME.fullmatch(name):
+        name = re.sub(r"[^A-Za-z0-9_-]", "_", name)[:64] or "_"
+    return {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}

@@ -1,0 +1,42 @@
+"""The commands `serve ...`: players and games behind the interfaces that other people's programs speak."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from smartplay_tools.cli import options
+from smartplay_tools.players import get_player
+
+ENDPOINT = "smartplay_openai"
+"""The adapter that serves players; imported when asked for."""
+
+app = typer.Typer(help="Serve players and games to other programs.", no_args_is_help=True)
+
+
+@app.command("openai")
+def openai(
+    player: Annotated[list[str] | None, typer.Option(help="Who answers: rule, random, ...; repeatable.")] = None,
+    seed: options.Seed = 0,
+    host: Annotated[
+        str, typer.Option(help="The address to listen on; the default is this machine only.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="The port; 0 is a free one.", min=0, max=65535)] = 8000,
+    api_key: Annotated[str | None, typer.Option(help="A key that requests must carry.")] = None,
+) -> None:
+    """Answer OpenAI's chat completions and Responses with players of this package; a request's model is its name.
+
+    Example: smartplay-tools serve openai --player rule --port 8000
+    """
+    players = [get_player(name, seed=seed) for name in player or ["rule"]]
+    endpoint = importlib.import_module(ENDPOINT).LocalEndpoint(*players, host=host, port=port, api_key=api_key)
+    console = Console()
+    names = ", ".join(player.name for player in players)
+    console.print(f"{endpoint.base_url} answers as {names}; stop with Ctrl-C.", highlight=False, soft_wrap=True)
+    try:
+        endpoint.run()
+    except KeyboardInterrupt:
+        console.print("stopped")

@@ -1,0 +1,97 @@
+"""How many creatures there are: every tenth step each chunk may gain or lose one of each kind."""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from smartplay_tools.games.crafter.facts import AREA, CHUNK, CHUNKS, COW, GRASS, PATH, PLAYER, SKELETON, ZOMBIE
+from smartplay_tools.games.crafter.world import COLUMN, DISTANCE, Chunk, Thing, World, place
+
+INTERVAL = 10
+
+
+class Light(NamedTuple):
+    """What the time of day means for the rules."""
+
+    daylight: float
+    night: bool
+    """Whether the picture is so dark that it gets a grain, at the cost of draws."""
+    zombies: int
+    """How many zombies a chunk should have at the most, and also at the least if it has enough grass."""
+    cows: int
+    """How many cows a chunk should have at the most."""
+
+
+@functools.lru_cache(maxsize=20_000)
+def light(step: int) -> Light:
+    """The light at a step. In the scalar arithmetic of Crafter: numpy's arrays round a cosine differently."""
+    progress = (step / 300) % 1 + 0.3
+    daylight = float(1 - np.abs(np.cos(np.pi * progress)) ** 3)
+    return Light(daylight, daylight < 0.5, int(3.5 - 3 * daylight), int(1.5 + daylight))
+
+
+class Rule(NamedTuple):
+    """When a creature comes and goes: materials, distances from the player, probabilities."""
+
+    kind: int
+    material: int
+    space: int
+    """A chunk with fewer cells of the material gets no creature."""
+    least_distance: int
+    leave_distance: int
+    come: float
+    leave: float
+
+
+ZOMBIES = Rule(ZOMBIE, GRASS, 50, 6, 0, 0.3, 0.4)
+SKELETONS = Rule(SKELETON, PATH, 6, 7, 7, 0.1, 0.1)
+COWS = Rule(COW, GRASS, 30, 5, 5, 0.01, 0.1)
+
+
+def balance(world: World, at: int, now: Light) -> None:
+    """Let creatures come and go, around a player who stands at a place. Chunks that nobody entered yet have none."""
+    rules = (
+        (ZOMBIES, world.grass, now.zombies, now.zombies),
+        (SKELETONS, world.paths, 1, 2),
+        (COWS, world.grass, 1, now.cows),
+    )
+    for key, chunk in list(world.chunks.items()):
+        for rule, cells, least, most in rules:
+            count = chunk.counts[rule.kind]
+            if count < least and cells[key] >= rule.space:
+                _come(world, at, key, rule, cells[key])
+            elif count > most:
+                _leave(world, at, chunk, rule, count)
+
+
+def _come(world: World, at: int, key: int, rule: Rule, cells: int) -> None:
+    if world.stream.uniform() < rule.come:
+        where = _nth_cell(world, key, rule.material, world.stream.below(cells))
+        if world.surface[where] < PLAYER and DISTANCE[where - at] >= rule.least_distance:
+            world.add(Thing(rule.kind, where))
+
+
+def _leave(world: World, at: int, chunk: Chunk, rule: Rule, count: int) -> None:
+    if world.stream.uniform() < rule.leave:
+        creatures = [thing for thing in chunk.things if thing.kind == rule.kind]
+        creature = creatures[world.stream.below(count)]
+        if DISTANCE[creature.at - at] >= rule.leave_distance:
+            world.remove(creature)
+
+
+def _nth_cell(world: World, key: int, material: int, n: int) -> int:
+    """The n-th cell of a material in a chunk, column by column."""
+    x, y = key // CHUNKS * CHUNK, key % CHUNKS * CHUNK
+    height = min(CHUNK, AREA - y)
+    for column in range(place(x, y), place(x + CHUNK, y), COLUMN):
+        found = world.ground.count(material, column, column + height)
+        if n < found:
+            cell = column - 1
+            for _ in range(n + 1):
+                cell = world.ground.find(material, cell + 1, column + height)
+            return cell
+        n -= found
+    raise AssertionError("The chunk has fewer cells of the material than it counts.")

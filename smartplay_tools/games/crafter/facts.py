@@ -1,0 +1,172 @@
+"""Crafter's rules as tables: what there is, what it takes and what it gives.
+
+The numbers are those of `data.yaml` in PyPI `crafter` 1.8.3; a test compares the two. They stand here as well so that
+the default engine runs without importing that package.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+AREA = 64
+"""The world is a square of this many cells; x grows to the east, y to the south."""
+CHUNK = 12
+"""Creatures are balanced by squares of this many cells."""
+CHUNKS = -(-AREA // CHUNK)
+"""Chunks along a side; the last one is cut off by the border."""
+VIEW = (9, 7)
+"""The cells that a player sees: columns and rows, itself in the middle."""
+UPDATE_DISTANCE = 18
+"""Things at this distance (steps) from the player or farther stand still."""
+LENGTH = 10_000
+"""The step of the engine at which an episode is cut off."""
+NIGHT_PIXELS = 63 * 49
+"""A picture of Crafter's usual size, 64, shows the world in 63 x 49 pixels, and at night each of them costs one draw
+from the world's random stream. So the picture is part of the rules, whether or not anybody looks at it."""
+
+ACTIONS = (
+    "noop",
+    "move_left",
+    "move_right",
+    "move_up",
+    "move_down",
+    "do",
+    "sleep",
+    "place_stone",
+    "place_table",
+    "place_furnace",
+    "place_plant",
+    "make_wood_pickaxe",
+    "make_stone_pickaxe",
+    "make_iron_pickaxe",
+    "make_wood_sword",
+    "make_stone_sword",
+    "make_iron_sword",
+)
+NOOP, SLEEP = ACTIONS.index("noop"), ACTIONS.index("sleep")
+
+MATERIALS = (
+    "water",
+    "grass",
+    "stone",
+    "path",
+    "sand",
+    "tree",
+    "lava",
+    "coal",
+    "iron",
+    "diamond",
+    "table",
+    "furnace",
+)
+THINGS = ("player", "cow", "zombie", "skeleton", "arrow", "plant")
+NAMES = ("nothing", *MATERIALS, *THINGS)
+"""What a cell can show, by id; 0 lies outside the map."""
+WATER, GRASS, STONE, PATH, SAND, TREE, LAVA, COAL, IRON, DIAMOND, TABLE, FURNACE = range(1, 13)
+PLAYER, COW, ZOMBIE, SKELETON, ARROW, PLANT = range(13, 19)
+HEALTH = {COW: 3, ZOMBIE: 5, SKELETON: 3, ARROW: 0, PLANT: 1}
+"""With how much health a thing begins."""
+
+WALKABLE = (GRASS, PATH, SAND)
+WALKABLE_FOR_PLAYER = (*WALKABLE, LAVA)
+WALKABLE_FOR_ARROW = (*WALKABLE, WATER, LAVA)
+
+VITALS = ("health", "food", "drink", "energy")
+ITEMS = (
+    "sapling",
+    "wood",
+    "stone",
+    "coal",
+    "iron",
+    "diamond",
+    "wood_pickaxe",
+    "stone_pickaxe",
+    "iron_pickaxe",
+    "wood_sword",
+    "stone_sword",
+    "iron_sword",
+)
+MOST = 9
+"""The most that a player has of any vital or item; vitals begin with it, items with none."""
+
+ACHIEVEMENTS = (
+    "collect_coal",
+    "collect_diamond",
+    "collect_drink",
+    "collect_iron",
+    "collect_sapling",
+    "collect_stone",
+    "collect_wood",
+    "defeat_skeleton",
+    "defeat_zombie",
+    "eat_cow",
+    "eat_plant",
+    "make_iron_pickaxe",
+    "make_iron_sword",
+    "make_stone_pickaxe",
+    "make_stone_sword",
+    "make_wood_pickaxe",
+    "make_wood_sword",
+    "place_furnace",
+    "place_plant",
+    "place_stone",
+    "place_table",
+    "wake_up",
+)
+
+
+class Collecting(NamedTuple):
+    """What doing something to a material takes, gives and leaves behind."""
+
+    tool: str | None
+    item: str
+    leaves: int
+    probability: float = 1.0
+
+
+class Placing(NamedTuple):
+    """What placing takes, and on which materials it is possible. The placed thing is a material or a plant."""
+
+    uses: tuple[tuple[str, int], ...]
+    where: tuple[int, ...]
+    what: int
+
+
+class Making(NamedTuple):
+    """What making a tool takes, and what has to stand in the 3 x 3 cells around the player."""
+
+    uses: tuple[tuple[str, int], ...]
+    nearby: tuple[int, ...]
+
+
+COLLECT = {
+    TREE: Collecting(None, "wood", GRASS),
+    STONE: Collecting("wood_pickaxe", "stone", PATH),
+    COAL: Collecting("wood_pickaxe", "coal", PATH),
+    IRON: Collecting("stone_pickaxe", "iron", PATH),
+    DIAMOND: Collecting("iron_pickaxe", "diamond", PATH),
+    WATER: Collecting(None, "drink", WATER),
+    GRASS: Collecting(None, "sapling", GRASS, probability=0.1),
+}
+
+PLACE = {
+    "stone": Placing((("stone", 1),), (GRASS, SAND, PATH, WATER, LAVA), STONE),
+    "table": Placing((("wood", 2),), (GRASS, SAND, PATH), TABLE),
+    "furnace": Placing((("stone", 4),), (GRASS, SAND, PATH), FURNACE),
+    "plant": Placing((("sapling", 1),), (GRASS,), PLANT),
+}
+
+MAKE = {
+    "wood_pickaxe": Making((("wood", 1),), (TABLE,)),
+    "stone_pickaxe": Making((("wood", 1), ("stone", 1)), (TABLE,)),
+    "iron_pickaxe": Making((("wood", 1), ("coal", 1), ("iron", 1)), (TABLE, FURNACE)),
+    "wood_sword": Making((("wood", 1),), (TABLE,)),
+    "stone_sword": Making((("wood", 1), ("stone", 1)), (TABLE,)),
+    "iron_sword": Making((("wood", 1), ("coal", 1), ("iron", 1)), (TABLE, FURNACE)),
+}
+
+DAMAGE = (("iron_sword", 5), ("stone_sword", 3), ("wood_sword", 2))
+"""The damage that a blow does with the best sword; 1 without one."""
+
+RIPE = 300
+"""A plant that has grown for more steps than this can be eaten."""

@@ -1,0 +1,113 @@
+"""The fast engine: Crafter's rules without its pictures. Same worlds, same draws, same trajectories."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smartplay_tools.games.crafter.balance import INTERVAL, balance, light
+from smartplay_tools.games.crafter.creatures import UPDATE
+from smartplay_tools.games.crafter.facts import ARROW, NAMES, NIGHT_PIXELS, PLANT, RIPE, UPDATE_DISTANCE
+from smartplay_tools.games.crafter.player import Player
+from smartplay_tools.games.crafter.stream import world_seed
+from smartplay_tools.games.crafter.views import Scene, Sight
+from smartplay_tools.games.crafter.world import (
+    DIRECTIONS,
+    DISTANCE,
+    RELIST_STEPS,
+    Thing,
+    World,
+    position,
+    without_margin,
+)
+
+
+class FastEngine:
+    """A world, its player and its clock.
+
+    Attributes:
+        steps: the steps since the world began.
+        world, player: the parts.
+
+    With `keep_grain` the draws of a night's step are kept for its picture.
+    """
+
+    def __init__(self, seed: int, episode: int, *, keep_grain: bool = False) -> None:
+        self.steps = 0
+        self.world = World(world_seed(seed, episode))
+        self.player = Player(self.world)
+        self._grain: NDArray[np.float64] | None = None
+        self._keep_grain = keep_grain
+        self._last_health = self.player.health
+
+    def step(self, action: int) -> float:
+        """Play an action; return the reward: a tenth of the change in health, and 1 for a new achievement."""
+        self.steps += 1
+        now, world, player = light(self.steps), self.world, self.player
+        if self.steps % RELIST_STEPS == 1:
+            world.list_near(player.at)
+        # Things that come in this step have their first turn in the next.
+        near, unlocked = world.near.copy(), len(player.unlocked)
+        player.update(action)
+        at = player.at
+        for thing in near:
+            if DISTANCE[thing.at - at] < UPDATE_DISTANCE:
+                UPDATE[thing.kind](world, thing, player)
+        if self.steps % INTERVAL == 0:
+            balance(world, at, now)
+        grain = world.stream.uniforms(NIGHT_PIXELS) if now.night else None
+        self._grain = grain if self._keep_grain else None
+        health_change = player.health - self._last_health
+        self._last_health = player.health
+        return health_change / 10 + (len(player.unlocked) > unlocked)
+
+    @property
+    def health(self) -> int:
+        """The player's health; without any it is dead."""
+        return self.player.health
+
+    @property
+    def unlocked(self) -> int:
+        """How many achievements have been unlocked."""
+        return len(self.player.unlocked)
+
+    def sight(self) -> Sight:
+        """What the text tells about."""
+        player = self.player
+        return Sight(self.world.surface, player.at, player.facing, player.inventory, player.sleeping)
+
+    def scene(self) -> Scene:
+        """What a picture shows."""
+        player = self.player
+        body = "player-sleep" if player.sleeping else f"player-{_SIDES[player.facing]}"
+        things = [(_texture(thing), position(thing.at)) for thing in self.world.things]
+        return Scene(
+            ground=without_margin(self.world.ground),
+            things=[(body, position(player.at)), *things],
+            position=position(player.at),
+            inventory=player.inventory,
+            sleeping=player.sleeping,
+            daylight=light(self.steps).daylight,
+            grain=self._grain,
+        )
+
+    def state(self) -> Any:
+        """The whole state but the random stream, as JSON."""
+        return [self.steps, self._last_health, self.player.state(), self.world.state()]
+
+    def fingerprint(self) -> bytes:
+        """The state of the random stream."""
+        return self.world.stream.fingerprint()
+
+
+_SIDES = dict(zip(DIRECTIONS, ("left", "right", "up", "down"), strict=True))
+
+
+def _texture(thing: Thing) -> str:
+    if thing.kind == ARROW:
+        return f"arrow-{_SIDES[thing.heading]}"
+    if thing.kind == PLANT and thing.clock > RIPE:
+        return "plant-ripe"
+    return NAMES[thing.kind]

@@ -1,0 +1,115 @@
+"""Crafter as a text game."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.games.base import TextGame, read_text
+from smartplay_tools.games.crafter.facts import LENGTH, NOOP
+from smartplay_tools.games.crafter.fast import FastEngine
+from smartplay_tools.games.crafter.text import ACTIONS, CHARACTERS, LONGEST, NUMBERED_ACTIONS, describe
+from smartplay_tools.games.crafter.views import Engine
+
+TEXTS = ("original", "corrected")
+SMALLEST_PICTURE = 64
+
+
+class Crafter(TextGame):
+    """Crafter, an open world of survival.
+
+    Action space: `Discrete(17)`, see `actions`; the manual numbers the actions differently, see `numbered_actions`.
+    Observation: the action taken, what can be seen (the nearest of each kind), what is in front, the player's vitals
+    and its inventory. Reward: a tenth of the change in health, and 1 in a step that unlocks achievements. Score: the
+    achievements unlocked so far, of 22, summed over all steps. Terminates at death, truncates at step 10,000 of the
+    engine; the reset takes the first of them (a noop), so that an episode has 9,999 steps at the most. There is no
+    objective, and so no completion.
+
+    `reset(seed=s)` begins the first episode of the original's `Crafter(seed=s)`, and each further reset without a seed
+    begins its next one.
+
+    Arguments: `engine`, "fast" or "crafter" (PyPI `crafter`, the same game, slowly); `text`, "original" or "corrected"
+    (see `text.py`); `picture_size`, the side of pictures in pixels (`render_mode="rgb_array"`); at 64 they are the
+    original's.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - Gymnasium's attribute
+    hash_every: ClassVar[int] = 100
+    options: ClassVar[tuple[str, ...]] = ("text", "render_mode", "picture_size")
+    engines: ClassVar[tuple[str, ...]] = ("fast", "crafter")
+    actions = ACTIONS
+
+    def __init__(
+        self, *, engine: str = "fast", text: str = "original", picture_size: int = SMALLEST_PICTURE, **options: Any
+    ) -> None:
+        if engine not in self.engines:
+            raise InvalidArgumentError(f"engine must be one of {self.engines}, not {engine!r}.")
+        if text not in TEXTS:
+            raise InvalidArgumentError(f"text must be one of {TEXTS}, not {text!r}.")
+        if picture_size < SMALLEST_PICTURE:
+            raise InvalidArgumentError(f"picture_size must be {SMALLEST_PICTURE} or more, not {picture_size}.")
+        self.manual = read_text(__package__, "manual.txt")
+        super().__init__(longest_observation=LONGEST, characters=CHARACTERS, **options)
+        self.engine = engine
+        self._corrected = text == "corrected"
+        self._picture_size = picture_size
+        self._seed: int | None = None
+        self._episode = 0
+        self._world: Engine
+
+    @property
+    def numbered_actions(self) -> tuple[str, ...]:
+        """The actions as the manual numbers them: from Move West to Noop."""
+        return NUMBERED_ACTIONS
+
+    def deviations(self) -> dict[str, Any]:
+        """The corrected text, if it was asked for; both engines play the paper's game."""
+        return {"text": {"paper": "original", "played": "corrected"}} if self._corrected else {}
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[str, dict[str, Any]]:
+        """Start the first episode of a seed or, without one, the next episode."""
+        if seed is not None:
+            self._seed, self._episode = seed, 0
+        return super().reset(seed=seed, options=options)
+
+    def _reset(self) -> str:
+        if self._seed is None:
+            self._seed = int(self.np_random.integers(2**31 - 1))
+        self._episode += 1
+        self.score = 0.0
+        self._world = self._new_world(self._seed, self._episode)
+        self._world.step(NOOP)
+        return self._describe(None)
+
+    def _new_world(self, seed: int, episode: int) -> Engine:
+        keep_grain = self.render_mode == "rgb_array"
+        if self.engine == "fast":
+            return FastEngine(seed, episode, keep_grain=keep_grain)
+        # PyPI crafter is slow to load, and only its own engine needs it.
+        from smartplay_tools.games.crafter.reference import ReferenceEngine
+
+        return ReferenceEngine(seed, episode, keep_grain=keep_grain)
+
+    def _step(self, action: int) -> tuple[str, float, bool, bool]:
+        world = self._world
+        reward = world.step(action)
+        self.score += world.unlocked
+        return self._describe(action), reward, world.health <= 0, world.steps >= LENGTH
+
+    def _describe(self, action: int | None) -> str:
+        world = self._world
+        return describe(world.sight(), action, dead=world.health <= 0, corrected=self._corrected)
+
+    def render(self) -> Any:
+        """Return the observation or, with `render_mode="rgb_array"`, the picture of the current state."""
+        if self.render_mode != "rgb_array":
+            return super().render()
+        from smartplay_tools.games.crafter.pictures import draw
+
+        return draw(self._world.scene(), self._picture_size)
+
+    def _state(self) -> Any:
+        return self._world.state()
+
+    def _random_state(self) -> Any:
+        return [self._seed, self._episode, self._world.fingerprint().hex()]

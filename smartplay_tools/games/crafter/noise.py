@@ -1,0 +1,275 @@
+"""Simplex noise in three dimensions, equal to the last bit to that of the `opensimplex` package, at fixed points.
+
+The noise at a point is a sum over up to eight corners of a skewed lattice around it. Which corners these are, how far
+away they lie and how much they weigh depends on the point alone; the seed only chooses the gradient at each corner. A
+world asks for the noise at the same 53,248 points whatever its seed. So `Points` works the geometry out once per
+process, and `Points.values` has nothing left to do but to look up gradients and to add.
+
+Equality to the bit needs the order of every sum and of every rounding to be the library's. That is why a corner is
+described by two offsets: the library subtracts the skew between them, and for some corners one step comes late.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+STRETCH = -1.0 / 6
+SQUISH = 1.0 / 3
+SCALE = 103
+"""The sum of all contributions is divided by this."""
+
+_SHAPES = ((11, 4, 4), (4, 11, 4), (4, 4, 11))
+_SIGNS = ((-1, 1, 1), (1, 1, 1), (-1, -1, 1), (1, -1, 1), (-1, 1, -1), (1, 1, -1), (-1, -1, -1), (1, -1, -1))
+GRADIENTS = np.array(
+    [[s * v for s, v in zip(signs, shape, strict=True)] for signs in _SIGNS for shape in _SHAPES], np.float64
+)
+"""The 24 directions that a corner's gradient can have."""
+
+
+# --- The gradients of a seed -----------------------------------------------------------------------------------------
+
+_FACTOR, _SUMMAND = 6364136223846793005, 1442695040888963407
+
+
+def _powers(rounds: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+    """Factors and summands that take a seed through 1, 2, ... rounds of the linear congruential generator."""
+    factor, summand, factors, summands = 1, 0, [], []
+    for _ in range(rounds):
+        factor, summand = factor * _FACTOR % 2**64, (summand * _FACTOR + _SUMMAND) % 2**64
+        factors.append(factor)
+        summands.append(summand)
+    return np.array(factors, np.uint64), np.array(summands, np.uint64)
+
+
+# The first three rounds only stir the seed; the next 256 choose.
+_FACTORS, _SUMMANDS = (array[3:] for array in _powers(259))
+_REMAINING = np.arange(256, 0, -1, dtype=np.int64)
+
+
+def permutation(seed: int) -> Integers:
+    """The shuffle of 0..255 that the noise of a seed is made of."""
+    numbers = (_FACTORS * np.uint64(seed) + _SUMMANDS).view(np.int64)
+    choices = ((numbers + 31) % _REMAINING).tolist()
+    left, shuffled = list(range(256)), [0] * 256
+    for place, choice in zip(range(255, -1, -1), choices, strict=True):
+        shuffled[place], left[choice] = left[choice], left[place]
+    return np.array(shuffled, np.int64)
+
+
+# --- The corners around a point --------------------------------------------------------------------------------------
+
+Offset = tuple[int, int, int]
+
+
+class Corner(NamedTuple):
+    """A lattice corner relative to the corner at the base of a point's cell."""
+
+    offset: Offset
+    late: Offset = (0, 0, 0)
+
+
+# A cell falls into two tetrahedra, at its base and at its opposite corner, and an octahedron in the middle. Each
+# contributes its own corners first.
+BASE, MIDDLE, OPPOSITE = range(3)
+_OWN = {
+    BASE: ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    OPPOSITE: ((1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)),
+    MIDDLE: ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1)),
+}
+# Two more corners outside contribute. They are told by the two own corners that are nearest to the point; an own
+# corner is named by the axes along which it lies away from the base: 1 for x, 2 for y, 4 for z, and sums of them.
+_AXIS = {1: (1, 0, 0), 2: (0, 1, 0), 4: (0, 0, 1)}
+_TWICE = {1: (2, 0, 0), 2: (0, 2, 0), 4: (0, 0, 2)}
+_WITHOUT = {6: (-1, 1, 1), 5: (1, -1, 1), 3: (1, 1, -1)}
+_BASE_WITH = {1: ((1, -1, 0), (1, 0, -1)), 2: ((-1, 1, 0), (0, 1, -1)), 4: ((-1, 0, 1), (0, -1, 1))}
+_BASE_WITHOUT = {3: (1, 1, 0), 5: (1, 0, 1), 6: (0, 1, 1)}
+_OPPOSITE_WITH = {
+    3: (Corner((2, 1, 0)), Corner((1, 1, 0), (0, 1, 0))),
+    5: (Corner((2, 0, 1)), Corner((1, 0, 2))),
+    6: (Corner((0, 1, 1), (0, 1, 0)), Corner((0, 1, 2))),
+}
+
+
+def _extra_corners() -> dict[tuple[int, int, int], tuple[Corner, Corner]]:
+    """The two outside corners by case: (region, side, axes), see `_cases`."""
+    extra: dict[tuple[int, int, int], tuple[Corner, Corner]] = {}
+    for axis in (1, 2, 4):
+        one, other = _BASE_WITH[axis]
+        extra[BASE, 0, axis] = Corner(one), Corner(other)
+        extra[OPPOSITE, 7, axis] = Corner(_AXIS[axis]), Corner(_TWICE[axis])
+        extra[MIDDLE, 7, axis] = Corner((1, 1, 1)), Corner(_TWICE[axis])
+    for pair in (3, 5, 6):
+        extra[BASE, 7, pair] = Corner(_BASE_WITHOUT[pair]), Corner(_WITHOUT[pair])
+        extra[OPPOSITE, 0, pair] = _OPPOSITE_WITH[pair]
+        extra[MIDDLE, 0, pair] = Corner((0, 0, 0)), Corner(_WITHOUT[pair])
+        for axis in (1, 2, 4):
+            extra[MIDDLE, pair, axis] = Corner(_WITHOUT[pair]), Corner((0, 0, 0), _TWICE[axis])
+    return extra
+
+
+def _join(first: Floats, second: Floats, third: Floats, *, first_yields: Flags) -> tuple[Flags, Flags]:
+    """Where a third score takes the place of the first or of the second, whichever of them is to yield."""
+    return first_yields & (first < third), ~first_yields & (second < third)
+
+
+def _tetrahedron_case(own: Floats, others: list[Floats], names: tuple[int, int, int]) -> tuple[Integers, Integers]:
+    """The case of points in a tetrahedron, as (side, axes).
+
+    Side: 0 if the tetrahedron's corner on the cell is one of the two nearest, else 7. Axes: the name of the nearest
+    other corner, or what the two nearest have in common. `own` is the score of the corner on the cell, `others` of the
+    other three.
+    """
+    first, second, third = others
+    into_first, into_second = _join(first, second, third, first_yields=first < second)
+    a, b = np.where(into_first, names[2], names[0]), np.where(into_second, names[2], names[1])
+    first, second = np.where(into_first, third, first), np.where(into_second, third, second)
+    own_is_near = (own > first) | (own > second)
+    both = a | b if names[0] == 1 else a & b
+    return np.where(own_is_near, 0, 7), np.where(own_is_near, np.where(second > first, b, a), both)
+
+
+def _octahedron_case(sums: list[Floats]) -> tuple[Integers, Integers]:
+    """The case of points in the octahedron, as (side, axes).
+
+    Side: 0 if both nearest corners are on the base's side, 7 if both are on the far side, else the far one. Axes: what
+    the two have in common, or the one on the base's side.
+
+    The octahedron's corners come in three opposite pairs. The sum of two coordinates tells which of a pair is nearer.
+    """
+    first, second, third = (np.where(s > 1, s - 1, 1 - s) for s in sums)
+    a, b, c = (np.where(s > 1, far, near) for s, far, near in zip(sums, (3, 5, 6), (4, 2, 1), strict=True))
+    into_first, into_second = _join(first, second, third, first_yields=first <= second)
+    a, b = np.where(into_first, c, a), np.where(into_second, c, b)
+    a_is_far, b_is_far = (np.isin(name, (3, 5, 6)) for name in (a, b))
+    one_side, far_one = a_is_far == b_is_far, np.where(a_is_far, a, b)
+    side = np.where(one_side, np.where(a_is_far, 7, 0), far_one)
+    axes = np.where(one_side, np.where(a_is_far, a & b, a | b), np.where(a_is_far, b, a))
+    return side, axes
+
+
+def _cases(inside: list[Floats]) -> Integers:
+    """The case of every point, from its coordinates inside its cell: region * 64 + side * 8 + axes."""
+    x, y, z = inside
+    total = x + y + z
+    region = np.where(total <= 1, BASE, np.where(total >= 2, OPPOSITE, MIDDLE))
+    by_region = {
+        BASE: _tetrahedron_case(1 - total, [x, y, z], (1, 2, 4)),
+        # Seen from the opposite corner, near is far: the comparisons are those of the base with the signs turned.
+        OPPOSITE: _tetrahedron_case(total - 3, [-x, -y, -z], (6, 5, 3)),
+        MIDDLE: _octahedron_case([x + y, x + z, y + z]),
+    }
+    cases = np.zeros(total.shape, np.int64)
+    for name, (side, axes) in by_region.items():
+        here = region == name
+        cases[here] = (name * 64 + side * 8 + axes)[here]
+    return cases
+
+
+def _corner_table() -> tuple[Integers, Integers, Flags]:
+    """Offsets, late offsets and presence of up to eight corners, by case."""
+    offsets, late = np.zeros((192, 8, 3), np.int64), np.zeros((192, 8, 3), np.int64)
+    present = np.zeros((192, 8), np.bool_)
+    for (region, side, axes), extra in _extra_corners().items():
+        case = region * 64 + side * 8 + axes
+        corners = [*(Corner(offset) for offset in _OWN[region]), *extra]
+        offsets[case, : len(corners)] = [corner.offset for corner in corners]
+        late[case, : len(corners)] = [corner.late for corner in corners]
+        present[case, : len(corners)] = True
+    return offsets, late, present
+
+
+# --- Noise at fixed points -------------------------------------------------------------------------------------------
+
+
+class _Layer(NamedTuple):
+    """The n-th contribution to each of the first so many points."""
+
+    corner: Integers
+    distance: tuple[Floats, Floats, Floats]
+    weight: Floats
+
+
+class Points:
+    """Points at which the noise of any seed can be had quickly.
+
+    The points are sorted by how many corners contribute to them, so that the n-th contributions form one layer over a
+    prefix of the points and a seed's noise takes a few whole-array operations per layer.
+    """
+
+    def __init__(self, x: Floats, y: Floats, z: Floats) -> None:
+        lattice, distance = self._reach(x, y, z)
+        closeness = 2 - distance[0] * distance[0] - distance[1] * distance[1] - distance[2] * distance[2]
+        squared = closeness * closeness
+        contributes = closeness > 0
+        cells, corner = np.unique(lattice[contributes], return_inverse=True)
+        self._cells = cells >> 16, cells >> 8 & 255, cells & 255
+        corners = np.zeros(lattice.shape, np.int64)
+        corners[contributes] = corner
+        counts = contributes.sum(1)
+        order = np.argsort(-counts, kind="stable")
+        self._place = np.argsort(order, kind="stable")
+        # Contributions first, in their order.
+        slots = np.argsort(~contributes, axis=1, kind="stable")[order]
+        sizes = [int((counts > n).sum()) for n in range(8)]
+
+        def layer(values: NDArray[Any], n: int) -> NDArray[Any]:
+            return np.ascontiguousarray(values[order[: sizes[n]], slots[: sizes[n], n]])
+
+        self._layers = [
+            _Layer(
+                layer(corners, n),
+                (layer(distance[0], n), layer(distance[1], n), layer(distance[2], n)),
+                layer(squared * squared, n),
+            )
+            for n in range(8)
+            if sizes[n]
+        ]
+
+    @staticmethod
+    def _reach(x: Floats, y: Floats, z: Floats) -> tuple[Integers, list[Floats]]:
+        """The lattice corners (as one number each) that may contribute to each point, and the way to them by axis.
+
+        A missing corner is put so far away that it cannot contribute.
+        """
+        stretch = (x + y + z) * STRETCH
+        stretched = [v + stretch for v in (x, y, z)]
+        base = [np.floor(v) for v in stretched]
+        squish = (base[0] + base[1] + base[2]) * SQUISH
+        from_base = [v - (b + squish) for v, b in zip((x, y, z), base, strict=True)]
+        case = _cases([s - b for s, b in zip(stretched, base, strict=True)])
+        offsets, late, present = (table[case] for table in _corner_table())
+        skew = (offsets + late).sum(2) * SQUISH
+        lattice = np.zeros(skew.shape, np.int64)
+        distance = []
+        for axis in range(3):
+            way = from_base[axis][:, None] - offsets[:, :, axis] - skew - late[:, :, axis]
+            distance.append(np.where(present, way, 9.0))
+            reached = base[axis][:, None].astype(np.int64) + offsets[:, :, axis] + late[:, :, axis]
+            lattice = lattice << 8 | reached & 255
+        return lattice, distance
+
+    def values(self, seed: int) -> Floats:
+        """The noise of a seed at all points."""
+        shuffled = permutation(seed)
+        x, y, z = self._cells
+        chosen = GRADIENTS[shuffled[(shuffled[(shuffled[x] + y) & 255] + z) & 255] % 24]
+        gradient = [np.ascontiguousarray(chosen[:, axis]) for axis in range(3)]
+        total = np.zeros(len(self._place))
+        product, term = np.empty_like(total), np.empty_like(total)
+        for corner, distance, weight in self._layers:
+            size = len(corner)
+            a, b = product[:size], term[:size]
+            np.multiply(gradient[0].take(corner, out=a, mode="clip"), distance[0], out=a)
+            for axis in (1, 2):
+                np.multiply(gradient[axis].take(corner, out=b, mode="clip"), distance[axis], out=b)
+                np.add(a, b, out=a)
+            np.multiply(a, weight, out=a)
+            np.add(total[:size], a, out=total[:size])
+        return (total / SCALE)[self._place]

@@ -1,0 +1,117 @@
+"""Crafter in words: byte for byte those of the original, its slips included.
+
+The slips: "able take" in the sentence about sleep, "1 steps", a status sentence that follows the action without a
+space, and one sentence in place of everything wherever the original trips over the border of the map. The corrected
+mode mends what hides the game: near the border it tells what can be seen, and a death in sleep is told as a death.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+
+from smartplay_tools.games.crafter.facts import ACTIONS as ENGINE_ACTIONS
+from smartplay_tools.games.crafter.facts import ITEMS, MOST, NAMES, PLAYER, VIEW, VITALS
+from smartplay_tools.games.crafter.views import Sight
+from smartplay_tools.games.crafter.world import COLUMN, position
+
+_COMPASS = {"move_left": "move_west", "move_right": "move_east", "move_up": "move_north", "move_down": "move_south"}
+_TOLD_ACTIONS = tuple(_COMPASS.get(action, action) for action in ENGINE_ACTIONS)
+ACTIONS = tuple(action.replace("_", " ").title() for action in _TOLD_ACTIONS)
+"""The actions by their names for a player, in the engine's order."""
+NUMBERED_ACTIONS = (*ACTIONS[1:], ACTIONS[0])
+"""The actions in the order of the manual, which begins with Move West and ends with Noop."""
+
+_TOOK = tuple(f"You took action {action}." for action in _TOLD_ACTIONS)
+_ASLEEP = "You are sleeping, and will not be able take actions until energy is full.\n\n"
+_DEAD = "You died.\n\n"
+_NOTHING_SEEN = "You see nothing away from you."
+_NO_INVENTORY = "You have nothing in your inventory."
+OUT_OF_MAP = "Error, you are out of the map."
+
+# The view, nearest cell first and, at the same distance, western columns before eastern and north before south.
+_COLUMNS, _ROWS = VIEW
+_CORNER = (_COLUMNS // 2) * COLUMN + _ROWS // 2
+_CELLS = [(i // _ROWS - _COLUMNS // 2, i % _ROWS - _ROWS // 2) for i in range(_COLUMNS * _ROWS)]
+_NEAREST_FIRST = sorted(range(len(_CELLS)), key=lambda i: (abs(_CELLS[i][0]) + abs(_CELLS[i][1]), i))
+_ORDER = bytes(_NEAREST_FIRST)
+_FILL = bytes(256 - len(_CELLS))
+
+
+def _direction(dx: int, dy: int) -> str:
+    parts = ("north" if dy < 0 else "south" if dy > 0 else "", "west" if dx < 0 else "east" if dx > 0 else "")
+    return "-".join(part for part in parts if part)
+
+
+_LINES = [
+    [
+        f"\n- {name} {abs(dx) + abs(dy)} steps to your {_direction(dx, dy)}"
+        for dx, dy in (_CELLS[i] for i in _NEAREST_FIRST)
+    ]
+    for name in NAMES
+]
+"""The line about a thing, by its id and by the rank of its cell in the order above."""
+_TOLD = frozenset(range(1, len(NAMES))) - {PLAYER}
+"""What can stand in a line: anything on the map but the player."""
+
+
+def describe(sight: Sight, action: int | None = None, *, dead: bool = False, corrected: bool = False) -> str:
+    """The observation after an action of the engine, or after the reset if there was none."""
+    surface, at = sight.surface, sight.at
+    faced = surface[at + sight.facing]
+    if not corrected and (not faced or _too_close_to_border(at)):
+        return OUT_OF_MAP
+    # In the original, sleep hides a death: a zombie's blow comes after the player's turn, which would have woken it.
+    asleep = sight.sleeping and not (dead and corrected)
+    status = _ASLEEP if asleep else _DEAD if dead else ""
+    told = f"{status}\n\n{_view(surface, at)}\n\nYou face {NAMES[faced]} at your front.\n\n{_body(sight.inventory)}"
+    return told.strip() if action is None else _TOOK[action] + told
+
+
+def _too_close_to_border(at: int) -> bool:
+    """Whether the original's view would begin at a negative index, which is the other end of the map."""
+    x, y = position(at)
+    return x < _COLUMNS // 2 or y < _ROWS // 2
+
+
+def _view(surface: bytes | bytearray, at: int) -> str:
+    corner = at - _CORNER
+    columns = [surface[start : start + _ROWS] for start in range(corner, corner + _COLUMNS * COLUMN, COLUMN)]
+    # Used as a table for `translate`, the view gives its cells in the wanted order at once.
+    nearest_first = _ORDER.translate(b"".join(columns) + _FILL)
+    lines = [_LINES[name][nearest_first.index(name)] for name in sorted(set(nearest_first)) if name in _TOLD]
+    return "You see:" + "".join(lines) if lines else _NOTHING_SEEN
+
+
+def _body(inventory: Mapping[str, int]) -> str:
+    return _amounts(*inventory.values())
+
+
+@functools.lru_cache(maxsize=4096)
+def _amounts(*amounts: int) -> str:
+    """Vitals and items; the same amounts are told step after step."""
+    vitals = [f"- {name}: {amount}/{MOST}" for name, amount in zip(VITALS, amounts, strict=False)]
+    items = [f"- {name}: {n}" for name, n in zip(ITEMS, amounts[len(VITALS) :], strict=True) if n]
+    inventory = ["Your inventory:", *items] if items else [_NO_INVENTORY]
+    return "\n".join(["Your status:", *vitals, "", *inventory])
+
+
+def _everything() -> tuple[str, ...]:
+    """All pieces of an observation at their longest, as if everything could be seen at the longest distance at once."""
+    return (
+        max(_TOOK, key=len),
+        _ASLEEP,
+        "\n\nYou see:",
+        *(max(_LINES[name], key=len) for name in sorted(_TOLD)),
+        f"\n\nYou face {max(NAMES, key=len)} at your front.\n\n",
+        _body(dict.fromkeys((*VITALS, *ITEMS), MOST)),
+    )
+
+
+LONGEST = len("".join(_everything()))
+"""No observation has more characters."""
+CHARACTERS = "".join(
+    {*"".join((*_TOOK, _ASLEEP, _DEAD, _NOTHING_SEEN, _NO_INVENTORY, OUT_OF_MAP, *_everything())), *"0123456789"}
+    | {*"".join(line for lines in _LINES for line in lines)}
+)
+"""The characters that observations are made of."""

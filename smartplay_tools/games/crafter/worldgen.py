@@ -1,0 +1,168 @@
+"""How a world comes to be: its ground and its first creatures, from one seed.
+
+Crafter visits the cells one by one, column by column, first for the ground and then for creatures, and draws a number
+wherever a rule needs one. Which cells need a draw, however, follows from the noise for nearly all of them. So the
+rules below are written over whole arrays, and only the draws that may succeed are looked at one after the other.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smartplay_tools.games.crafter.facts import (
+    AREA,
+    COAL,
+    COW,
+    DIAMOND,
+    GRASS,
+    IRON,
+    LAVA,
+    PATH,
+    SAND,
+    SKELETON,
+    STONE,
+    TREE,
+    WATER,
+    ZOMBIE,
+)
+from smartplay_tools.games.crafter.noise import Points
+from smartplay_tools.games.crafter.stream import Stream
+
+Flags = NDArray[np.bool_]
+
+CELLS = AREA * AREA
+CENTER = AREA // 2
+MOST_DRAWS = 3 * CELLS
+"""No cell asks for more than three draws in both passes together."""
+
+_X, _Y = (a.ravel().astype(np.float64) for a in np.meshgrid(np.arange(AREA), np.arange(AREA), indexing="ij"))
+_FROM_CENTER = np.sqrt((_X - CENTER) ** 2 + (_Y - CENTER) ** 2)
+
+# The noise fields by name, as coordinates: cells divided by the size of the features, and a layer of its own.
+_FIELDS = {
+    "start": (_X / 3, _Y / 3, 8),
+    "water": (_X / 15, _Y / 15, 3),
+    "water detail": (_X / 5, _Y / 5, 3),
+    "mountain": (_X / 15, _Y / 15, 0),
+    "mountain detail": (_X / 5, _Y / 5, 0),
+    "cave": (_X / 7, _Y / 7, 6),
+    "horizontal tunnel": (2 * _X / 3, _Y / 5 / 3, 7),
+    "vertical tunnel": (_X / 5 / 3, 2 * _Y / 3, 7),
+    "coal": (_X / 8, _Y / 8, 1),
+    "iron": (_X / 6, _Y / 6, 2),
+    "lava": (_X / 5, _Y / 5, 6),
+    "sand": (_X / 9, _Y / 9, 4),
+    "tree": (_X / 7, _Y / 7, 5),
+}
+
+
+class Terrain(NamedTuple):
+    """A new world: the material of each cell (x * 64 + y) and the creatures, (kind, cell), in the order of creation."""
+
+    ground: NDArray[np.uint8]
+    creatures: list[tuple[int, int]]
+
+
+@functools.cache
+def _points() -> Points:
+    """The points of all fields; their geometry takes a moment, once per process."""
+    columns = [np.concatenate([np.broadcast_to(field[axis], CELLS) for field in _FIELDS.values()]) for axis in range(3)]
+    return Points(*(column.astype(np.float64) for column in columns))
+
+
+def generate(stream: Stream) -> Terrain:
+    """Draw a world from the stream, which is left where Crafter leaves it."""
+    noise = dict(zip(_FIELDS, _points().values(stream.below(2**31 - 1)).reshape(-1, CELLS), strict=True))
+    draws = Draws(stream.peek(MOST_DRAWS))
+    ground, tunnels = _ground(noise, draws)
+    creatures = _creatures(ground, tunnels, draws)
+    stream.uniforms(draws.used)
+    return Terrain(ground, creatures)
+
+
+class Draws:
+    """Numbers that were looked up ahead, and how many of them the rules have used."""
+
+    def __init__(self, numbers: NDArray[np.float64]) -> None:
+        self.used = 0
+        self._numbers = numbers
+
+    def take(self, asks: list[tuple[Flags, float]]) -> list[tuple[int, int]]:
+        """Let every cell, in order, ask in turn: a draw above the threshold succeeds and ends the cell's asking.
+
+        `asks` are (which cells ask, threshold). Returns the successes as (cell, which ask).
+        """
+        waiting = np.stack([asking for asking, _ in asks], axis=1)
+        thresholds = [threshold for _, threshold in asks]
+        events = np.flatnonzero(waiting).tolist()
+        width, at = len(asks), self.used
+        numbers = self._numbers[at : at + len(events)]
+        # Without successes, event n has draw n. Each success cancels the rest of its cell, which moves all later events
+        # forward; only draws above the lowest threshold can be one.
+        high = np.flatnonzero(numbers > min(thresholds))
+        cancelled, successes = 0, []
+        for draw, number in zip(high.tolist(), numbers[high].tolist(), strict=True):
+            event = draw + cancelled
+            if event >= len(events):
+                break
+            cell, ask = divmod(events[event], width)
+            if number > thresholds[ask]:
+                successes.append((cell, ask))
+                while event + 1 < len(events) and events[event + 1] // width == cell:
+                    event, cancelled = event + 1, cancelled + 1
+        self.used = at + len(events) - cancelled
+        return successes
+
+
+def _ground(noise: dict[str, NDArray[np.float64]], draws: Draws) -> tuple[NDArray[np.uint8], Flags]:
+    """The ground, and which of its cells are tunnels."""
+    start = 4 - _FROM_CENTER
+    start += 2 * noise["start"]
+    start = 1 / (1 + np.exp(-start))
+    water = noise["water"] + 0.15 * noise["water detail"] + 0.1
+    water -= 2 * start
+    mountain = (noise["mountain"] + 0.3 * noise["mountain detail"]) / 1.3
+    mountain -= 4 * start + 0.3 * water
+    meadow = start > 0.5
+    mountains = ~meadow & (mountain > 0.15)
+    caves = mountains & (noise["cave"] > 0.15) & (mountain > 0.3)
+    tunnels = mountains & ~caves & ((noise["horizontal tunnel"] > 0.4) | (noise["vertical tunnel"] > 0.4))
+    rock = mountains & ~caves & ~tunnels
+    low = ~meadow & ~mountains
+    beach = low & (water > 0.25) & (water <= 0.35) & (noise["sand"] > -0.2)
+    lake = low & ~beach & (water > 0.3)
+    land = low & ~beach & ~lake
+    ground = np.full(CELLS, GRASS, np.uint8)
+    for where, material in (
+        (caves | tunnels, PATH),
+        (rock, STONE),
+        (rock & (mountain > 0.3) & (noise["lava"] > 0.35), LAVA),
+        (beach, SAND),
+        (lake, WATER),
+    ):
+        ground[where] = material
+    asks = [
+        (rock & (noise["coal"] > 0), 0.85),
+        (rock & (noise["iron"] > 0.4), 0.75),
+        (rock & (mountain > 0.18), 0.994),
+        (land & (noise["tree"] > 0), 0.8),
+    ]
+    for cell, ask in draws.take(asks):
+        ground[cell] = (COAL, IRON, DIAMOND, TREE)[ask]
+    return ground, tunnels
+
+
+def _creatures(ground: NDArray[np.uint8], tunnels: Flags, draws: Draws) -> list[tuple[int, int]]:
+    """The first cows, zombies and skeletons."""
+    grass = ground == GRASS
+    walkable = grass | (ground == PATH) | (ground == SAND)
+    asks = [
+        (grass & (_FROM_CENTER > 3), 0.985),
+        (walkable & (_FROM_CENTER > 10), 0.993),
+        (tunnels, 0.95),
+    ]
+    return [((COW, ZOMBIE, SKELETON)[ask], cell) for cell, ask in draws.take(asks)]

@@ -1,0 +1,85 @@
+"""The environment: rules, words and a manual, as a game that is read and played in words."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.games.base import TextGame
+from smartplay_tools.games.messenger import manuals, rules
+from smartplay_tools.games.messenger import text as words
+
+
+class Messenger(TextGame):
+    """Bring the message to the goal; the manual says, in its own words, who is what.
+
+    Action space: `Discrete(5)`, a step to the north, south, west or east, or none. Observation: what was done,
+    whether the message is in hand, and for every visible name its distance and direction. Reward: 0.5 for the message
+    and 1 for bringing it to the goal, -1 for every enemy that is met and for the goal without the message; level 1
+    ends with 1 or -1 at the first contact. Score: the reward of the last step. Terminates when the avatar dies or the
+    goal is reached; a rollout has 4, 64 or 128 steps.
+
+    Arguments: `level`, 1 to 3; `split`, the games and texts of the "test" (default), "val" or "train" set; `texts`, a
+    folder with the original's text files (default: the environment variable `SMARTPLAY_MESSENGER_TEXTS`, else our own
+    sentences); `text`, "original" (default) or "corrected", which says in words that you were caught.
+
+    Attributes:
+        texts: whose sentences the manuals hold, "grammar" (ours) or "original".
+    """
+
+    actions = words.ACTIONS
+    options = ("split", "texts", "text")
+
+    def __init__(
+        self,
+        *,
+        level: int,
+        split: rules.Split = "test",
+        texts: str | os.PathLike[str] | None = None,
+        text: Literal["original", "corrected"] = "original",
+        **options: Any,
+    ) -> None:
+        if level not in (1, 2, 3):
+            raise InvalidArgumentError(f"level must be 1, 2 or 3, not {level!r}.")
+        if text not in ("original", "corrected"):
+            raise InvalidArgumentError(f"text must be 'original' or 'corrected', not {text!r}.")
+        folder = texts or os.environ.get(manuals.TEXTS_VARIABLE)
+        self.texts: Literal["grammar", "original"] = "original" if folder else "grammar"
+        self._sentences_by_entity = manuals.load(Path(folder) if folder else manuals.OUR_TEXTS, split)
+        self._level, self._split, self._text = level, split, text
+        self._games = rules.GAMES[split]
+        self.manual = words.compose(())
+        super().__init__(longest_observation=words.longest_observation(), characters=words.CHARACTERS, **options)
+
+    def deviations(self) -> dict[str, Any]:
+        """What differs from the paper: whose sentences the manuals hold, and options that were given."""
+        paper = {"texts": "original", "split": "test", "text": "original"}
+        played = {"texts": self.texts, "split": self._split, "text": self._text}
+        return {name: {"paper": paper[name], "played": played[name]} for name in paper if played[name] != paper[name]}
+
+    def _reset(self) -> str:
+        chance = self.np_random
+        game = rules.pick(self._games, chance)
+        self._rules_state = rules.start(self._level, chance)
+        movements = self._rules_state.movements
+        self._names = words.names_by_role(game, len(movements))
+        self.manual = words.compose(manuals.draw(self._level, game, movements, self._sentences_by_entity, chance))
+        return words.describe(self._rules_state, self._names)
+
+    def _step(self, action: int) -> tuple[str, float, bool, bool]:
+        if self._level == 1:
+            outcome = rules.step_level_1(self._rules_state, action)
+        else:
+            outcome = rules.step(self._rules_state, action, self.np_random)
+        self._rules_state = outcome.state
+        # The benchmark's score is the reward of the last step, so one on the way counts only if the rollout ends there.
+        self.score = outcome.reward
+        self.completed = outcome.ended and outcome.reward == 1
+        observation = words.describe(outcome.state, self._names, action, corrected=self._text == "corrected")
+        return observation, outcome.reward, outcome.ended, False
+
+    def _state(self) -> Any:
+        state = self._rules_state
+        return [self._names, state.movements, state.places, state.avatar, state.has_message, self.manual]

@@ -1,0 +1,236 @@
+"""Where our manual sentences come from: `grammar.toml`, written out with a fixed stream of random numbers.
+
+The original's sentences were written by a crowd and are not ours to copy. What makes them hard is known in figures,
+though: three synonyms for everything, role and entity in either order, the movement in any of a dozen places, a few
+slips of the pen. The grammar says the same things in our words with the same frequencies.
+
+    python -m smartplay_tools.games.messenger.grammar
+
+writes the files in `texts/`. They are kept rather than written afresh at run time because a changed manual would be a
+changed benchmark.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import random
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import resources
+from typing import Any
+
+from smartplay_tools.games.messenger.manuals import OUR_TEXTS, ROLES, UNKNOWN, Texts
+from smartplay_tools.games.messenger.rules import ENTITIES, MOVEMENTS, SPLITS, Split
+
+SEED = 2024
+
+KINDS = (*MOVEMENTS, UNKNOWN)
+"""What a sentence tells of the movement."""
+
+# How many sentences each (entity, role) has, by kind. Those of val and test are the original's of test; train's add
+# up to the original's. A pair that no episode needs has none.
+_EVALUATION: dict[str, dict[str, tuple[int, int, int, int]]] = {
+    "enemy": {
+        "airplane": (14, 20, 15, 6), "scientist": (10, 20, 17, 8), "bird": (17, 16, 18, 3), "mage": (16, 18, 12, 7),
+        "robot": (14, 10, 12, 0), "dog": (12, 11, 12, 0), "queen": (10, 14, 12, 0), "sword": (14, 11, 11, 0),
+        "ship": (8, 17, 11, 0), "fish": (11, 9, 16, 0), "thief": (16, 8, 12, 0), "ball": (9, 11, 16, 0),
+    },
+    "message": {
+        "robot": (11, 20, 17, 6), "dog": (17, 8, 22, 7), "queen": (17, 15, 16, 7), "sword": (13, 19, 17, 7),
+        "airplane": (14, 6, 16, 0), "scientist": (12, 16, 7, 0), "bird": (8, 15, 13, 0), "mage": (13, 7, 16, 0),
+    },
+    "goal": {
+        "ship": (15, 24, 12, 4), "fish": (15, 20, 14, 6), "thief": (22, 13, 16, 2), "ball": (16, 15, 14, 8),
+        "airplane": (8, 14, 14, 0), "scientist": (13, 13, 10, 0), "bird": (15, 10, 11, 0), "mage": (7, 15, 14, 0),
+    },
+}  # fmt: skip
+_TRAIN_PAIRS = {
+    "airplane": ROLES, "bird": ROLES, "mage": ROLES, "scientist": ROLES,
+    "dog": ("enemy", "goal"), "queen": ("enemy", "goal"), "robot": ("enemy", "goal"), "sword": ("enemy", "goal"),
+    "fish": ("enemy", "message"), "thief": ("enemy", "message"),
+    "ship": ("enemy", "message"), "ball": ("enemy", "message"),
+}  # fmt: skip
+_TRAIN_REAL, _TRAIN_DECOY = (32, 32, 32, 12), (23, 23, 22, 0)
+_ONLY_DECOYS_IN_TRAIN = ("airplane", "bird", "mage", "scientist")
+
+
+def counts(split: Split, entity: str, role: str) -> tuple[int, int, int, int]:
+    """Return how many sentences a pair has in a split, in the order of `KINDS`."""
+    if split != "train":
+        return _EVALUATION[role].get(entity, (0, 0, 0, 0))
+    if role not in _TRAIN_PAIRS[entity]:
+        return (0, 0, 0, 0)
+    return _TRAIN_DECOY if role == "enemy" and entity in _ONLY_DECOYS_IN_TRAIN else _TRAIN_REAL
+
+
+def write_texts() -> Iterator[tuple[Split, Texts]]:
+    """Yield the texts of every split. No sentence occurs twice, neither within a split nor across them."""
+    chance = random.Random(SEED)
+    written: set[str] = set()
+    for split in SPLITS:
+        writer = Writer(chance)
+        texts: Texts = {entity: {role: {} for role in ROLES} for entity in ENTITIES}
+        for entity in ENTITIES:
+            for role in ROLES:
+                for kind, number in zip(KINDS, counts(split, entity, role), strict=True):
+                    sentences = texts[entity][role][kind] = []
+                    while len(sentences) < number:
+                        sentence = writer.sentence(entity, role, kind)
+                        if sentence not in written:
+                            written.add(sentence)
+                            sentences.append(sentence)
+        yield split, texts
+
+
+class Writer:
+    """Writes sentences, one after the other, from one stream of random numbers."""
+
+    def __init__(self, chance: random.Random) -> None:
+        self._chance = chance
+        self._grammar = grammar()
+        self._shares = self._grammar["shares"]
+        self._decks: dict[tuple[str, str], list[str]] = {}
+
+    def sentence(self, entity: str, role: str, kind: str) -> str:
+        """Write a sentence that says of the entity that it is, or has, the role and how it moves."""
+        noise = self._chance.random()
+        if kind != UNKNOWN and noise < self._shares["lost_movement"]:
+            kind = UNKNOWN
+        elif kind != UNKNOWN and noise < self._shares["lost_movement"] + self._shares["wrong_movement"]:
+            kind = self._chance.choice([other for other in MOVEMENTS if other != kind])
+        text = self._fill(self._template(role, kind), self._slots(entity, role, kind))
+        return self._finish(text)
+
+    def _template(self, role: str, kind: str) -> str:
+        place = UNKNOWN if kind == UNKNOWN else self._weighted(self._shares["place"][kind])
+        if place == "you":
+            place = f"you_{kind}"
+        has = "has" if self._happens(self._shares["possession"][role]) else "is"
+        first = "entity" if self._happens(self._shares["entity_first"]) else "role"
+        return self._one_of(self._grammar[place][has][first])
+
+    def _slots(self, entity: str, role: str, kind: str) -> dict[str, Sequence[str]]:
+        """Return what may fill each slot of a template; entity and role are already chosen."""
+        grammar = self._grammar
+        noun, adjective = self._deal("roles", role), self._deal("adjectives", role)
+        synonym = self._deal("entities", entity)
+        direct = f"{adjective} {noun}"
+        with_role, with_entity = {
+            "direct": (direct, synonym),
+            "entity": (noun, f"{adjective} {synonym}"),
+            "clause": (f"{noun} {self._chance.choice(('that', 'that', 'which'))} is {adjective}", synonym),
+            "none": (noun, synonym),
+        }[self._weighted(self._shares["adjective"])]
+        relatives = grammar["relatives"]["somebody" if entity in grammar["pronouns"] else "something"]
+        return {
+            "E": [with_entity],
+            "R": [with_role],
+            "N": [noun if with_role == noun else direct],
+            "REL": relatives,
+            "WHICH": grammar["relatives"]["something"],
+            "IT": grammar["pronouns"].get(entity, ["it"]),
+            "THING": grammar["things"].get(kind, ["object"]),
+            **grammar["possession"][role],
+            **grammar["passive"],
+            **grammar.get(kind, {}),
+        }
+
+    def _fill(self, phrase: str, slots: Mapping[str, Sequence[str]]) -> str:
+        """Fill the slots of a phrase, and those of what fills them."""
+        while match := re.search(r"\b[A-Z]+\b", phrase):
+            filling = self._one_of(slots[match[0]])
+            phrase = phrase[: match.start()] + filling + phrase[match.end() :]
+        return phrase
+
+    def _finish(self, text: str) -> str:
+        """Give a sentence its articles, contractions, slips and full stop."""
+        shares = self._shares
+        noise = self._chance.random()
+        if noise < shares["before"]:
+            text = f"{self._one_of(self._grammar['around']['before'])} {text}"
+        elif noise < shares["before"] + shares["behind"]:
+            text = f"{text} {self._one_of(self._grammar['around']['behind'])}"
+        if text.startswith("the ") and self._happens(shares["article_a"]):
+            text = "a" + text.removeprefix("the")
+        text = re.sub(r"\ba (?=[aeiou])", "an ", text)
+        text = re.sub(r"\b(it|there) is\b", lambda m: f"{m[1]}'s" if self._happens(0.3) else m[0], text)
+        if self._happens(shares["typo"]):
+            text = self._slip(text)
+        if "'" in text and self._happens(shares["broken_apostrophe"]):
+            text = text.replace("'", "â€™")
+        return text if self._happens(shares["no_final_stop"]) else f"{text}."
+
+    def _slip(self, text: str) -> str:
+        """Mistype one word: another word for it, or a letter lost, doubled or swapped with the next."""
+        words = text.split(" ")
+        slips = self._grammar["slips"]
+        known = [i for i, word in enumerate(words) if word in slips]
+        if known and self._happens(0.35):
+            place = self._chance.choice(known)
+            words[place] = slips[words[place]]
+            return " ".join(words)
+        place = self._chance.choice([i for i, word in enumerate(words) if len(word) > 3 and word.isalpha()])
+        word = words[place]
+        letter = self._chance.randrange(1, len(word) - 1)
+        words[place] = self._chance.choice(
+            (
+                word[:letter] + word[letter + 1 :],
+                word[:letter] + word[letter] + word[letter:],
+                word[:letter] + word[letter + 1] + word[letter] + word[letter + 2 :],
+            )
+        )
+        return " ".join(words)
+
+    def _happens(self, probability: float) -> bool:
+        return self._chance.random() < probability
+
+    def _weighted(self, weights: Mapping[str, float]) -> str:
+        return self._chance.choices(list(weights), list(weights.values()))[0]
+
+    def _deal(self, table: str, key: str) -> str:
+        """Deal from a shuffled deck that holds each phrase as often as its weight says, so that its share is exact."""
+        deck = self._decks.setdefault((table, key), [])
+        if not deck:
+            deck += [
+                phrase for phrase, weight in _weights(tuple(self._grammar[table][key])).items() for _ in range(weight)
+            ]
+            self._chance.shuffle(deck)
+        return deck.pop()
+
+    def _one_of(self, phrases: Sequence[str]) -> str:
+        """Draw from phrases with weights behind them, such as `plane *41`."""
+        return self._weighted(_weights(tuple(phrases)))
+
+
+@functools.cache
+def _weights(phrases: tuple[str, ...]) -> dict[str, int]:
+    parts = (phrase.partition(" *") for phrase in phrases)
+    return {text: int(weight or 1) for text, _, weight in parts}
+
+
+def phrases(table: str, key: str) -> list[str]:
+    """Return the phrases of one of the grammar's lists, without their weights."""
+    return list(_weights(tuple(grammar()[table][key])))
+
+
+@functools.cache
+def grammar() -> dict[str, Any]:
+    """Return the grammar as it stands in its file."""
+    return tomllib.loads(resources.files(__package__).joinpath("grammar.toml").read_text(encoding="utf-8"))
+
+
+def as_json(texts: Texts) -> str:
+    """Print texts as the files hold them: a sentence to a line."""
+    return json.dumps(texts, indent=1, ensure_ascii=False) + "\n"
+
+
+def main() -> None:
+    """Write the files."""
+    for split, texts in write_texts():
+        (OUR_TEXTS / f"text_{split}.json").write_text(as_json(texts), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

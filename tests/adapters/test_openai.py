@@ -1,0 +1,306 @@
+"""A model behind OpenAI's interface plays exactly as the same player does without a network in between."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.transcript import comparable
+
+pytest.importorskip("openai")
+
+import openai
+import smartplay_openai as so
+
+GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0")
+WAYS = [("openai", False), ("openai", True), ("openai-responses", False), ("openai-responses", True)]
+BUDGET = sp.Budget(prompt_tokens=800, reply_tokens=200)
+
+
+@pytest.fixture(scope="module")
+def endpoint():
+    with so.LocalEndpoint(sp.get_player("rule"), sp.get_player("random", seed=1)) as endpoint:
+        yield endpoint
+
+
+def record(game, player, seed=7, budget=BUDGET):
+    events = []
+    with sp.Episode(game, seed=seed, budget=budget, transcript=events) as episode:
+        result = sp.play(episode, player)
+    return result, events
+
+
+async def arecord(game, player, seed=7, budget=BUDGET):
+    events = []
+    with sp.Episode(game, seed=seed, budget=budget, transcript=events) as episode:
+        result = await sp.aplay(episode, player)
+    return result, events
+
+
+# The same play.
+
+
+@pytest.mark.parametrize("game", GAMES)
+@pytest.mark.parametrize(("name", "stream"), WAYS)
+def test_the_network_changes_nothing(endpoint, game, name, stream):
+    at_home, home_events = record(game, sp.get_player("rule"))
+    with sp.get_player(f"{name}:rule", base_url=endpoint.base_url, stream=stream) as player:
+        away, away_events = record(game, player)
+    assert comparable(away_events) == comparable(home_events)
+    assert away.model_dump(exclude={"tokens"}) == at_home.model_dump(exclude={"tokens"})
+    assert away.tokens.model_copy(update={"provider": None}) == at_home.tokens
+    assert away_events[0]["player"] == f"{name}:rule"
+
+
+@pytest.mark.parametrize(("name", "stream"), WAYS)
+def test_the_event_loop_changes_nothing(endpoint, name, stream):
+    async def play():
+        async with sp.get_player(f"{name}:rule", base_url=endpoint.base_url, stream=stream) as player:
+            return await arecord(GAMES[2], player)
+
+    _, home_events = record(GAMES[2], sp.get_player("rule"))
+    _, away_events = asyncio.run(play())
+    assert comparable(away_events) == comparable(home_events)
+
+
+class SlowRules:
+    """The rule player, a fifth of a second later; knows how many waited at the same time."""
+
+    name = "slow"
+
+    def __init__(self):
+        self.rules, self.waiting, self.most = sp.get_player("rule"), 0, 0
+
+    async def areply(self, prompt):
+        self.waiting += 1
+        self.most = max(self.most, self.waiting)
+        await asyncio.sleep(0.2)
+        self.waiting -= 1
+        return self.rules.reply(prompt)
+
+
+def test_hundreds_of_conversations_at_once():
+    slow, budget = SlowRules(), sp.Budget(tool_calls=3)
+
+    async def play_all(base_url):
+        async with sp.get_player("openai:slow", base_url=base_url) as player:
+            return await asyncio.gather(*(arecord("Hanoi3Disk-v0", player, seed, budget) for seed in range(200)))
+
+    with so.LocalEndpoint(slow) as endpoint:
+        played = asyncio.run(play_all(endpoint.base_url))
+    for seed, (_, events) in enumerate(played):
+        assert comparable(events) == comparable(record("Hanoi3Disk-v0", slow.rules, seed, budget)[1])
+    assert slow.most > 50
+
+
+def test_one_player_serves_one_event_loop_after_another(endpoint):
+    player = sp.get_player("openai:rule", base_url=endpoint.base_url)
+
+    async def play():
+        async with player:
+            return await arecord("Hanoi3Disk-v0", player)
+
+    assert asyncio.run(play())[0].completed
+    assert asyncio.run(play())[0].completed
+
+
+@pytest.mark.parametrize("name", ["openai", "openai-responses"])
+def test_the_record_replays(endpoint, name, tmp_path):
+    path = tmp_path / "run.jsonl"
+    with (
+        sp.get_player(f"{name}:rule", base_url=endpoint.base_url) as player,
+        sp.Episode("Hanoi3Disk-v0", seed=7, budget=BUDGET, transcript=path) as episode,
+    ):
+        sp.play(episode, player)
+    assert sp.replay(path).identical
+
+
+# What is counted.
+
+
+def test_the_providers_usage_stands_beside_our_count(endpoint):
+    with sp.get_player("openai:rule", base_url=endpoint.base_url) as player:
+        result, _ = record("Hanoi3Disk-v0", player)
+    # The endpoint counts budget tokens, so here the two agree to the token.
+    provider = result.tokens.provider
+    assert (provider.prompt, provider.reply) == (result.tokens.prompt, result.tokens.reply)
+    assert provider.requests == result.turns
+
+
+@pytest.mark.parametrize(("name", "stream"), WAYS)
+def test_cached_and_reasoning_tokens_are_recorded(name, stream):
+    says = {"role": "assistant", "content": "I wait."}
+    usage = sp.Usage(prompt=1000, reply=90, cached=640, reasoning=64)
+    with (
+        so.LocalEndpoint(sp.ScriptedPlayer([says] * 3, usage)) as endpoint,
+        sp.get_player(f"{name}:scripted", base_url=endpoint.base_url, stream=stream) as player,
+    ):
+        result, _ = record("Hanoi3Disk-v0", player)
+    assert result.end_reason == "no_tool_call"
+    assert result.tokens.provider == sp.Usage(prompt=3000, reply=270, cached=1920, reasoning=192, requests=3)
+
+
+@pytest.mark.parametrize(("name", "field"), [("openai", "max_tokens"), ("openai-responses", "max_output_tokens")])
+def test_the_reply_is_capped_by_the_budget(name, field):
+    scripted = sp.ScriptedPlayer([{"role": "assistant", "content": "I wait."}] * 3)
+    with (
+        so.LocalEndpoint(scripted) as endpoint,
+        sp.get_player(f"{name}:scripted", base_url=endpoint.base_url) as player,
+    ):
+        record("Hanoi3Disk-v0", player, budget=sp.Budget(reply_tokens=123))
+        assert player.request(scripted.prompts[0])[field] == 123
+    assert [prompt.max_tokens for prompt in scripted.prompts] == [123] * 3
+
+
+# Reasoning.
+
+
+def thinking(number):
+    reasoning = {"type": "reasoning", "id": f"rs_{number}", "summary": [], "encrypted_content": "x" * 40}
+    call = {"id": "", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
+    return {"role": "assistant", "content": None, "tool_calls": [call], "provider_items": [reasoning]}
+
+
+def test_reasoning_goes_back_with_its_turn_and_leaves_with_it(tmp_path):
+    scripted = sp.ScriptedPlayer([thinking(number) for number in range(12)])
+    path = tmp_path / "run.jsonl"
+    budget = sp.Budget(prompt_tokens=500, tool_calls=12)
+    with (
+        so.LocalEndpoint(scripted) as endpoint,
+        sp.get_player("openai-responses:scripted", base_url=endpoint.base_url) as player,
+        sp.Episode("Hanoi3Disk-v0", seed=7, budget=budget, transcript=path) as episode,
+    ):
+        sp.play(episode, player)
+    dropped = 0
+    for number, prompt in enumerate(scripted.prompts):
+        replies = [message for message in prompt.messages if message["role"] == "assistant"]
+        ids = [item["id"] for reply in replies for item in reply["provider_items"] if item["type"] == "reasoning"]
+        assert ids == [f"rs_{n}" for n in range(number - len(replies), number)]
+        assert all(item["encrypted_content"] == "x" * 40 for r in replies for item in r["provider_items"][:1])
+        dropped += number > len(replies)
+    assert dropped
+    assert sp.replay(path).identical
+
+
+def test_output_items_come_back_in_their_order():
+    output = [
+        {"type": "reasoning", "id": "rs_1", "summary": [{"type": "summary_text", "text": "Hm."}]},
+        {"type": "message", "id": "msg_1", "role": "assistant", "content": [{"type": "output_text", "text": "First."}]},
+        {"type": "function_call", "id": "fc_1", "call_id": "call_1", "name": "observe", "arguments": "{}"},
+        {"type": "reasoning", "id": "rs_2", "summary": []},
+        {"type": "message", "id": "msg_2", "role": "assistant", "content": [{"type": "output_text", "text": "Then."}]},
+        {"type": "function_call", "id": "fc_2", "call_id": "call_2", "name": "act", "arguments": '{"action": "1"}'},
+    ]
+    reply = so.responses_reply({"output": output, "status": "completed"})
+    results = [{"role": "tool", "content": "seen", "tool_call_id": call} for call in ("call_1", "call_2")]
+    sent = so.responses_request(sp.Prompt([reply.message, *results], ()))
+    again = [
+        {**item, "content": [{**p, "annotations": []} for p in item["content"]]} if "content" in item else item
+        for item in output
+    ]
+    assert sent["input"][:6] == again
+    # The words count once: as the message's, not as reasoning.
+    assert sp.TokenCounter().message(reply.message) == sp.TokenCounter().message(
+        {**reply.message, "provider_items": [output[0]]}
+    )
+
+
+# What only the wire sees.
+
+
+def test_ids_names_and_half_characters_are_put_right_on_the_wire_alone():
+    function = {"name": "go north!", "arguments": "{}"}
+    said = {
+        "role": "assistant",
+        "content": "\ud83d",
+        "tool_calls": [{"id": "", "type": "function", "function": function}] * 2,
+    }
+    result = {"role": "tool", "content": "no", "tool_call_id": ""}
+    prompt = sp.Prompt([said, result, result, said, result, result], ())
+    messages = so.chat_request(prompt)["messages"]
+    ids = [call["id"] for message in messages for call in message.get("tool_calls", ())]
+    assert len(set(ids)) == 4
+    assert all(ids)
+    assert [message["tool_call_id"] for message in messages if message["role"] == "tool"] == ids
+    assert messages[0]["tool_calls"][0]["function"]["name"] == "go_north_"
+    assert messages[0]["content"] == "\ufffd"
+    assert prompt.messages[0] == said
+
+
+def test_what_a_server_adds_to_a_message_goes_back_to_it():
+    message = {"role": "assistant", "content": "Hm.", "reasoning": "thoughts", "signature": "s", "annotations": [1]}
+    reply = so.chat_reply({"choices": [{"message": message}]})
+    assert reply.message["reasoning_content"] == "thoughts"
+    with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.receive(reply.message)
+        sent = so.chat_request(conversation.prompt())["messages"][-2]
+    assert sent == {"role": "assistant", "content": "Hm.", "reasoning_content": "thoughts", "signature": "s"}
+
+
+def test_a_reply_without_words_or_calls_goes_back_as_empty_words():
+    prompt = sp.Prompt([{"role": "assistant", "content": None}], ())
+    assert so.chat_request(prompt)["messages"] == [{"role": "assistant", "content": ""}]
+    (item,) = so.responses_request(prompt)["input"]
+    assert item["content"][0]["text"] == ""
+
+
+def test_strict_schemas_in_each_interfaces_form(endpoint):
+    with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
+        prompt = sp.Conversation(episode).prompt()
+    assert all(tool["function"]["strict"] for tool in so.chat_request(prompt)["tools"])
+    request = so.responses_request(prompt)
+    assert all(tool["strict"] and tool["name"] for tool in request["tools"])
+    assert request["store"] is False
+
+
+# Where it goes.
+
+
+def test_a_missing_key_or_model_is_one_sentence(monkeypatch):
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    monkeypatch.delenv("OPENAI_BASE_URL", raising=False)
+    with pytest.raises(sp.InvalidArgumentError, match="set OPENAI_API_KEY"):
+        sp.get_player("openai:gpt-4o-mini")
+    with pytest.raises(sp.InvalidArgumentError, match="openai:MODEL"):
+        sp.get_player("openai")
+
+
+def test_the_environment_names_server_and_key(monkeypatch):
+    with so.LocalEndpoint(sp.get_player("rule"), api_key="secret") as guarded:
+        monkeypatch.setenv("OPENAI_BASE_URL", guarded.base_url)
+        monkeypatch.setenv("OPENAI_API_KEY", "secret")
+        with sp.get_player("openai:rule") as player:
+            assert record("Hanoi3Disk-v0", player)[0].completed
+
+
+def test_the_cap_is_called_as_the_server_calls_it():
+    prompt = sp.Prompt([{"role": "user", "content": "?"}], (), max_tokens=9)
+    official = sp.get_player("openai:gpt-4o-mini", api_key="none", base_url="https://api.openai.com/v1/")
+    other = sp.get_player("openai:llama", api_key="none", base_url="http://models.example/v1")
+    assert official.request(prompt)["max_completion_tokens"] == 9
+    assert other.request(prompt)["max_tokens"] == 9
+
+
+def test_a_missing_extra_is_one_sentence():
+    code = "import sys; sys.modules['openai'] = None; import smartplay_tools as sp; sp.get_player('openai:m')"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "pip install 'smartplay-tools[openai]'" in found.stderr
+
+
+def test_an_agent_of_ones_own_can_use_the_endpoint(endpoint):
+    with openai.OpenAI(
+        base_url=endpoint.base_url, api_key="none", http_client=openai.DefaultHttpxClient(trust_env=False)
+    ) as client:
+        assert [model.id for model in client.models.list()] == ["rule", "random"]
+        with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
+            conversation = sp.Conversation(episode)
+            while (prompt := conversation.prompt()) is not None:
+                completion = client.chat.completions.create(model="rule", **so.chat_request(prompt))
+                reply = so.chat_reply(completion)
+                conversation.receive(reply.message, reply.usage)
+    assert conversation.result.completed

@@ -1,0 +1,72 @@
+"""`serve openai` as a user types it, in a process of its own, and `play` against it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+
+pytest.importorskip("openai")
+
+
+@pytest.fixture(scope="module")
+def served():
+    """A server of the rule and random players; its address is the first word that it prints."""
+    command = [sys.executable, "-m", "smartplay_tools", "serve", "openai", "--port", "0"]
+    command += ["--player", "rule", "--player", "random"]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"}
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    yield server.stdout.readline().split()[0]
+    server.send_signal(signal.SIGINT)
+    rest, _ = server.communicate(timeout=20)
+    assert rest.strip() == "stopped"
+    assert server.returncode == 0
+
+
+def play(*words):
+    result = CliRunner().invoke(app, ["play", "Hanoi3Disk-v0", "--json", *words])
+    return result, (json.loads(result.stdout) if result.exit_code == 0 else None)
+
+
+@pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
+def test_play_against_a_server(served, player, tmp_path):
+    path = tmp_path / "run.jsonl"
+    _, played = play("--player", player, "--base-url", served, "--transcript", str(path))
+    assert (played["score"], played["tokens"]["provider"]["requests"]) == (3, played["turns"])
+    assert sp.replay(path).identical
+
+
+@pytest.mark.parametrize("player", ["openai:random", "openai-responses:random"])
+def test_play_the_paper_s_protocol_against_a_server(served, player, tmp_path):
+    path = tmp_path / "run.jsonl"
+    _, played = play("--player", player, "--base-url", served, "--protocol", "paper", "--transcript", str(path))
+    assert (played["steps"], played["turns"], played["fallback_actions"]) == (30, 60, 0)
+    assert sp.read_transcript(path)[0]["protocol"] == "paper"
+    assert sp.replay(path).identical
+
+
+def test_what_cannot_be_is_one_sentence(served):
+    result, _ = play("--player", "rule", "--base-url", served)
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    result, _ = play("--player", "openai:rule", "--base-url", served, "--protocol", "free")
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    port = served.split(":")[2].removesuffix("/v1")
+    result = CliRunner().invoke(app, ["serve", "openai", "--port", port])
+    assert (result.exit_code, result.stderr) == (
+        2,
+        f"smartplay-tools: Nothing can listen on 127.0.0.1:{port}: Address already in use.\n",
+    )
+
+
+def test_an_unknown_model_is_named_in_the_result(served):
+    result, _ = play("--player", "openai:gpt", "--base-url", served)
+    assert result.exit_code == 1
+    assert "There is no model 'gpt' here; known: rule, random." in json.loads(result.stdout)["error"]

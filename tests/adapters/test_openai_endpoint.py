@@ -1,0 +1,253 @@
+"""The local endpoint from outside: what it answers, and how it refuses what OpenAI refuses."""
+
+from __future__ import annotations
+
+import http.client
+import json
+from urllib.parse import urlsplit
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import smartplay_tools as sp
+
+pytest.importorskip("openai")
+
+import smartplay_openai as so
+
+CALL = {"id": "c1", "type": "function", "function": {"name": "act", "arguments": '{"action": "1"}'}}
+RESULT = {"role": "tool", "tool_call_id": "c1", "content": "Done."}
+USER = {"role": "user", "content": "Play."}
+TOOL = {"name": "act", "description": "1. Rock\n2. Paper", "parameters": {"type": "object", "properties": {}}}
+
+
+class Echo:
+    """Says what it was given: roles and tools."""
+
+    name = "echo"
+
+    def reply(self, prompt):
+        seen = [message["role"] for message in prompt.messages] + [tool.name for tool in prompt.tools]
+        return sp.Reply({"role": "assistant", "content": " ".join(seen)})
+
+
+class Broken:
+    name = "broken"
+
+    def reply(self, prompt):
+        raise StopIteration
+
+
+@pytest.fixture(scope="module")
+def endpoint():
+    with so.LocalEndpoint(Echo(), Broken(), sp.get_player("rule")) as endpoint:
+        yield endpoint
+
+
+def ask(endpoint, path, body=None, method="POST", headers=None):
+    """Send a request without any client's help; return the status and the body."""
+    where = urlsplit(endpoint.base_url)
+    connection = http.client.HTTPConnection(where.hostname, where.port, timeout=30)
+    text = body if isinstance(body, str | None) else json.dumps(body)
+    connection.request(method, path, text, headers or {})
+    response = connection.getresponse()
+    answer = response.read().decode("ascii")
+    connection.close()
+    return response.status, answer
+
+
+def refusal(endpoint, path, body, **options):
+    status, answer = ask(endpoint, path, body, **options)
+    error = json.loads(answer)["error"]
+    assert set(error) == {"message", "type", "param", "code"}
+    return status, error["message"]
+
+
+def chat(*messages, **fields):
+    return {"model": "echo", "messages": list(messages), **fields}
+
+
+def responses(*items, **fields):
+    return {"model": "echo", "input": list(items), **fields}
+
+
+# Answers.
+
+
+def test_a_completion(endpoint):
+    status, answer = ask(endpoint, "/v1/chat/completions", chat(USER, tools=[{"type": "function", "function": TOOL}]))
+    completion = json.loads(answer)
+    assert status == 200
+    assert completion["object"] == "chat.completion"
+    assert completion["choices"][0]["message"]["content"] == "user act"
+    assert completion["choices"][0]["finish_reason"] == "stop"
+    usage = completion["usage"]
+    assert usage["total_tokens"] == usage["prompt_tokens"] + usage["completion_tokens"] > 0
+
+
+@pytest.mark.parametrize("include_usage", [False, True])
+def test_a_stream_of_chunks(endpoint, include_usage):
+    body = chat(USER, stream=True, stream_options={"include_usage": include_usage})
+    _, answer = ask(endpoint, "/v1/chat/completions", body)
+    *events, done, rest = answer.split("\n\n")
+    assert (done, rest) == ("data: [DONE]", "")
+    chunks = [json.loads(event.removeprefix("data: ")) for event in events]
+    assert {chunk["object"] for chunk in chunks} == {"chat.completion.chunk"}
+    deltas = [choice["delta"] for chunk in chunks for choice in chunk["choices"]]
+    assert "".join(delta.get("content") or "" for delta in deltas) == "user"
+    assert [bool(chunk["usage"]) for chunk in chunks] == [False] * (len(chunks) - include_usage) + [
+        True
+    ] * include_usage
+    assert [chunk["choices"] for chunk in chunks if chunk["usage"]] == [[]] * include_usage
+
+
+def test_a_response(endpoint):
+    items = [
+        {"role": "developer", "content": "Play."},
+        {"type": "reasoning", "id": "rs_1", "summary": []},
+        {"type": "function_call", "call_id": "c1", "name": "act", "arguments": "{}"},
+        {"type": "function_call_output", "call_id": "c1", "output": [{"type": "input_text", "text": "Done."}]},
+    ]
+    body = responses(*items, instructions="Be brief.", tools=[{"type": "function", **TOOL}])
+    status, answer = ask(endpoint, "/v1/responses", body)
+    response = json.loads(answer)
+    assert (status, response["status"]) == (200, "completed")
+    assert response["output"][0]["content"][0]["text"] == "system developer assistant tool act"
+    assert json.loads(ask(endpoint, "/v1/responses", {"model": "echo", "input": "Play."})[1])["output"]
+
+
+def test_a_stream_of_response_events(endpoint):
+    _, answer = ask(endpoint, "/v1/responses", responses(USER, stream=True))
+    events = [event.split("\ndata: ") for event in answer.split("\n\n")[:-1]]
+    data = [json.loads(text) for _, text in events]
+    assert [name.removeprefix("event: ") for name, _ in events] == [event["type"] for event in data]
+    assert [event["sequence_number"] for event in data] == list(range(len(data)))
+    assert "".join(event["delta"] for event in data if event["type"] == "response.output_text.delta") == "user"
+    assert data[-1]["response"]["output"][0]["content"][0]["text"] == "user"
+
+
+def test_the_models_are_the_players(endpoint):
+    listed = json.loads(ask(endpoint, "/v1/models", method="GET")[1])
+    assert [model["id"] for model in listed["data"]] == ["echo", "broken", "rule"]
+    assert json.loads(ask(endpoint, "/v1/models/rule", method="GET")[1])["id"] == "rule"
+
+
+def test_an_address_of_version_6():
+    with so.LocalEndpoint(Echo(), host="::1") as endpoint:
+        assert endpoint.base_url.startswith("http://[::1]:")
+        assert ask(endpoint, "/v1/models", method="GET")[0] == 200
+
+
+# Refusals.
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("{", "is a JSON object"),
+        ([], "is a JSON object"),
+        ({"messages": [USER]}, "names its model"),
+        (chat(), "at least one message"),
+        (chat({"role": "robot", "content": "?"}), "has one of the roles"),
+        (chat({"role": "user", "content": None}), "has content"),
+        (chat({"role": "assistant", "content": None}), "content or tool calls"),
+        (chat({"role": "user", "content": [{"type": "image_url", "image_url": {"url": "x"}}]}), "text only"),
+        (chat(USER, {"role": "assistant", "content": None, "tool_calls": [CALL]}), "c1 have no result"),
+        (chat(USER, {"role": "assistant", "content": None, "tool_calls": [CALL]}, USER), "c1 have no result"),
+        (chat(USER, RESULT), "does not follow a tool call"),
+        (chat(USER, {"role": "assistant", "content": None, "tool_calls": [CALL, CALL]}, RESULT), "stands twice"),
+        (chat(USER, {"role": "assistant", "content": None, "tool_calls": [{**CALL, "id": ""}]}, RESULT), "is empty"),
+        (chat(USER, {"role": "assistant", "content": None, "tool_calls": "act"}), "cannot be read"),
+        (chat(USER, tools=[{"type": "function", **TOOL}]), "under `function`"),
+        (chat(USER, tools=[{"type": "function", "function": {**TOOL, "name": "go north!"}}]), "letters, digits"),
+        (chat(USER, tools=[{"type": "function", "function": {**TOOL, "strict": True}}]), "additionalProperties"),
+        (chat(USER, tools=[{"type": "function", "function": {**TOOL, "parameters": 1}}]), "type object"),
+        (chat(USER, max_tokens=0), "at least 1"),
+        (chat(USER, n=2), "n is 1"),
+    ],
+)
+def test_what_chat_completions_refuse(endpoint, body, words):
+    status, message = refusal(endpoint, "/v1/chat/completions", body)
+    assert status == 400
+    assert words in message
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (responses(), "at least one item"),
+        (responses("Play."), "is an object"),
+        (responses({"role": "robot", "content": "?"}), "has one of the roles"),
+        (responses(USER, previous_response_id="resp_1"), "stores nothing"),
+        (responses(USER, tools=[{"type": "function", "function": TOOL}]), "beside `type`"),
+        (responses(USER, {"type": "function_call_output", "call_id": "c1", "output": "?"}), "does not follow"),
+        (responses(USER, {"type": "function_call", "call_id": "c1", "name": "act", "arguments": "{}"}), "no result"),
+    ],
+)
+def test_what_responses_refuse(endpoint, body, words):
+    status, message = refusal(endpoint, "/v1/responses", body)
+    assert status == 400
+    assert words in message
+
+
+def test_unknown_models_paths_and_methods(endpoint):
+    assert refusal(endpoint, "/v1/chat/completions", {**chat(USER), "model": "gpt"}) == (
+        404,
+        "There is no model 'gpt' here; known: echo, broken, rule.",
+    )
+    assert refusal(endpoint, "/v1/models/gpt", None, method="GET")[0] == 404
+    assert refusal(endpoint, "/v1/embeddings", {})[0] == 404
+    assert refusal(endpoint, "/v1/responses", None, method="GET")[0] == 405
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_a_player_that_fails_is_an_error_of_the_server(endpoint, stream):
+    body = {**chat(USER, stream=stream), "model": "broken"}
+    assert refusal(endpoint, "/v1/chat/completions", body) == (500, "The player failed: StopIteration: ")
+
+
+def test_a_key_is_asked_for():
+    with so.LocalEndpoint(Echo(), api_key="schlüssel") as endpoint:
+        assert refusal(endpoint, "/v1/chat/completions", chat(USER))[0] == 401
+        assert refusal(endpoint, "/v1/models", None, method="GET")[0] == 401
+        key = {"authorization": "Bearer schlüssel".encode()}
+        assert ask(endpoint, "/v1/chat/completions", chat(USER), headers=key)[0] == 200
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=8,
+)
+FIELDS = [
+    "role",
+    "content",
+    "tool_calls",
+    "tool_call_id",
+    "type",
+    "call_id",
+    "name",
+    "arguments",
+    "output",
+    "id",
+    "text",
+]
+WORDS = st.sampled_from(["assistant", "tool", "user", "function_call", "function_call_output", "message", "reasoning"])
+ITEM = st.dictionaries(st.sampled_from(FIELDS), WORDS | JSON, max_size=6) | JSON
+BODY = st.fixed_dictionaries(
+    {
+        "model": st.just("echo"),
+        "messages": st.lists(ITEM, max_size=4) | JSON,
+        "input": st.lists(ITEM, max_size=4) | JSON,
+    },
+    optional={"tools": st.lists(ITEM, max_size=2) | JSON, "stream": JSON, "stream_options": JSON, "max_tokens": JSON},
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(body=BODY | JSON, path=st.sampled_from(["/v1/chat/completions", "/v1/responses"]))
+def test_no_body_breaks_it(endpoint, body, path):
+    status, answer = ask(endpoint, path, json.dumps(body))
+    assert status in (200, 400, 404), answer
+    assert answer.startswith(("{", "data: ", "event: "))

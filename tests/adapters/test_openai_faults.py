@@ -1,0 +1,397 @@
+"""What goes wrong between a model and a game, with the real client and a real server: none of it loses an episode.
+
+Each fault is one answer of a server; before and after it the rule player answers. An episode must then either go on as
+if nothing had happened, the extra requests counted, or end with a sentence that says why - and its record must replay.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import random
+import time
+from email.utils import formatdate
+
+import pytest
+
+import smartplay_tools as sp
+
+pytest.importorskip("openai")
+
+import httpx2
+import openai
+import smartplay_openai as so
+from smartplay_openai.attempts import Attempts
+
+GAME = "Hanoi3Disk-v0"
+STEPS = 7
+
+
+class Faulty:
+    """The endpoint of the rule player, with faults in the way of its first requests, or of all of them."""
+
+    def __init__(self, *faults, always=None):
+        self.endpoint = so.endpoint_app(sp.get_player("rule"))
+        self.faults, self.always = list(faults), always
+        self.requests = []
+
+    async def __call__(self, scope, receive, send):
+        body = json.loads((await receive())["body"])
+        self.requests.append((scope["path"], body))
+        fault = self.faults.pop(0) if self.faults else self.always
+        if fault is not None:
+            return await fault(send, body)
+        sent = False
+
+        async def again():
+            nonlocal sent
+            if sent:
+                return await receive()
+            sent = True
+            return {"type": "http.request", "body": json.dumps(body).encode(), "more_body": False}
+
+        return await self.endpoint(scope, again, send)
+
+
+def answer(body, status=200, kind="application/json", **headers):
+    text = body if isinstance(body, str) else json.dumps(body)
+    fields = {"content-type": kind, **{name.replace("_", "-"): value for name, value in headers.items()}}
+
+    async def fault(send, request):
+        encoded = [(name.encode(), value.encode()) for name, value in fields.items()]
+        await send({"type": "http.response.start", "status": status, "headers": encoded})
+        await send({"type": "http.response.body", "body": text.encode()})
+
+    return fault
+
+
+def problem(status, code=None, **headers):
+    return answer({"error": {"message": "No.", "type": "error", "code": code}}, status, **headers)
+
+
+def says(content=None, *calls, **fields):
+    """A completion; calls are (id, name, arguments)."""
+    message = {"role": "assistant", "content": content, **fields}
+    if calls:
+        message["tool_calls"] = [
+            {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}
+            for call_id, name, arguments in calls
+        ]
+    usage = {"prompt_tokens": 100, "completion_tokens": 10, "total_tokens": 110}
+    return answer(
+        {"id": "c", "object": "chat.completion", "choices": [{"index": 0, "message": message}], "usage": usage}
+    )
+
+
+async def silence(send, request):
+    await asyncio.sleep(1)
+
+
+def cut(*parts, kind="text/event-stream"):
+    """An answer that breaks off: more is announced than comes."""
+
+    async def fault(send, request):
+        headers = [(b"content-type", kind.encode()), (b"content-length", b"99999")]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        for part in parts:
+            await send({"type": "http.response.body", "body": part.encode(), "more_body": True})
+
+    return fault
+
+
+def chunk(**delta):
+    return f"data: {json.dumps({'choices': [{'index': 0, 'delta': delta, 'finish_reason': None}]})}\n\n"
+
+
+def play(faulty, tmp_path, player="openai:rule", **options):
+    """Play Hanoi through a faulty server; return the result, the server's requests and the events of the record."""
+    path = tmp_path / "run.jsonl"
+    settings = {"pause": 0.01, **options}
+    budget = settings.pop("budget", sp.Budget())
+    with (
+        so.LocalEndpoint(app=faulty) as endpoint,
+        sp.get_player(player, base_url=endpoint.base_url, **settings) as model,
+        sp.Episode(GAME, seed=7, transcript=path, budget=budget) as episode,
+    ):
+        result = sp.play(episode, model)
+    events = sp.read_transcript(path)
+    assert events[-1]["event"] == "end"
+    assert events[-1]["result"]["end_reason"] == result.end_reason
+    assert sp.replay(path).identical
+    return result, events
+
+
+def assert_as_if_nothing_had_happened(result, extra_requests):
+    assert (result.end_reason, result.score, result.steps, result.error) == ("terminated", 3, STEPS, None)
+    assert (result.illegal_actions, result.malformed_calls, result.idle_replies) == (0, 0, 0)
+    assert result.tokens.provider.requests == result.turns + extra_requests
+
+
+def assert_given_up(result, *words):
+    assert result.end_reason == "player_error"
+    assert (result.steps, result.illegal_actions, result.malformed_calls) == (0, 0, 0)
+    for word in words:
+        assert word in result.error
+
+
+# Faults that pass.
+
+
+@pytest.mark.parametrize("stream", [False, True])
+@pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(problem(429, retry_after="0"), id="429"),
+        pytest.param(problem(500, retry_after="0"), id="500"),
+        pytest.param(problem(503, retry_after_ms="5"), id="503"),
+        pytest.param(problem(408), id="408"),
+        pytest.param(problem(400, x_should_retry="true"), id="retry wanted"),
+        pytest.param(answer("<html>Bad gateway</html>", kind="text/html"), id="a page"),
+        pytest.param(answer("{", kind="application/json"), id="half a body"),
+        pytest.param(cut('{"id": "c", "choi', kind="application/json"), id="a body that breaks off"),
+    ],
+)
+def test_a_server_in_trouble_is_asked_again_and_every_request_counted(fault, player, stream, tmp_path):
+    faulty = Faulty(fault, fault)
+    result, _ = play(faulty, tmp_path, player, stream=stream)
+    assert_as_if_nothing_had_happened(result, extra_requests=2)
+    assert len(faulty.requests) == result.tokens.provider.requests
+
+
+@pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
+def test_a_request_that_times_out_is_sent_again(player, tmp_path):
+    result, _ = play(Faulty(silence), tmp_path, player, timeout=0.3)
+    assert_as_if_nothing_had_happened(result, extra_requests=1)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(cut(chunk(role="assistant", content="I thi")), id="line breaks"),
+        pytest.param(answer(chunk(role="assistant", content="I thi"), kind="text/event-stream"), id="ends early"),
+        pytest.param(answer("data: [DONE]\n\n", kind="text/event-stream"), id="nothing"),
+        pytest.param(answer('data: {"error": {"message": "Overloaded."}}\n\n', kind="text/event-stream"), id="error"),
+        pytest.param(answer("data: {half\n\n", kind="text/event-stream"), id="not json"),
+    ],
+)
+@pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
+def test_a_cut_stream_is_asked_for_again(fault, player, tmp_path):
+    result, _ = play(Faulty(fault), tmp_path, player, stream=True)
+    assert_as_if_nothing_had_happened(result, extra_requests=1)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"choices": []},
+        {"choices": None},
+        {},
+        {"choices": [{"message": None}]},
+        {"choices": [None]},
+        [],
+        None,
+        "text",
+        7,
+    ],
+    ids=repr,
+)
+def test_a_completion_without_a_choice_is_asked_for_again(body, tmp_path):
+    result, _ = play(Faulty(answer(json.dumps(body))), tmp_path)
+    assert_as_if_nothing_had_happened(result, extra_requests=1)
+
+
+def test_what_a_broken_answer_cost_is_counted(tmp_path):
+    usage = {"prompt_tokens": 5000, "completion_tokens": 1}
+    result, _ = play(Faulty(answer({"choices": [], "usage": usage})), tmp_path)
+    assert result.tokens.provider.prompt == result.tokens.prompt + 5000
+
+
+# Faults that stay.
+
+
+@pytest.mark.parametrize(
+    ("fault", "attempts", "words"),
+    [
+        pytest.param(problem(429, retry_after="0"), "3 attempts", "RateLimitError", id="429"),
+        pytest.param(problem(500, retry_after="0"), "3 attempts", "InternalServerError", id="500"),
+        pytest.param(answer({"choices": []}), "3 attempts", "no choice with a message", id="empty choices"),
+        pytest.param(problem(429, "insufficient_quota"), "1 attempt", "RateLimitError", id="no quota"),
+        pytest.param(problem(429, retry_after="3600"), "1 attempt", "RateLimitError", id="an hour"),
+        pytest.param(problem(503, x_should_retry="false"), "1 attempt", "InternalServerError", id="not wanted"),
+        pytest.param(problem(401), "1 attempt", "AuthenticationError", id="401"),
+        pytest.param(problem(404, "model_not_found"), "1 attempt", "NotFoundError", id="404"),
+        pytest.param(problem(400), "1 attempt", "BadRequestError", id="400"),
+    ],
+)
+def test_a_model_that_never_answers_ends_the_episode_with_a_sentence(fault, attempts, words, tmp_path):
+    faulty = Faulty(always=fault)
+    result, _ = play(faulty, tmp_path, retries=2)
+    assert_given_up(result, f"in {attempts}: ", words)
+    assert f"{len(faulty.requests)} attempt" in attempts
+    assert result.tokens.provider.requests == len(faulty.requests)
+
+
+def test_a_server_that_is_silent_for_ever_ends_it_too(tmp_path):
+    result, _ = play(Faulty(always=silence), tmp_path, retries=1, timeout=0.2)
+    assert_given_up(result, "in 2 attempts: APITimeoutError")
+
+
+def test_a_server_that_is_not_there_ends_it_too(tmp_path):
+    with so.LocalEndpoint(sp.get_player("rule")) as endpoint:
+        gone = endpoint.base_url
+    with sp.get_player("openai:rule", base_url=gone, retries=1, pause=0.01) as player, sp.Episode(GAME, seed=7) as e:
+        result = sp.play(e, player)
+    assert_given_up(result, "in 2 attempts: APIConnectionError")
+
+
+def test_trouble_in_the_midst_of_a_game_keeps_what_was_played(tmp_path):
+    result, events = play(Faulty(None, None, None, always=problem(500, retry_after="0")), tmp_path, retries=1)
+    assert (result.end_reason, result.steps) == ("player_error", 2)
+    assert result.tokens.provider.requests == 3 + 2
+    assert "InternalServerError" in events[-1]["traceback"]
+
+
+def test_the_same_on_an_event_loop():
+    async def play_it(faulty, **options):
+        with so.LocalEndpoint(app=faulty) as endpoint, sp.Episode(GAME, seed=7) as episode:
+            async with sp.get_player("openai:rule", base_url=endpoint.base_url, pause=0.01, **options) as player:
+                return await sp.aplay(episode, player)
+
+    passing = (problem(429, retry_after="0"), problem(500), silence, answer({"choices": []}))
+    assert_as_if_nothing_had_happened(asyncio.run(play_it(Faulty(*passing), timeout=0.3)), extra_requests=4)
+    broken = (cut(chunk(content="I thi")), answer(chunk(content="I"), kind="text/event-stream"))
+    assert_as_if_nothing_had_happened(asyncio.run(play_it(Faulty(*broken), stream=True)), extra_requests=2)
+    assert_given_up(asyncio.run(play_it(Faulty(always=problem(500)), retries=1)), "in 2 attempts")
+
+
+# Pauses.
+
+
+def refusal(**headers):
+    fields = {name.replace("_", "-"): value for name, value in headers.items()}
+    request = httpx2.Request("POST", "http://localhost")
+    response = httpx2.Response(429, headers=fields, request=request)
+    return openai.RateLimitError("No.", response=response, body=None)
+
+
+def test_the_server_says_how_long_to_wait():
+    def pause(**headers):
+        attempts = Attempts(4, 0.5, random.Random(0))
+        attempts.begin()
+        return attempts.pause(refusal(**headers))
+
+    assert pause(retry_after="7") == 7
+    assert pause(retry_after="0.5") == 0.5
+    assert pause(retry_after_ms="250", retry_after="1") == 0.25
+    assert 25 < pause(retry_after=formatdate(time.time() + 30, usegmt=True)) <= 30
+    assert pause(retry_after=formatdate(time.time() - 30, usegmt=True)) == 0
+    assert pause(retry_after="soon") <= 0.5
+
+
+def test_pauses_double_up_to_a_limit():
+    attempts, pauses = Attempts(9, 0.5, random.Random(0)), []
+    for _ in range(8):
+        attempts.begin()
+        pauses.append(attempts.pause(refusal()))
+    for pause, longest in zip(pauses, [0.5, 1, 2, 4, 8, 8, 8, 8], strict=True):
+        assert 0.75 * longest <= pause <= longest
+
+
+# What a model may say.
+
+
+def results_of(events, turn=0):
+    return [event for event in events if event["event"] == "call" and event["turn"] == turn]
+
+
+def test_several_calls_in_one_message_are_played_in_their_order(tmp_path):
+    moves = [("a", "act", '{"action": "2"}'), ("b", "observe", ""), ("c", "act", '{"action": "1"}')]
+    result, events = play(Faulty(says("Two at once.", *moves)), tmp_path)
+    assert [(call["position"], call["name"]) for call in results_of(events)] == [(0, "act"), (1, "observe"), (2, "act")]
+    assert result.completed
+
+
+@pytest.mark.parametrize("arguments", ["{", '{"action": ', "act(1)", "[1]", "null", '{"action": 1}', "{" * 5000])
+def test_arguments_that_are_not_json_are_told_and_counted(arguments, tmp_path):
+    result, events = play(Faulty(says(None, ("a", "act", arguments))), tmp_path)
+    (call,) = results_of(events)
+    assert call["is_error"]
+    assert call["arguments"] == arguments
+    assert (result.malformed_calls, result.end_reason) == (1, "terminated")
+
+
+def test_arguments_that_a_server_parsed_itself_are_taken(tmp_path):
+    result, _ = play(Faulty(says(None, ("a", "act", {"action": "2"}))), tmp_path)
+    assert (result.malformed_calls, result.completed) == (0, True)
+
+
+@pytest.mark.parametrize("name", ["jump", "go north!", "", "x" * 200])
+def test_an_unknown_tool_is_told_and_counted(name, tmp_path):
+    result, events = play(Faulty(says(None, ("a", name, "{}"))), tmp_path)
+    assert "The tools are observe, act, read_manual." in results_of(events)[0]["text"]
+    assert (result.malformed_calls, result.end_reason) == (1, "terminated")
+
+
+@pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
+def test_half_a_character_is_recorded_and_passed_by(player, tmp_path):
+    output = [{"type": "message", "role": "assistant", "content": [{"type": "output_text", "text": "\ud83d"}]}]
+    fault = says("\ud83d") if player == "openai:rule" else answer({"status": "completed", "output": output})
+    result, events = play(Faulty(fault), tmp_path, player)
+    assert next(e for e in events if e.get("by") == "player")["message"]["content"] == "\ud83d"
+    assert (result.idle_replies, result.end_reason) == (1, "terminated")
+
+
+def test_a_reply_without_a_call_is_asked_to_go_on(tmp_path):
+    result, _ = play(Faulty(says("Let me think."), says(None), says("Hm", refusal="I will not.")), tmp_path)
+    assert (result.idle_replies, result.end_reason) == (3, "no_tool_call")
+    result, _ = play(Faulty(says("Let me think.")), tmp_path / "again")
+    assert (result.idle_replies, result.end_reason) == (1, "terminated")
+
+
+def test_a_reply_longer_than_allowed_is_an_overrun_and_charged_in_full(tmp_path):
+    words = "word " * 300
+    result, events = play(Faulty(says(words)), tmp_path, budget=sp.Budget(reply_tokens=100))
+    usage = next(event for event in events if event["event"] == "usage")
+    assert usage["overrun"]
+    assert usage["reply"] > 300
+    assert (result.tokens.overruns, result.end_reason) == (1, "terminated")
+
+
+def test_repeated_call_ids_are_told_apart(tmp_path):
+    act = ("act:0", "act", '{"action": "2"}')
+    twice = says(None, act, ("act:0", "observe", "{}"))
+    faulty = Faulty(twice, says(None, ("act:0", "act", '{"action": "1"}')), says(None, ("", "observe", "")))
+    result, events = play(faulty, tmp_path)
+    assert len([event for event in events if event["event"] == "call"]) == result.tool_calls
+    # The endpoint refuses ids that stand twice, so that the episode went on shows that none did.
+    _, last = faulty.requests[-1]
+    ids = [call["id"] for message in last["messages"] for call in message.get("tool_calls", ())]
+    assert len(ids) == len(set(ids))
+    assert result.completed
+
+
+# Proxies.
+
+
+def test_a_proxy_in_the_environment_is_not_asked_for_this_machine(monkeypatch, tmp_path):
+    for name in ("HTTP_PROXY", "http_proxy", "ALL_PROXY"):
+        monkeypatch.setenv(name, "http://127.0.0.1:9")
+    result, _ = play(Faulty(), tmp_path)
+    assert_as_if_nothing_had_happened(result, extra_requests=0)
+
+
+def test_a_proxy_in_the_environment_is_asked_for_any_other(monkeypatch):
+    class Proxy(Faulty):
+        async def __call__(self, scope, receive, send):
+            hosts.append(dict(scope["headers"])[b"host"])
+            await super().__call__({**scope, "path": "/v1/chat/completions"}, receive, send)
+
+    hosts = []
+    with so.LocalEndpoint(app=Proxy()) as proxy:
+        monkeypatch.setenv("HTTP_PROXY", proxy.base_url.removesuffix("/v1"))
+        monkeypatch.delenv("NO_PROXY", raising=False)
+        url = "http://models.example/v1"
+        with sp.get_player("openai:rule", base_url=url, api_key="none") as player, sp.Episode(GAME, seed=7) as episode:
+            assert sp.play(episode, player).completed
+    assert set(hosts) == {b"models.example"}

@@ -1,0 +1,343 @@
+"""Crafter as an environment: seeding, copies, state hashes, borders, ends, pictures, memory of nothing but the seed."""
+
+import copy
+import hashlib
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from crafter import constants
+from gymnasium.utils.env_checker import check_env
+
+from smartplay_tools.games.crafter import facts
+from smartplay_tools.games.crafter.game import Crafter
+from smartplay_tools.games.crafter.noise import Points
+from smartplay_tools.games.crafter.stream import Stream, world_seed
+from smartplay_tools.games.crafter.world import place
+from smartplay_tools.specs import GAMES
+
+
+def make(**options: object) -> Crafter:
+    return GAMES["Crafter-v0"].make(**options)
+
+
+def started(seed: int, **options: object) -> Crafter:
+    game = make(**options)
+    game.reset(seed=seed)
+    return game
+
+
+def random_steps(game: Crafter, steps: int, seed: int = 0) -> list[str]:
+    """Play on, into the next episode after an end; return what was seen and the state's hash now and then."""
+    rng, seen = np.random.default_rng(seed), []
+    for step in range(steps):
+        observation, _, terminated, truncated, _ = game.step(rng.integers(17))
+        seen.append(observation)
+        if step % 50 == 0:
+            seen.append(game.state_hash())
+        if terminated or truncated:
+            seen.append(game.reset()[0])
+    return seen
+
+
+# --- Rules as data ---------------------------------------------------------------------------------------------------
+
+
+def test_the_tables_are_those_of_the_package() -> None:
+    assert list(facts.ACTIONS) == constants.actions
+    assert list(facts.MATERIALS) == constants.materials
+    assert [facts.NAMES[material] for material in facts.WALKABLE] == constants.walkable
+    assert [*facts.VITALS, *facts.ITEMS] == list(constants.items)
+    initial = {**dict.fromkeys(facts.VITALS, facts.MOST), **dict.fromkeys(facts.ITEMS, 0)}
+    assert {name: {"max": facts.MOST, "initial": count} for name, count in initial.items()} == constants.items
+    assert list(facts.ACHIEVEMENTS) == constants.achievements
+
+
+def test_what_collecting_placing_and_making_take_and_give() -> None:
+    for material, rule in facts.COLLECT.items():
+        told = constants.collect[facts.NAMES[material]]
+        assert told["require"] == ({rule.tool: 1} if rule.tool else {})
+        assert told["receive"] == {rule.item: 1}
+        assert (told["leaves"], told.get("probability", 1)) == (facts.NAMES[rule.leaves], rule.probability)
+    for name, placing in facts.PLACE.items():
+        told = constants.place[name]
+        assert told["uses"] == dict(placing.uses)
+        assert told["where"] == [facts.NAMES[material] for material in placing.where]
+        assert (told["type"] == "object") == (placing.what == facts.PLANT)
+    for name, making in facts.MAKE.items():
+        told = constants.make[name]
+        assert (told["uses"], told["gives"]) == (dict(making.uses), 1)
+        assert told["nearby"] == [facts.NAMES[material] for material in making.nearby]
+    assert (len(facts.COLLECT), len(facts.PLACE), len(facts.MAKE)) == (
+        len(constants.collect),
+        len(constants.place),
+        len(constants.make),
+    )
+
+
+# --- Text ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_manual_is_the_benchmarks() -> None:
+    manual = make().manual
+    assert len(manual) == 4603
+    digest = hashlib.sha256(manual.encode()).hexdigest()
+    assert digest == "2ece2c1256a11a3e80bd1a2804c066652b0ed478a99d65eedecec4fdbbcb9dde"
+
+
+def test_the_manual_numbers_the_actions_differently() -> None:
+    game = make()
+    for number, action in enumerate(game.numbered_actions, start=1):
+        assert f"\n{number}. {action}: " in game.manual
+    assert sorted(game.numbered_actions) == sorted(game.actions)
+    assert (game.actions[0], game.numbered_actions[0]) == ("Noop", "Move West")
+
+
+def go_to(game: Crafter, x: int, y: int) -> str:
+    """Stand on a cell made of grass, facing south; return what can be seen there after a moment."""
+    player, world = game._world.player, game._world.world
+    world.surface[player.at] = world.ground[player.at]
+    player.at = place(x, y)
+    world.set_ground(player.at, facts.GRASS)
+    world.surface[player.at] = facts.PLAYER
+    world.visit(player.at)
+    world.list_near(player.at)
+    return game.step(0)[0]
+
+
+@pytest.mark.parametrize(("x", "y"), [(3, 30), (30, 2), (0, 0), (30, 63), (3, 63)])
+def test_near_the_border_the_original_tells_nothing(x: int, y: int) -> None:
+    assert go_to(started(5), x, y) == "Error, you are out of the map."
+
+
+@pytest.mark.parametrize(("x", "y"), [(4, 3), (63, 30), (30, 62), (60, 61)])
+def test_elsewhere_near_the_border_the_view_is_clipped(x: int, y: int) -> None:
+    assert go_to(started(5), x, y).startswith("You took action noop.\n\nYou see:\n- ")
+
+
+def test_the_corrected_text_tells_what_can_be_seen_at_the_border() -> None:
+    assert go_to(started(5, text="corrected"), 3, 30).startswith("You took action noop.\n\nYou see:\n- ")
+    assert "\n\nYou face nothing at your front.\n\n" in go_to(started(5, text="corrected"), 30, 63)
+
+
+@pytest.mark.parametrize(("text", "status"), [("original", "You are sleeping, "), ("corrected", "You died.")])
+def test_killed_in_sleep(text: str, status: str) -> None:
+    game = started(7, text=text)
+    player, world = game._world.player, game._world.world
+    player.inventory["energy"] = 1
+    game.step(game.actions.index("Sleep"))
+    player.inventory["health"] = player._last_health = 2
+    zombie = next(thing for thing in world.things if thing.kind == facts.ZOMBIE)
+    free = next(player.at + d for d in (1, -1, 128, -128) if world.surface[player.at + d] == facts.GRASS)
+    world.move(zombie, free)
+    world.list_near(player.at)
+    observation, _, terminated, _, _ = game.step(0)
+    assert terminated
+    assert observation.startswith(f"You took action noop.{status}")
+    assert "\n\n\n\nYou see:" in observation
+    assert "- health: 0/9" in observation
+
+
+def test_unknown_options_are_refused_in_one_sentence() -> None:
+    with pytest.raises(ValueError, match=r"^engine must be one of .*, not 'slow'\.$"):
+        make(engine="slow")
+    with pytest.raises(ValueError, match=r"^text must be one of .*, not 'pretty'\.$"):
+        make(text="pretty")
+    with pytest.raises(ValueError, match=r"^picture_size must be 64 or more, not 10\.$"):
+        make(picture_size=10)
+
+
+# --- Seeds, states and copies ----------------------------------------------------------------------------------------
+
+
+def test_world_seeds_are_those_of_cpython() -> None:
+    seeds = [world_seed(seed, episode) for seed in (0, 1, 7, 2**31, 2**63) for episode in (1, 2, 3, 1000)]
+    pinned = """
+    1256191933 744553801 1246819891 1238182569 535231920
+    1037498010 1639102990 1531126778 702520759 91543741
+    693148721 585172509 121392701 1757238216 112020663
+    103383337 530789928 19151792 521417886 512780564
+    """
+    assert seeds == [int(number) for number in pinned.split()]
+
+
+def test_small_draws_are_those_of_numpy() -> None:
+    ours, numpys = Stream(3), np.random.RandomState(3)
+    for bound in [*range(1, 145), 2**31 - 1]:
+        assert ours.below(bound) == numpys.randint(0, bound)
+        assert ours.uniform() == numpys.uniform()
+        assert ours.quarter() == numpys.randint(0, 4)
+
+
+def test_noise_is_that_of_opensimplex() -> None:
+    import opensimplex
+
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform(-30, 60, (2, 1500))
+    z = rng.integers(0, 9, 1500).astype(float)
+    points = Points(x, y, z)
+    for seed in (0, 2**31 - 2):
+        library = opensimplex.OpenSimplex(seed)
+        expected = [library.noise3(*point) for point in zip(x.tolist(), y.tolist(), z.tolist(), strict=True)]
+        assert points.values(seed).tolist() == expected
+
+
+def test_a_reset_without_a_seed_begins_the_next_episode() -> None:
+    first, second = started(3), started(3)
+    assert first.state_hash() == second.state_hash()
+    worlds = {first.state_hash()}
+    for _ in range(3):
+        assert first.reset() == second.reset()
+        worlds.add(first.state_hash())
+    assert len(worlds) == 4
+    first.reset(seed=3)
+    assert first.state_hash() in worlds
+
+
+def test_without_any_seed_worlds_differ() -> None:
+    first, second = make(), make()
+    first.reset()
+    second.reset()
+    assert first.state_hash() != second.state_hash()
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
+@pytest.mark.parametrize("steps", [0, 3, 210])
+def test_a_copy_continues_identically(copied: object, steps: int) -> None:
+    game = started(11)
+    random_steps(game, steps)
+    twin = copied(game)
+    before = twin.state_hash()
+    assert game.state_hash() == before
+    seen = random_steps(game, 120, seed=1)
+    assert twin.state_hash() == before, "the copy shares state with its original"
+    assert random_steps(twin, 120, seed=1) == seen
+    assert twin.state_hash() == game.state_hash()
+
+
+def test_a_copy_of_the_reference_engine_continues_identically() -> None:
+    game = started(11, engine="crafter")
+    random_steps(game, 30)
+    twins = [copy.deepcopy(game), pickle.loads(pickle.dumps(game))]
+    seen = random_steps(game, 30, seed=1)
+    assert [random_steps(twin, 30, seed=1) for twin in twins] == [seen, seen]
+    fast = started(11)
+    random_steps(fast, 30)
+    random_steps(fast, 30, seed=1)
+    assert fast.state_hash() == game.state_hash()
+
+
+def test_the_state_hash_covers_what_cannot_be_seen() -> None:
+    def hash_after(change: object) -> str:
+        game = started(2)
+        change(game)
+        return game.state_hash()
+
+    def cow_is_hurt(game: Crafter) -> None:
+        game._world.world.things[0].health -= 1
+
+    def hungrier(game: Crafter) -> None:
+        game._world.player._hunger += 1
+
+    def one_draw(game: Crafter) -> None:
+        game._world.world.stream.uniform()
+
+    def other_order(game: Crafter) -> None:
+        game._world.world.things.reverse()
+
+    def far_cell(game: Crafter) -> None:
+        game._world.world.set_ground(place(1, 1), facts.TABLE)
+
+    changes = [lambda game: None, cow_is_hurt, hungrier, one_draw, other_order, far_cell]
+    assert len({hash_after(change) for change in changes}) == len(changes)
+
+
+SCRIPT = """
+import numpy as np
+from smartplay_tools.specs import GAMES
+game = GAMES["Crafter-v0"].make()
+game.reset(seed=4)
+rng = np.random.default_rng(0)
+for _ in range(300):
+    _, _, terminated, _, _ = game.step(rng.integers(17))
+    if terminated:
+        game.reset()
+print(game.state_hash())
+import sys
+assert not {"crafter", "opensimplex", "PIL"} & sys.modules.keys()
+"""
+
+
+def test_another_process_plays_the_same_and_needs_no_crafter() -> None:
+    hashes = {
+        subprocess.run(
+            [sys.executable, "-c", SCRIPT],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={"PYTHONHASHSEED": hash_seed},
+        ).stdout
+        for hash_seed in ("1", "2")
+    }
+    assert len(hashes) == 1
+    assert len(hashes.pop().strip()) == 32
+
+
+# --- Environment -----------------------------------------------------------------------------------------------------
+
+
+def test_the_environment_checker_is_content() -> None:
+    check_env(make().unwrapped, skip_render_check=True)
+
+
+def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
+    game, steps, ended = started(6), 0, False
+    while not ended:
+        game._world.player.inventory.update(health=9, food=9, drink=9)
+        _, _, terminated, ended, info = game.step(steps % 5)
+        steps += 1
+        assert not terminated
+    assert steps == 9_999
+    assert info["completed"] == 0
+
+
+def test_all_texts_fit_the_observation_space() -> None:
+    game = started(8)
+    for _ in range(300):
+        game._world.player.inventory.update(dict.fromkeys((*facts.VITALS, *facts.ITEMS), 9))
+        observation, *_ = game.step(game.action_space.sample())
+        assert observation in game.observation_space
+
+
+# --- Pictures --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("engine", ["fast", "crafter"])
+def test_looking_at_pictures_changes_nothing(engine: str) -> None:
+    watched, blind = started(9, engine=engine, render_mode="rgb_array"), started(9)
+    for step in range(1, 190):
+        watched.step(step % 17)
+        blind.step(step % 17)
+        if step % 10 == 0:
+            picture = watched.render()
+            assert (picture.shape, picture.dtype) == ((64, 64, 3), np.uint8)
+            assert np.array_equal(picture, watched.render())
+            assert watched.state_hash() == blind.state_hash()
+    if engine == "crafter":
+        assert np.array_equal(watched.render(), watched._world.picture)
+
+
+def test_larger_pictures_show_the_same() -> None:
+    game = started(9, render_mode="rgb_array", picture_size=576)
+    for _ in range(180):
+        game.step(0)
+    picture = game.render()
+    assert picture.shape == (576, 576, 3)
+    assert picture.std() > 10
+
+
+def test_in_mode_ansi_the_observation_is_rendered() -> None:
+    game = started(9, render_mode="ansi")
+    assert game.render() == game.observation

@@ -1,0 +1,127 @@
+"""MESSENGER as an environment: seeds, scores, ends, options."""
+
+from __future__ import annotations
+
+import gymnasium
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import smartplay_tools as sp
+from smartplay_tools.games.base import TextGame
+from smartplay_tools.games.messenger import text
+
+LEVELS = (1, 2, 3)
+
+
+def make(level: int, **options: object) -> TextGame:
+    return sp.GAMES[f"MessengerL{level}-v0"].make(**options)
+
+
+def play(game: TextGame, seed: int, steps: int = 40) -> list[tuple[object, ...]]:
+    observation, info = game.reset(seed=seed)
+    events: list[tuple[object, ...]] = [(observation, info["manual"], game.state_hash())]
+    for number in range(steps):
+        observation, reward, terminated, _, info = game.step((seed + number * number) % 5)
+        events.append((observation, reward, terminated, info["history"], info["score"], game.state_hash()))
+        if terminated:
+            break
+    return events
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.filterwarnings("ignore:.*not within the observation space.*:UserWarning")
+def test_gymnasium_is_content(level: int) -> None:
+    check_env(make(level).unwrapped, skip_render_check=True)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_equal_seeds_give_equal_episodes(level: int) -> None:
+    one, other = make(level), make(level)
+    for seed in range(20):
+        assert play(one, seed) == play(other, seed)
+    assert play(one, 1) != play(one, 2)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_observations_stay_in_their_space(level: int) -> None:
+    game = make(level, text="corrected")
+    for seed in range(60):
+        for observation, *_ in play(game, seed):
+            assert observation in game.observation_space
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_the_score_is_the_last_reward_and_a_win_completes(level: int) -> None:
+    game = make(level)
+    rewards = set()
+    for seed in range(150):
+        game.reset(seed=seed)
+        for number in range(40):
+            _, reward, terminated, _, info = game.step((seed + number // 3) % 4)
+            rewards.add(reward)
+            assert info["score"] == reward
+            assert info["completed"] == (terminated and reward == 1)
+            if terminated:
+                break
+    assert rewards >= ({-1, 0, 1} if level == 1 else {-1, 0, 0.5})
+
+
+def dead(level: int, **options: object) -> TextGame:
+    """A game whose avatar has just died."""
+    game = make(level, **options)
+    for seed in range(100):
+        game.reset(seed=seed)
+        for _ in range(60):
+            _, reward, terminated, *_ = game.step(seed % 5)
+            if terminated and reward < 0:
+                return game
+    raise AssertionError("nobody died")
+
+
+def test_death_shows_the_originals_accident_unless_corrected() -> None:
+    assert dead(2).observation == "Environment Error."
+    corrected = dead(2, text="corrected")
+    assert corrected.observation.endswith(text.CAUGHT)
+    assert corrected.deviations()["text"] == {"paper": "original", "played": "corrected"}
+    assert "Environment Error." not in dead(1).observation  # level 1 keeps its avatar
+
+
+def test_after_the_end_level_2_stands_still() -> None:
+    game = dead(2)
+    observation, reward, terminated, _, info = game.step(0)
+    assert (observation, reward, terminated) == ("Environment Error.", 0, True)
+    assert (info["score"], info["completed"]) == (0, 0)
+
+
+def test_the_history_holds_the_paper_s_two_steps() -> None:
+    game = make(2)
+    game.reset(seed=4)
+    for _ in range(4):
+        info = game.step(4)[-1]
+    assert info["history"].startswith(
+        "Most recent 2 steps of the player's in-game observation:\n\nPlayer Observation Step 2:"
+    )
+
+
+@pytest.mark.parametrize("split", ["train", "val", "test"])
+@pytest.mark.parametrize("level", LEVELS)
+def test_every_split_can_be_played(split: str, level: int) -> None:
+    game = make(level, split=split)
+    manuals = set()
+    for seed in range(80):
+        game.reset(seed=seed)
+        manuals.add(game.manual)
+    assert len(manuals) == 80
+
+
+@pytest.mark.parametrize("option", [{"split": "dev"}, {"text": "fixed"}])
+def test_an_option_that_cannot_be_gets_one_sentence(option: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=f"{next(iter(option))} must be"):
+        make(1, **option)
+
+
+def test_it_is_registered_with_gymnasium() -> None:
+    game = gymnasium.make("smartplay/MessengerL1-v0")
+    game.reset(seed=0)
+    ends = [game.step(4)[3] for _ in range(4)]
+    assert ends == [False, False, False, True]

@@ -1,0 +1,127 @@
+"""The rule players of Crafter: what they make of a text, and how far they get."""
+
+import json
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.messages import Message
+from smartplay_tools.players.reading import Reading
+from smartplay_tools.players.rules import crafter, crafter_notes
+from smartplay_tools.players.rules.crafter_home import Home
+from smartplay_tools.players.rules.crafter_sight import ANY, BIT, Map, read_frame
+from smartplay_tools.records import Prompt, Reply
+
+TEXT = """You took action move_north.
+
+You see:
+- water 5 steps to your south-west
+- grass 1 steps to your west
+- tree 3 steps to your north
+- cow 2 steps to your south-east
+
+You face tree at your front.
+
+Your status:
+- health: 9/9
+- food: 8/9
+- drink: 7/9
+- energy: 9/9
+
+Your inventory:
+- wood: 2"""
+
+
+class RulesPlayer:
+    """A player by the rules of one module."""
+
+    def __init__(self, rules: object) -> None:
+        self.name = rules.__name__
+        self._decide = rules.decide
+        self.replies: list[Message] = []
+
+    def reply(self, prompt: Prompt) -> Reply:
+        self.replies.append(self._decide(Reading(prompt)))
+        return Reply(self.replies[-1])
+
+
+def play(rules: object, seed: int, **options: object) -> tuple[sp.EpisodeResult, RulesPlayer]:
+    player = RulesPlayer(rules)
+    with sp.Episode("Crafter-v0", seed=seed, **options) as episode:
+        return sp.play(episode, player), player
+
+
+def test_a_frame_is_read() -> None:
+    frame = read_frame(TEXT)
+    assert frame.nearest["cow"] == (2, 1, 1)
+    assert frame.cells("cow") == ((1, 1),)
+    assert frame.cells("tree") == ((0, -3),)
+    assert frame.cells("water") == ((-4, 1), (-3, 2), (-2, 3))
+    assert (frame.faced, frame.amounts["drink"], frame.amounts["wood"]) == ("tree", 7, 2)
+    assert not frame.asleep
+
+
+def test_much_of_the_map_follows_from_a_frame() -> None:
+    known = Map()
+    known.add(None, False, read_frame(TEXT.replace("You face tree", "You face grass")))
+    # Nothing but grass is named within two steps, except the cow.
+    assert all(known.kinds[cell] == BIT["grass"] for cell in [(-1, 0), (0, -1), (1, 0), (-1, 1), (2, 0)])
+    assert known.kinds[0, -3] == BIT["tree"]
+    assert known.kinds[4, 3] == BIT["water"] | BIT["grass"] | BIT["tree"]
+
+
+def test_moves_are_reckoned() -> None:
+    known, frame = Map(), read_frame(TEXT.replace("You face tree", "You face grass"))
+    known.add(None, False, frame)
+    known.add("Move West", False, frame)
+    assert (known.at, known.facing) == ((-1, 0), "Move West")
+    blocked = Map(kinds={(0, -1): BIT["stone"]})
+    blocked.add("Move North", False, read_frame(TEXT))
+    assert (blocked.at, blocked.facing) == ((0, 0), "Move North")
+
+
+def test_notes_are_read_as_they_were_written() -> None:
+    known = Map(at=(3, -2), facing="Move East", kinds={(3, -1): BIT["water"], (9, 9): ANY}, visited=[(2, -2), (3, -2)])
+    notes = crafter_notes.Notes(known, 17, False, Home(1, 2, 3, 2, "Move West"), goal=(5, 5))
+    assert crafter_notes.read_notes("Some words.\n" + notes.text()) == notes
+    assert crafter_notes.read_notes("No notes.") is None
+
+
+def test_the_walls_of_a_home_have_no_corners() -> None:
+    home = Home(0, 0, 3, 2, "Move West")
+    assert home.garden == ((0, 0), (0, 1))
+    assert len(home.inside) == 6
+    assert len(home.walls) == 10
+    assert (-1, -1) not in home.walls
+
+
+def test_the_player_without_notes_writes_nothing_down() -> None:
+    result, player = play(crafter, 3, budget=sp.Budget(tool_calls=40))
+    assert result.end_reason == "tool_calls"
+    assert result.illegal_actions == result.malformed_calls == 0
+    assert not any(reply["content"] for reply in player.replies)
+
+
+def test_the_player_with_notes_keeps_them_in_its_replies() -> None:
+    _, player = play(crafter_notes, 3, budget=sp.Budget(tool_calls=40))
+    notes = [crafter_notes.read_notes(reply["content"]) for reply in player.replies[1:]]
+    assert [note.clock for note in notes] == list(range(1, 40))
+
+
+def test_without_notes_the_paper_s_window_is_enough_to_beat_its_models() -> None:
+    scores = [play(crafter, seed)[0].score for seed in range(5)]
+    assert sum(scores) / len(scores) > 700
+
+
+@pytest.mark.slow
+def test_ten_episodes_without_notes() -> None:
+    scores = [play(crafter, seed)[0].score for seed in range(10)]
+    assert sum(scores) / len(scores) > 2000
+
+
+@pytest.mark.slow
+def test_notes_let_a_player_live_for_ever() -> None:
+    results = [play(crafter_notes, seed)[0] for seed in (4, 5)]
+    assert {result.end_reason for result in results} == {"rollout"}
+    assert all(result.score > 80_000 for result in results)
+    assert json.dumps(results[0].model_dump())

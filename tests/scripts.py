@@ -1,0 +1,174 @@
+"""Arbitrary conversations: messages that a model might send, and a driver that plays them and keeps what was sent."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from hypothesis import strategies as st
+
+import smartplay_tools as sp
+from tests import checker
+
+GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "Hanoi3Disk-v0")
+NOTE = sp.ToolSpec(
+    "note",
+    "Keep a note.",
+    {
+        "type": "object",
+        "properties": {
+            "text": {"type": "string", "description": "What to keep."},
+            "kind": {"type": "string", "description": "Its kind.", "enum": ["plan", "fact"]},
+        },
+        "required": ["text", "kind"],
+        "additionalProperties": False,
+    },
+)
+HOST_HEAD = {"role": "user", "name": "host", "content": [{"type": "text", "text": "Be brief."}]}
+
+
+class Words:
+    """A tokenizer for tests: a token for a word of up to eight letters, and one for every sign."""
+
+    name = "words"
+
+    def count(self, text: str) -> int:
+        return len(re.findall(r"\w{1,8}|[^\w\s]", text))
+
+
+def call(name: str, arguments: str) -> tuple[str, str]:
+    return name, arguments
+
+
+ACTS = [call("act", json.dumps({"action": action})) for action in ("1", "2.", " 1 ", "2")]
+CALLS = [
+    *ACTS,
+    *ACTS,
+    call("act", '{ "action" :\t"1"}'),
+    call("observe", ""),
+    call("observe", "{}"),
+    call("observe", " { } "),
+    call("read_manual", ""),
+    call("read_manual", "{}"),
+    call("act", '{"action": "fly to the moon"}'),
+    call("act", '{"action": "1"'),
+    call("act", '{"action": "1", "action": "2"}'),
+    call("act", '{"action": 1.50, "é": [NaN]}'),
+    call("act", '{"why": "\\u00e9\\ud800", "action": "1"}'),
+    call("observe", "[1, 2]"),
+    call("", ""),
+    call("fly", '{"to":"the moon"}'),
+    call("note", '{"text":"one  two",  "kind":"plan"}'),
+    call("note", "not JSON"),
+]
+WORDS: list[dict[str, Any]] = [
+    {"content": None},
+    {"content": None},
+    {"content": ""},
+    {"content": "I think that machine 1 is the better one, but who knows."},
+    {"content": "word " * 40},
+    {"content": "incomprehensibilities" * 12, "name": "player"},
+    {"content": [{"type": "text", "text": "In two"}, {"type": "text", "text": " parts."}]},
+    {"content": "Hm.", "reasoning_content": "Let me see: one, two, three."},
+    {
+        "content": None,
+        "provider_items": [
+            {"type": "reasoning", "summary": [{"type": "summary_text", "text": "First this."}], "encrypted": "x y z"},
+            {"type": "thinking", "thinking": "Then that.", "signature": "a b c d"},
+        ],
+    },
+]
+AFTER: list[list[dict[str, Any]]] = [
+    [],
+    [],
+    [],
+    [{"role": "user", "content": "Go on."}],
+    [{"role": "user", "content": "word " * 25, "name": "host"}, {"role": "user", "content": "And on."}],
+]
+
+
+@dataclass(frozen=True)
+class Move:
+    """A reply of the model, and what the host says after it."""
+
+    message: dict[str, Any]
+    after: Sequence[dict[str, Any]]
+
+
+def _move(words: dict[str, Any], calls: list[tuple[tuple[str, str], str]], after: list[dict[str, Any]]) -> Move:
+    listed = [{"id": i, "type": "function", "function": {"name": n, "arguments": a}} for (n, a), i in calls]
+    return Move({"role": "assistant", **words, **({"tool_calls": listed} if listed else {})}, after)
+
+
+moves = st.builds(
+    _move,
+    st.sampled_from(WORDS),
+    st.lists(st.tuples(st.sampled_from(CALLS), st.sampled_from(["a", "b", "", "c1"])), max_size=4),
+    st.sampled_from(AFTER),
+)
+scripts = st.lists(moves, max_size=9)
+histories = st.sampled_from([0, 1, 2, 3, 5, None])
+slacks = st.sampled_from([0.0, 0.0, 0.1, 0.25, 0.5, 0.7, 1.0])
+
+
+@dataclass
+class Played:
+    """A conversation that was played: its record as JSON, and every prompt as it was sent."""
+
+    events: list[dict[str, Any]]
+    sent: list[dict[str, Any]]
+    conversation: sp.Conversation
+    result: sp.EpisodeResult
+
+
+def as_json(value: Any) -> Any:
+    return json.loads(json.dumps(value))
+
+
+def view_as_json(view: sp.View) -> dict[str, Any]:
+    numbers = {name: getattr(view, name) for name in ("tokens", "shown_steps", "dropped_turns", "prefix_tokens")}
+    marked = [list(pair) for pair in view.marked_results]
+    return {**numbers, "messages": as_json(view.messages), "marked_results": marked}
+
+
+def converse(game: str, script: Sequence[Move], *, host: bool = False, **options: Any) -> Played:
+    """Play a script to its end or the episode's, whichever comes first."""
+    events: list[dict[str, Any]] = []
+    episode = sp.Episode(game, transcript=events, **options)
+    conversation = sp.Conversation(episode, player="script", foreign_tools=[NOTE], head=[HOST_HEAD] if host else [])
+    sent = []
+    for move in script:
+        prompt = conversation.prompt()
+        if prompt is None:
+            break
+        assert conversation.view is not None
+        tools = [as_json(asdict(tool)) for tool in prompt.tools]
+        sent.append({**view_as_json(conversation.view), "tools": tools, "max_tokens": prompt.max_tokens})
+        assert as_json(prompt.messages) == sent[-1]["messages"]
+        conversation.receive(move.message)
+        for one in move.message.get("tool_calls", ()):
+            if one["function"]["name"] == "note":
+                conversation.add({"role": "tool", "tool_call_id": one["id"], "content": "noted: word word"})
+        for message in move.after:
+            conversation.add(message)
+    conversation.prompt()
+    episode.close()
+    assert episode.result is not None
+    return Played(as_json(events), sent, conversation, episode.result)
+
+
+_HEADS: dict[Any, int] = {}
+
+
+def head_tokens(game: str, tokenizer: Any, *, host: bool, manual: str = "tool") -> int:
+    """The tokens of a head with its schemas and priming: the smallest budget there is."""
+    key = game, tokenizer.name, host, manual
+    if key not in _HEADS:
+        played = converse(game, [], host=host, seed=0, manual=manual, tokenizer=tokenizer)
+        [head] = [event for event in played.events if event["event"] == "head"]
+        messages = sum(checker.message_tokens(message, tokenizer.count) for message in head["messages"])
+        _HEADS[key] = messages + 3 + checker.tools_tokens(head["tools"], tokenizer.count)
+    return _HEADS[key]

@@ -1,0 +1,141 @@
+"""What a model sees, on arbitrary conversations: every prompt is judged by `tests/checker.py`."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import smartplay_tools as sp
+from smartplay_tools.errors import PromptOverflowError
+from smartplay_tools.rebuild import recorded_turns, sent_prompts
+from smartplay_tools.turns import Turns
+from tests import checker, scripts
+
+CASES = settings(max_examples=1000, deadline=None, derandomize=True, database=None)
+FEW = settings(CASES, max_examples=150)
+
+budgets = st.fixed_dictionaries(
+    {
+        "history": scripts.histories,
+        "slack": scripts.slacks,
+        "room": st.one_of(st.none(), st.integers(0, 120), st.integers(0, 500)),
+        "reply_tokens": st.sampled_from([None, None, 1, 40]),
+        "episode": st.sampled_from([None, None, None, 700, 3000]),
+        "result_tokens": st.sampled_from(["auto", "auto", None, 1, 7, 20]),
+        "tool_calls": st.sampled_from(["game", "game", "game", 5]),
+    }
+)
+
+
+def budget_of(drawn: dict[str, Any], head: int) -> sp.Budget:
+    """A budget near the size of the head, where it bites."""
+    drawn = dict(drawn)
+    room, episode = drawn.pop("room"), drawn.pop("episode")
+    prompt_tokens = None if room is None else head + room
+    return sp.Budget(**drawn, prompt_tokens=prompt_tokens, episode_tokens=None if episode is None else head + episode)
+
+
+conversations = st.fixed_dictionaries(
+    {
+        "game": st.sampled_from(scripts.GAMES),
+        "script": scripts.scripts,
+        "host": st.booleans(),
+        "manual": st.sampled_from(["tool", "tool", "tool", "pinned", "none"]),
+        "batch": st.sampled_from(["all", "all", "first_act"]),
+        "seed": st.integers(0, 3),
+    }
+)
+
+
+def play_and_judge(drawn: dict[str, Any], budget: dict[str, Any], tokenizer: Any) -> scripts.Played:
+    head = scripts.head_tokens(drawn["game"], tokenizer, host=drawn["host"], manual=drawn["manual"])
+    played = scripts.converse(**drawn, budget=budget_of(budget, head), tokenizer=tokenizer)
+    checker.check_episode(played.events, played.sent, tokenizer.count)
+    return played
+
+
+@CASES
+@given(conversations, budgets)
+def test_every_prompt_of_a_conversation_is_what_the_rules_say(drawn: dict[str, Any], budget: dict[str, Any]) -> None:
+    play_and_judge(drawn, budget, scripts.Words())
+
+
+@FEW
+@given(conversations, budgets)
+def test_and_so_with_the_real_tokenizer(drawn: dict[str, Any], budget: dict[str, Any]) -> None:
+    play_and_judge(drawn, budget, sp.get_tokenizer())
+
+
+def judged(judge: checker.Judge, k: int, window: sp.ContextWindow, turns: Any) -> None:
+    """Compare a view with the judge's; where the pinned parts do not fit, there must be none."""
+    expected = judge.view(k)
+    if expected is None:
+        with pytest.raises(PromptOverflowError):
+            window.view(turns)
+    else:
+        view = window.view(turns)
+        seen = scripts.view_as_json(view)
+        for name, value in expected.items():
+            assert seen[name] == value, f"{name} of {k} turns: {seen[name]!r}, judged {value!r}"
+        checker.check_prompt(seen["messages"], judge.tools, judge, k)
+
+
+@CASES
+@given(
+    conversations,
+    st.lists(st.tuples(scripts.histories, scripts.slacks, st.integers(0, 400)), min_size=1, max_size=2),
+    st.lists(st.integers(0, 9), max_size=4),
+)
+def test_a_view_depends_on_the_turns_alone(
+    drawn: dict[str, Any], budgets: list[tuple[int | None, float, int]], visits: list[int]
+) -> None:
+    """Whichever views were taken before, in whatever order, from whichever kind of sequence, however often."""
+    words = scripts.Words()
+    played = scripts.converse(**drawn, tokenizer=words)
+    [head] = [event for event in played.events if event["event"] == "head"]
+    episode, turns = played.conversation.episode, played.conversation.turns
+    tools = [*episode.tools, scripts.NOTE]
+    plain = checker.turns_of(played.events)
+    size = scripts.head_tokens(drawn["game"], words, host=drawn["host"], manual=drawn["manual"])
+    for history, slack, room in budgets:
+        numbers = {"history": history, "slack": slack, "prompt_tokens": size + room}
+        budget = episode.budget.model_copy(update=numbers)
+        judge = checker.Judge(head["messages"], head["tools"], plain, numbers, words.count)
+        window = sp.ContextWindow(head["messages"], tools, budget, episode.counter)
+        for visit in [*visits, len(turns)]:
+            judged(judge, min(visit, len(turns)), window, turns[: min(visit, len(turns))])
+        last = len(turns)
+        judged(judge, last, sp.ContextWindow(head["messages"], tools, budget, episode.counter), list(turns))
+        judged(judge, last, window, Turns(turns))
+
+
+@CASES
+@given(conversations, budgets)
+def test_a_reload_from_the_transcript_shows_the_same(
+    tmp_path_factory: pytest.TempPathFactory, drawn: dict[str, Any], budget: dict[str, Any]
+) -> None:
+    tokenizer = sp.get_tokenizer("approximate")
+    head = scripts.head_tokens(drawn["game"], tokenizer, host=drawn["host"], manual=drawn["manual"])
+    played = scripts.converse(**drawn, budget=budget_of(budget, head), tokenizer=tokenizer)
+    rebuilt = list(sent_prompts(played.events))
+    assert [scripts.as_json(one.prompt.messages) for one in rebuilt][: len(played.sent)] == [
+        one["messages"] for one in played.sent
+    ]
+    assert all(one.sha256 == one.recorded_sha256 for one in rebuilt)
+    turns = recorded_turns(played.events)
+    assert turns == list(played.conversation.turns)
+    [start] = [event for event in played.events if event["event"] == "head"]
+    episode = played.conversation.episode
+    window = sp.ContextWindow(start["messages"], [*episode.tools, scripts.NOTE], episode.budget, episode.counter)
+    for number, one in enumerate(played.sent):
+        seen = scripts.view_as_json(window.view(turns[:number]))
+        assert seen == {name: one[name] for name in seen}
+    path = tmp_path_factory.mktemp("transcripts") / "episode.jsonl"
+    path.write_text("".join(f"{line}\n" for line in map(json.dumps, played.events)), encoding="ascii")
+    replayed = sp.replay(path)
+    assert replayed.identical, replayed.differences
+    assert replayed.result == played.result, (replayed.result, played.result)

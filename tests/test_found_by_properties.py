@@ -1,0 +1,84 @@
+"""Small cases that the property tests found once; each names the sentence of the architecture that it is about."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.rebuild import sent_prompts
+from smartplay_tools.turns import Item, Turn
+from tests import scripts
+
+GAME = "BanditTwoArmedHighLowFixed-v0"
+
+
+def reply(*calls: tuple[str, str, str]) -> dict[str, Any]:
+    listed = [{"id": i, "type": "function", "function": {"name": n, "arguments": a}} for i, n, a in calls]
+    return {"role": "assistant", "content": None, **({"tool_calls": listed} if listed else {})}
+
+
+def test_where_the_pins_do_not_fit_the_fold_goes_to_the_newest_turn_also_at_slack_1() -> None:
+    """Turn 1 shows observation 0; with the long turn 2 the pins do not fit; turn 3 shows a newer observation."""
+
+    def turn(number: int, words: str, observation: int | None, step: int) -> Turn:
+        message: Any = {"role": "assistant", "content": words}
+        items = () if observation is None else (Item({"role": "user", "content": "o"}, step, observation),)
+        return Turn(number, message, items, made_at=step)
+
+    turns = [turn(0, "a", None, 0), turn(1, "b " * 50, 0, 0), turn(2, "c " * 60, None, 0), turn(3, "d", 1, 1)]
+    episode = sp.Episode(GAME, seed=0, tokenizer=scripts.Words())
+    cap = episode.counter.prompt([], ()) + 100
+    budget = episode.budget.model_copy(update={"prompt_tokens": cap, "history": None, "slack": 1.0})
+    view = sp.ContextWindow([], (), budget, episode.counter).view(turns)
+    assert [message["content"][0] for message in view.messages if message["role"] == "assistant"] == ["c", "d"]
+
+
+def test_results_of_foreign_calls_with_one_id_answer_them_in_order_and_rebuild(tmp_path: Path) -> None:
+    path = tmp_path / "episode.jsonl"
+    with sp.Episode(GAME, seed=0, transcript=path, tokenizer="approximate") as episode:
+        conversation = sp.Conversation(episode, foreign_tools=[scripts.NOTE])
+        conversation.prompt()
+        conversation.receive(reply(("a", "observe", ""), ("a", "note", "1"), ("a", "note", "2")))
+        for text in ("first", "second"):
+            conversation.add({"role": "tool", "tool_call_id": "a", "content": text})
+        conversation.prompt()
+        assert [item.position for item in conversation.turns[0].items] == [0, 1, 2]
+    assert all(sent.sha256 == sent.recorded_sha256 for sent in sent_prompts(sp.read_transcript(path)))
+    assert sp.replay(path).identical
+
+
+def test_a_replay_has_a_result_although_the_host_spoke_after_the_end(tmp_path: Path) -> None:
+    path = tmp_path / "episode.jsonl"
+    with sp.Episode(GAME, seed=0, budget=sp.Budget(tool_calls=1), transcript=path, tokenizer="approximate") as episode:
+        conversation = sp.Conversation(episode)
+        conversation.prompt()
+        conversation.receive(reply(("a", "observe", "")))
+        conversation.add({"role": "user", "content": "Thank you."})
+    assert json.loads(path.read_text().splitlines()[-1])["event"] == "message"
+    assert sp.replay(path).identical
+    assert sp.replay(path).result == episode.result
+
+
+def test_a_budget_that_cannot_hold_the_hosts_head_is_a_value_error_at_the_start() -> None:
+    cap = scripts.head_tokens(GAME, scripts.Words(), host=False) + 10
+    episode = sp.Episode(GAME, seed=0, budget=sp.Budget(prompt_tokens=cap), tokenizer=scripts.Words())
+    with pytest.raises(sp.InvalidArgumentError, match="prompt_tokens"):
+        sp.Conversation(episode, head=[{"role": "user", "content": "word " * 20}], foreign_tools=[scripts.NOTE])
+
+
+def test_a_cut_history_says_how_much_of_the_whole_is_missing() -> None:
+    words = scripts.Words()
+    whole, cut = (
+        sp.Episode("Hanoi3Disk-v0", seed=0, budget=budget, context="host", tokenizer=words)
+        for budget in (sp.Budget(), sp.Budget(result_tokens=20))
+    )
+    for episode in (whole, cut):
+        episode.call("act", {"action": "1"})
+    shown, all_of_it = cut.call("observe").text, whole.call("observe").text
+    kept, _, notice = shown.rpartition("\n")
+    assert words.count(shown) <= 20
+    assert notice == f"[{words.count(all_of_it) - words.count(kept)} tokens cut]"

@@ -1,0 +1,235 @@
+"""The paper's protocol: its prompts to the byte, its matching of answers, our budgets and records around it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.paper_protocol import PaperConversation, chosen_action
+from smartplay_tools.rebuild import sent_prompts
+
+DATA = Path(__file__).parent / "data"
+CHOICE = "Choose the best executable action from the list of all actions. Write the exact chosen action."
+HANOI = "Hanoi3Disk-v0"
+
+
+class Thinker:
+    """Thinks aloud, then chooses as it was told."""
+
+    name = "thinker"
+
+    def __init__(self, *choices, thoughts="Let me see."):
+        self.choices, self.thoughts, self.prompts = list(choices), thoughts, []
+
+    def reply(self, prompt):
+        self.prompts.append(prompt)
+        asks_to_choose = prompt.messages[-2]["role"] == "assistant"
+        words = self.choices.pop(0) if asks_to_choose else self.thoughts
+        return sp.Reply({"role": "assistant", "content": words})
+
+
+def play(game, player, tmp_path=None, **settings):
+    transcript = None if tmp_path is None else tmp_path / "run.jsonl"
+    with sp.Episode(game, seed=7, transcript=transcript, **settings) as episode:
+        return sp.play(episode, player, protocol="paper")
+
+
+def contents(prompt):
+    return [message["content"] for message in prompt.messages]
+
+
+# To the byte.
+
+
+@pytest.mark.parametrize("game", ["BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", HANOI])
+def test_a_prompt_in_full(game):
+    actions = sp.get_spec(game).make().actions
+    thinker = Thinker(actions[0], actions[1], actions[0], thoughts="I have no idea.")
+    play(game, thinker, budget=sp.Budget(tool_calls=3))
+    shown = "\n".join(f"=== {message['role']}\n{message['content']}" for message in thinker.prompts[5].messages)
+    assert shown + "\n" == (DATA / "paper_protocol" / f"{game}.txt").read_text(encoding="utf-8")
+
+
+def test_the_recorded_games_give_the_recorded_prompts():
+    lines = (DATA / "small_games.jsonl").read_text(encoding="utf-8").splitlines()
+    rows = [row for row in map(json.loads, lines) if (row["game"], row["episode"]) == (HANOI, 0)]
+    thinker = Thinker(*(row["action"] for row in rows[1:]))
+    play(HANOI, thinker, budget=sp.Budget(history=5))
+    for row, prompt in zip(rows, thinker.prompts[::2], strict=False):
+        role, manual, *history, observation, question = contents(prompt)
+        assert role == "You’re a player trying to play the game."
+        assert sha256(manual.encode()).hexdigest() == rows[0]["manual_sha256"]
+        if row.get("history") is not None or row["step"] == 0:  # not every row has it
+            assert history == ([row["history"]] if row["step"] else [])
+        assert observation == f"current step observation: {row['obs']}"
+        assert question == "What is the best action to take? Let's think step by step, "
+
+
+@pytest.mark.parametrize("game", sp.GAMES)
+def test_every_game_s_prompt_is_made_of_the_game_s_own_texts(game):
+    env = sp.get_spec(game).make()
+    obs, info = env.reset(seed=7)
+    conversation = PaperConversation(sp.Episode(game, seed=7))
+    for action in [*env.actions[:3], None]:
+        texts = [info["manual"], *([info["history"]] if info["history"] else []), f"current step observation: {obs}"]
+        asked = conversation.prompt()
+        assert contents(asked)[1:-1] == texts
+        assert [message["role"] for message in asked.messages] == ["system"] * (len(texts) + 1) + ["user"]
+        conversation.receive({"role": "assistant", "content": "Hm."})
+        again = conversation.prompt()
+        assert again.messages[: len(asked.messages)] == asked.messages
+        assert again.messages[len(asked.messages) :] == [
+            {"role": "assistant", "content": "Hm."},
+            {"role": "user", "content": CHOICE},
+        ]
+        assert again.tools == ()
+        if action is None or conversation.episode.done:
+            break
+        conversation.receive({"role": "assistant", "content": f"I choose: {action.upper()}!"})
+        obs, _, _, _, info = env.step(env.actions.index(action))
+        if conversation.episode.done:
+            break
+    conversation.episode.close()
+
+
+# The answer.
+
+
+@pytest.mark.parametrize(
+    ("answer", "action"),
+    [
+        ("Rock", 0),
+        ("scissor", 2),
+        ("I play PAPER, because Rock is weak.", 1),
+        ("Papers!", 1),
+        ("Stone", None),
+        ("", None),
+        ("3", None),
+    ],
+)
+def test_the_earliest_name_in_the_answer_is_the_action(answer, action):
+    assert chosen_action(answer, ["Rock", "Paper", "Scissor"]) == action
+
+
+def test_a_name_is_taken_with_its_full_stop():
+    assert chosen_action("Pull slot machine 2", ["Pull slot machine 1.", "Pull slot machine 2."]) is None
+
+
+def test_of_two_names_at_one_place_the_first_listed_is_meant():
+    assert chosen_action("Make it so", ["Make", "Make it"]) == 0
+
+
+def test_an_answer_without_a_name_plays_the_first_action_and_is_counted(tmp_path):
+    result = play(
+        "RockPaperScissorBasic-v0", Thinker("Paper", "Fire", None, "Rock"), tmp_path, budget=sp.Budget(tool_calls=4)
+    )
+    events = sp.read_transcript(tmp_path / "run.jsonl")
+    choices = [(event["action"], event["fallback"]) for event in events if event["event"] == "choice"]
+    assert choices == [("Paper", False), ("Rock", True), ("Rock", True), ("Rock", False)]
+    assert (result.steps, result.fallback_actions) == (4, 2)
+    assert (result.illegal_actions, result.malformed_calls, result.idle_replies) == (0, 0, 0)
+
+
+# Budgets.
+
+
+def test_no_prompt_is_over_its_cap_and_the_history_is_as_long_as_fits():
+    game, counter = "BanditTwoArmedHighLowFixed-v0", sp.TokenCounter()
+    thinker = Thinker(*["Pull slot machine 1."] * 50)
+    result = play(game, thinker, budget=sp.Budget(prompt_tokens=900))
+    assert result.steps == 50
+    sizes = [counter.prompt(prompt.messages) for prompt in thinker.prompts]
+    assert max(sizes) <= 900
+    assert result.tokens.prompt == sum(sizes)
+    # One step more would have been too long: a step takes fewer than 30 tokens.
+    assert min(sizes[-10:]) > 900 - 30
+    history = contents(thinker.prompts[-1])[2]
+    assert history.endswith(contents(thinker.prompts[-3])[3].removeprefix("current step observation: "))
+
+
+def test_history_0_has_no_history_message():
+    thinker = Thinker("Rock", "Rock", "Rock")
+    play("RockPaperScissorBasic-v0", thinker, budget=sp.Budget(history=0, tool_calls=3))
+    assert {len(prompt.messages) for prompt in thinker.prompts} == {4, 6}
+
+
+def test_a_budget_that_cannot_hold_the_smallest_prompt_is_refused_at_once():
+    budget = sp.Budget(prompt_tokens=420, result_tokens=1000)
+    refused = pytest.raises(sp.InvalidArgumentError, match="prompt_tokens=420")
+    with sp.Episode(HANOI, seed=7, budget=budget) as episode, refused:
+        PaperConversation(episode)
+
+
+def test_thoughts_that_fill_the_prompt_end_the_episode():
+    result = play(HANOI, Thinker("?", thoughts="word " * 900), budget=sp.Budget(prompt_tokens=1000))
+    assert (result.end_reason, result.steps, result.turns) == ("prompt_tokens", 0, 1)
+
+
+def test_the_episode_s_tokens_end_it():
+    result = play(HANOI, Thinker(*["?"] * 30), budget=sp.Budget(episode_tokens=5000, reply_tokens=50))
+    assert result.end_reason == "episode_tokens"
+    assert result.tokens.prompt + result.tokens.reply <= 5000
+
+
+def test_a_withheld_manual_is_in_no_prompt():
+    thinker = Thinker("Rock")
+    play("RockPaperScissorBasic-v0", thinker, manual="none", budget=sp.Budget(tool_calls=1))
+    assert contents(thinker.prompts[0])[1] == "current step observation: New round begins."
+
+
+# Records.
+
+
+@pytest.mark.parametrize(
+    "budget",
+    [sp.Budget(), sp.Budget(prompt_tokens=700), sp.Budget(history=2), sp.Budget(prompt_tokens=600, result_tokens=40)],
+    ids=repr,
+)
+def test_the_record_replays_and_holds_every_prompt(budget, tmp_path):
+    actions = sp.get_spec(HANOI).make().actions
+    thinker = Thinker(*[*actions * 5, "Nothing."][1:], thoughts="Hm. 河内塔 🗼")
+    result = play(HANOI, thinker, tmp_path, budget=budget)
+    assert result.end_reason == "rollout"
+    path = tmp_path / "run.jsonl"
+    assert sp.replay(path).differences == []
+    events = sp.read_transcript(path)
+    assert events[0]["protocol"] == "paper"
+    rebuilt = [sent.prompt for sent in sent_prompts(events)]
+    assert [prompt.messages for prompt in rebuilt] == [prompt.messages for prompt in thinker.prompts]
+
+
+def test_a_changed_record_is_noticed(tmp_path):
+    play(HANOI, Thinker(*["rod A to the top of rod B"] * 30), tmp_path)
+    path = tmp_path / "run.jsonl"
+    path.write_text(path.read_text().replace('"fallback": true', '"fallback": false', 1))
+    assert "choice" in sp.replay(path).differences[0]
+
+
+def test_a_player_that_fails_is_on_the_record(tmp_path):
+    result = play(HANOI, Thinker("Move the top disk of rod A to the top of rod C"), tmp_path)
+    assert (result.end_reason, result.steps, result.turns) == ("player_error", 1, 3)
+    assert sp.replay(tmp_path / "run.jsonl").identical
+
+
+def test_it_plays_on_an_event_loop_too():
+    async def play_it():
+        with sp.Episode(HANOI, seed=7) as episode:
+            return await sp.aplay(episode, Thinker(*["Noop"] * 30), protocol="paper")
+
+    assert asyncio.run(play_it()).fallback_actions == 30
+
+
+def test_an_unknown_protocol_is_one_sentence():
+    with sp.Episode(HANOI, seed=7) as episode, pytest.raises(sp.InvalidArgumentError, match="tools, paper"):
+        sp.play(episode, Thinker(), protocol="papr")
+
+
+def test_the_cost_of_a_prompt_is_counted_as_what_a_cache_could_serve():
+    result = play(HANOI, Thinker(*["?"] * 30))
+    # Of a second prompt all but thoughts and question stood in the first; of a first, at least the manual.
+    assert 0.5 < result.tokens.prefix / result.tokens.prompt < 0.95
