@@ -112,6 +112,7 @@ _HANOI = _challenges(2, 3, 2, 3, 1, 1, 1, 2, 1)
 _MESSENGER_L1 = _challenges(3, 1, 2, 1, 2, 2, 1, 1, 2)
 _MESSENGER = _challenges(3, 2, 2, 2, 2, 2, 1, 1, 2)
 _CRAFTER = _challenges(4, 3, 3, 3, 3, 2, 4, 3, 2)
+_MINECRAFT = _challenges(1, 1, 2, 1, 3, 2, 1, 2, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,6 +223,19 @@ def _crafter() -> GameSpec:
     )
 
 
+def _minecraft(task: int) -> GameSpec:
+    return _setting(
+        id=f"MinedojoCreative{task}-v0",
+        family="minecraft",
+        entry_point="smartplay_tools.games.minecraft.game:Minecraft",
+        kwargs={"task": task},
+        history=2,
+        rollout=200,
+        trials=20,
+        challenges=_MINECRAFT,
+    )
+
+
 _SETTINGS = (
     _bandit("Deterministic", ((1.0, 1), (0.0, 1))),
     _bandit("HighHigh", ((0.8, 1), (0.9, 1))),
@@ -235,6 +249,7 @@ _SETTINGS = (
     _messenger(2, rollout=64),
     _messenger(3, rollout=128),
     _crafter(),
+    *map(_minecraft, (0, 1, 2, 4, 5, 7, 8, 9)),
 )
 
 GAMES: dict[str, GameSpec] = {spec.id: spec for spec in _SETTINGS}

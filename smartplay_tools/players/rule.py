@@ -10,7 +10,15 @@ from typing import ClassVar, Protocol
 
 from smartplay_tools.messages import Message
 from smartplay_tools.players.reading import Reading
-from smartplay_tools.players.rules import bandit, crafter, crafter_notes, hanoi, messenger, rock_paper_scissors
+from smartplay_tools.players.rules import (
+    bandit,
+    crafter,
+    crafter_notes,
+    hanoi,
+    messenger,
+    minecraft,
+    rock_paper_scissors,
+)
 from smartplay_tools.records import Prompt, Reply
 
 
@@ -30,7 +38,7 @@ class RulePlayer:
     """Plays by rules written for each game, from nothing but the messages of the prompt."""
 
     name = "rule"
-    rules: ClassVar[tuple[Rules, ...]] = (bandit, crafter, hanoi, messenger, rock_paper_scissors)
+    rules: ClassVar[tuple[Rules, ...]] = (bandit, crafter, hanoi, messenger, minecraft, rock_paper_scissors)
 
     def __init__(self, *, seed: int = 0) -> None:
         """Every player takes a seed; this one draws nothing."""

@@ -1,0 +1,58 @@
+"""Engines: what plays behind the contract.
+
+An engine owns a world and a player in it. It is told to turn and to walk, tick by tick, and tells what is around the
+player; goals are given to it only so that a walk stops on the tick that reaches one.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import ClassVar, Protocol
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.games.minecraft.observation import Observation, TextMode
+from smartplay_tools.games.minecraft.tasks import Goal, Stride
+
+
+class Engine(Protocol):
+    """A world with a player in it."""
+
+    default_text: ClassVar[TextMode]
+    """The mode of the text that this engine has unless the user asks for another."""
+
+    def __init__(self, *, text: TextMode) -> None: ...
+
+    def reset(self, seed: int, goal: Goal) -> Observation:
+        """Make the world of that seed and put the player into it, outside the goal."""
+        ...
+
+    def act(self, degrees: int, strides: Sequence[Stride], goal: Goal) -> Observation:
+        """Turn for one tick, then walk a tick for each stride, and stop after a tick that ends in a goal biome."""
+        ...
+
+    def state(self) -> bytes:
+        """Everything on which the future depends, beside what the player does."""
+        ...
+
+    def close(self) -> None:
+        """Free what the engine holds; more than once is allowed."""
+        ...
+
+
+ENGINES: Mapping[str, str] = MappingProxyType(
+    {
+        "voxel": "smartplay_tools.games.minecraft.voxel.engine:VoxelEngine",
+    }
+)
+"""Name to class, imported when a game asks for it."""
+
+
+def load_engine(name: str) -> type[Engine]:
+    """Return the class of that name."""
+    if name not in ENGINES:
+        raise InvalidArgumentError(f"engine must be one of {', '.join(ENGINES)}, not {name!r}.")
+    module, _, attribute = ENGINES[name].partition(":")
+    engine: type[Engine] = getattr(importlib.import_module(module), attribute)
+    return engine

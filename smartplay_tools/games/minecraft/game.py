@@ -1,0 +1,70 @@
+"""Environment: one task of creative navigation on one engine."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.games.base import TextGame, read_text, with_action_list
+from smartplay_tools.games.minecraft.engines import ENGINES, Engine, load_engine
+from smartplay_tools.games.minecraft.observation import Observation, TextMode
+from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, strides, turn
+from smartplay_tools.games.minecraft.text import CHARACTERS, LONGEST, describe
+
+PAPER_ENGINE = "minedojo"
+"""The engine of the paper, Minecraft itself."""
+
+
+class Minecraft(TextGame):
+    """Find a biome.
+
+    Action space: `Discrete(4)`, see `ACTIONS`; one action turns and then walks for up to 2.5 seconds of game time.
+    Observation: where the player is, the blocks around and the view. Reward: always 0. Score: 1 once the player stands
+    in a biome of the goal, which ends the episode; a rollout has 200 steps.
+
+    Arguments: `task`, the number of the creative task; `engine`, the world behind it; `text`, "paper" for the
+    original's output and goals with their bugs, "corrected" for true directions, None for the engine's default.
+    """
+
+    actions = ACTIONS
+    hash_every = 100
+    options = ("text",)
+    engines = tuple(ENGINES)
+
+    def __init__(self, *, task: int, engine: str = "voxel", text: TextMode | None = None, **options: Any) -> None:
+        if text is not None and text not in get_args(TextMode):
+            raise InvalidArgumentError(f"text must be one of {', '.join(get_args(TextMode))}, not {text!r}.")
+        world = load_engine(engine)
+        self.engine = engine
+        # People played the real game, so only its scores may be set against theirs.
+        self.comparable = engine == PAPER_ENGINE
+        self.text: TextMode = text or world.default_text
+        self._goal = (PAPER_GOALS if self.text == "paper" else CORRECTED_GOALS)[task]
+        self.manual = with_action_list(read_text(__package__, "manual.txt").format(goal=self._goal.name), ACTIONS)
+        super().__init__(longest_observation=LONGEST, characters=CHARACTERS, **options)
+        self._world: Engine = world(text=self.text)
+        self._seen: Observation | None = None
+
+    def _reset(self) -> str:
+        self._seen = self._world.reset(int(self.np_random.integers(2**32)), self._goal)
+        return describe(self._seen, self.text)
+
+    def _step(self, action: int) -> tuple[str, float, bool, bool]:
+        assert self._seen is not None, "reset comes before step"
+        self._seen = self._world.act(turn(action, self._seen.yaw), strides(self.np_random), self._goal)
+        # As in the original, only the end of a walk counts: a start inside the goal is not found out by looking.
+        self.completed = self._seen.biome in self._goal.biomes
+        self.score = int(self.completed)
+        return describe(self._seen, self.text, ACTIONS[action]), 0, self.completed, False
+
+    def deviations(self) -> dict[str, Any]:
+        """Engine and text, where they are not the paper's."""
+        played = {"engine": (PAPER_ENGINE, self.engine), "text": ("paper", self.text)}
+        return {name: {"paper": paper, "played": ours} for name, (paper, ours) in played.items() if ours != paper}
+
+    def _state(self) -> bytes:
+        return self._world.state()
+
+    def close(self) -> None:
+        """Close the engine."""
+        self._world.close()

@@ -1,0 +1,163 @@
+"""Text: an observation in the original's words.
+
+The mode `paper` keeps the original's bugs: directions of seen things are told from wrong angles, and the blocks
+whose name comes first in the alphabet are taken for background and lumped together. The mode `corrected` tells the
+directions of the rays as they are and groups all blocks alike. What is printed is otherwise the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from smartplay_tools.games.minecraft.observation import NEAR, VIEW, VIEW_STEP, Observation, TextMode
+
+COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+
+BELOW = 1
+"""How many layers below the feet are described; those above all are."""
+
+LONGEST_NAME = 48
+"""No display name of the game is longer."""
+
+LONGEST = 200 + (NEAR**3 + 2 * VIEW**2) * (LONGEST_NAME + 80)
+"""More than any observation can have: a line for each block and each ray, and the lines around them."""
+
+CHARACTERS = "".join(map(chr, range(32, 127))) + "\n"
+
+_FACES = ndimage.generate_binary_structure(3, 1)
+_ALL_NEIGHBOURS = ndimage.generate_binary_structure(2, 2)
+
+
+def describe(seen: Observation, mode: TextMode, action: str | None = None) -> str:
+    """The observation after an action, or of a reset."""
+    frame = [
+        f"{_location(seen)}\n",
+        _cursor(seen),
+        _surroundings(seen, mode),
+        _entities(seen, mode),
+        _view(seen, mode),
+    ]
+    return ("" if action is None else f"You took action {action}.\n\n") + "\n".join(frame)
+
+
+def components(
+    names: NDArray[np.str_], *, ignored: frozenset[str], mode: TextMode
+) -> list[tuple[str, NDArray[np.intp]]]:
+    """Connected groups of equal names as (name, flat indices), in the order of their first cells.
+
+    Blocks connect through faces, the view's cells also through corners. In `paper` mode the alphabetically first name
+    is one group, connected or not, and comes first: the labelling takes it for background.
+    """
+    structure = _FACES if names.ndim == 3 else _ALL_NEIGHBOURS
+    found, codes = np.unique(names, return_inverse=True)
+    codes = codes.reshape(names.shape)
+    background: list[tuple[str, NDArray[np.intp]]] = []
+    groups: list[tuple[str, NDArray[np.intp]]] = []
+    for code, name in enumerate(found.tolist()):
+        if name in ignored:
+            continue
+        mask = codes == code
+        cells = np.flatnonzero(mask)
+        if code == 0 and mode == "paper":
+            background.append((name, cells))
+            continue
+        labels, count = ndimage.label(mask, structure)
+        labels = labels.ravel()[cells]
+        groups += [(name, cells[labels == label]) for label in range(1, count + 1)]
+    return background + sorted(groups, key=lambda group: group[1][0])
+
+
+# Where the player is and what the cursor points at.
+
+
+def _location(seen: Observation) -> str:
+    x, y, z = seen.position.tolist()
+    yaw = (seen.yaw + 180) % 360 - 180
+    sector = (math.floor(yaw / 22.5) + 1) // 2 + 4
+    look = " Looking up." if seen.pitch < 0 else " Looking down." if seen.pitch > 0 else ""
+    return f"Coordinate ({x:.2f},{y:.2f},{z:.2f}). Facing {COMPASS[sector % 8]}.{look}"
+
+
+def _cursor(seen: Observation) -> str:
+    block = seen.ray_blocks[0]
+    return "You're not aiming at any block." if block == "air" else f"You're aiming at {block}."
+
+
+# Blocks around the player: the nearest group of each name.
+
+
+def _surroundings(seen: Observation, mode: TextMode) -> str:
+    middle = NEAR // 2
+    nearest: dict[str, tuple[float, str]] = {}
+    blocks = seen.blocks[:, middle - BELOW :, :]
+    for name, cells in components(blocks, ignored=frozenset({"air"}), mode=mode):
+        x, y, z = (float(axis.sum() / len(cells)) for axis in np.unravel_index(cells, blocks.shape))
+        dx, dy, dz = x - middle, y - BELOW, z - middle
+        distance = math.sqrt(dx**2 + dy**2 + dz**2)
+        if distance and (name not in nearest or distance < nearest[name][0]):
+            vertical = "above you " if dy > 0 else "below you " if dy < 0 else ""
+            nearest[name] = distance, f"{vertical}to {_compass(south=dz, east=dx, at_least=0)}"
+    lines = [f" - {name}, {distance:.2f} blocks away, {where}" for name, (distance, where) in nearest.items()]
+    return "\n".join(["Around you:", *lines])
+
+
+def _compass(*, south: float, east: float, at_least: float) -> str:
+    words = [
+        "south" if south > at_least else "north" if south < -at_least else "",
+        "east" if east > at_least else "west" if east < -at_least else "",
+    ]
+    return "-".join(filter(None, words)) or "front"
+
+
+# Things that the rays hit: every group, with its share of the view.
+
+
+def _entities(seen: Observation, mode: TextMode) -> str:
+    lines = _seen_things(seen, seen.ray_entities, seen.ray_entity_distances, frozenset({"null"}), mode)
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _view(seen: Observation, mode: TextMode) -> str:
+    lines = list(_seen_things(seen, seen.ray_blocks, seen.ray_block_distances, frozenset({"null", "air"}), mode))
+    return "\n".join(["You see:", *lines]) if lines else ""
+
+
+def _seen_things(
+    seen: Observation, names: NDArray[np.str_], distances: NDArray[np.float32], ignored: frozenset[str], mode: TextMode
+) -> Iterator[str]:
+    direction: Callable[[Observation, int], str] = _paper_direction if mode == "paper" else _true_direction
+    distances = distances[1:]
+    for name, cells in components(names[1:].reshape(VIEW, VIEW), ignored=ignored, mode=mode):
+        nearest = int(cells[distances[cells].argmin()])
+        share = 100 * len(cells) / VIEW**2
+        distance = distances[nearest]
+        yield f" - {name}, {distance:.2f} blocks away, {direction(seen, nearest)}, taking {share:.0f}% of screen"
+
+
+def _paper_direction(seen: Observation, cell: int) -> str:
+    """The original's idea of a ray's direction.
+
+    Its pitch spans 180 degrees where the rays span 96, and its yaw runs against the rays' and has the wrong sign, so
+    that what is ahead is told as behind.
+    """
+    row, column = divmod(cell, VIEW)
+    view = VIEW_STEP * (VIEW - 1)
+    yaw = math.radians(column / (VIEW - 1) * view - view / 2 + seen.yaw)
+    pitch = math.radians(row / (VIEW - 1) * 180 - 90 + seen.pitch)
+    east, up, north = math.sin(yaw) * math.cos(pitch), math.sin(pitch), math.cos(yaw) * math.cos(pitch)
+    return _direction(east, up, -north)
+
+
+def _true_direction(seen: Observation, cell: int) -> str:
+    east, up, south = seen.ray_directions[1 + cell].tolist()
+    return _direction(east, up, south)
+
+
+def _direction(east: float, up: float, south: float) -> str:
+    vertical = "above you" if up > 0.2 else "below you" if up < -0.2 else "at your level"
+    return f"{vertical} to {_compass(south=south, east=east, at_least=0.2)}"

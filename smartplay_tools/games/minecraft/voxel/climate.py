@@ -1,0 +1,177 @@
+"""Climate: from a seed to biomes and ground heights.
+
+Six slow fields decide. They are computed every 8 blocks and interpolated, so a search over kilometres sees at its
+points exactly what the ground will have there. Heights follow the same fields without steps: the border of a biome is
+never a wall.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smartplay_tools.games.minecraft.voxel.noise import Axis, Field, enlarge, fractal_noise
+
+SEA_LEVEL = 63
+"""The first layer of air above the sea; the highest water is one below."""
+
+LOWEST_GROUND, HIGHEST_GROUND = 38, 106
+
+_FLAT = 0.0008
+"""The least slope of the rivers' field that is believed: on flatter ground rivers would be lakes."""
+
+SPACING = 8
+"""Blocks between two points of the slow fields."""
+
+
+class Biome(IntEnum):
+    """The biomes of this world, with Minecraft's ids."""
+
+    OCEAN = 0
+    PLAINS = 1
+    DESERT = 2
+    EXTREME_HILLS = 3
+    FOREST = 4
+    TAIGA = 5
+    SWAMPLAND = 6
+    RIVER = 7
+    FROZEN_OCEAN = 10
+    FROZEN_RIVER = 11
+    ICE_PLAINS = 12
+    MUSHROOM_ISLAND = 14
+    BEACH = 16
+    JUNGLE = 21
+    DEEP_OCEAN = 24
+    STONE_BEACH = 25
+    COLD_BEACH = 26
+    BIRCH_FOREST = 27
+    ROOFED_FOREST = 29
+    COLD_TAIGA = 30
+    SAVANNA = 35
+    ICE_SPIKES = 140
+
+
+@dataclass(frozen=True)
+class Climate:
+    """The slow fields, [x, z], each in about [-1, 1]."""
+
+    land: Field
+    """Above 0 is land; `SHORE` and more is inland."""
+    warmth: Field
+    wetness: Field
+    variety: Field
+    """Chooses between biomes of the same warmth and wetness."""
+    ruggedness: Field
+    river: Field
+    """Blocks to the middle of the nearest river, about; of either sign on its two sides."""
+
+
+SHORE = 0.03
+COLD, COOL, WARM = -0.26, -0.08, 0.16
+RUGGED = 0.4
+RIVER_BED, RIVER_BANK = 5.0, 24.0
+"""Blocks from the middle of a river to where its bed ends, and to where its valley does."""
+
+
+def climate(seed: int, x: Axis, z: Axis) -> Climate:
+    """The slow fields at the given places."""
+
+    def field(salt: int, scale: int, octaves: int, east: int = 0, south: int = 0) -> Field:
+        return fractal_noise(seed, salt, x + east, z + south, scale=scale, octaves=octaves)
+
+    # Rivers run where a field is 0; its slope turns the field's value into a distance.
+    course = field(6, 800, 3)
+    slopes = [(field(6, 800, 3, *step) - course) / np.float32(SPACING) for step in ((SPACING, 0), (0, SPACING))]
+    slope = np.sqrt(slopes[0] ** 2 + slopes[1] ** 2)
+
+    return Climate(
+        land=field(1, 760, 4) + np.float32(0.3),
+        warmth=field(2, 640, 3),
+        wetness=field(3, 520, 3),
+        variety=field(4, 340, 2),
+        ruggedness=field(5, 480, 2),
+        river=(course / np.maximum(slope, np.float32(_FLAT))).astype(np.float32),
+    )
+
+
+def biomes(c: Climate) -> NDArray[np.uint8]:
+    """The biome of every place. Later rules win."""
+    biome = np.full(c.land.shape, Biome.PLAINS, np.uint8)
+    biome[c.wetness > -0.02] = Biome.FOREST
+    biome[(c.wetness > -0.02) & (c.variety > 0.22)] = Biome.BIRCH_FOREST
+    biome[(c.wetness > 0.06) & (c.variety < -0.22)] = Biome.ROOFED_FOREST
+    warm = c.warmth > WARM
+    biome[warm] = Biome.SAVANNA
+    biome[warm & (c.wetness < -0.06)] = Biome.DESERT
+    biome[warm & (c.wetness > 0.06)] = Biome.JUNGLE
+    cool = c.warmth < COOL
+    biome[cool & (c.wetness > -0.14)] = Biome.TAIGA
+    cold = c.warmth < COLD
+    biome[cold] = Biome.ICE_PLAINS
+    biome[cold & (c.variety > 0.02)] = Biome.ICE_SPIKES
+    biome[cold & (c.wetness > 0.1)] = Biome.COLD_TAIGA
+    biome[_swampiness(c) > 0.5] = Biome.SWAMPLAND
+    biome[(c.ruggedness > RUGGED) & (c.land > SHORE)] = Biome.EXTREME_HILLS
+    river = np.abs(c.river) < RIVER_BED + 3
+    biome[river] = Biome.RIVER
+    biome[river & cold] = Biome.FROZEN_RIVER
+    shore = c.land < SHORE
+    biome[shore] = Biome.BEACH
+    biome[shore & cold] = Biome.COLD_BEACH
+    biome[shore & (c.ruggedness > RUGGED)] = Biome.STONE_BEACH
+    ocean = c.land < 0
+    biome[ocean] = Biome.OCEAN
+    biome[c.land < -0.25] = Biome.DEEP_OCEAN
+    biome[ocean & cold] = Biome.FROZEN_OCEAN
+    biome[_islandness(c) > 0.6] = Biome.MUSHROOM_ISLAND
+    return biome
+
+
+def heights(seed: int, c: Climate, x: Axis, z: Axis) -> NDArray[np.int16]:
+    """The highest block of the ground, plants left out."""
+    hills: Any = fractal_noise(seed, 7, x, z, scale=96, octaves=3)
+    rise = _ramp(c.land, SHORE, 1 / 12)
+    mountain = np.maximum(c.ruggedness - np.float32(RUGGED - 0.1), 0) * rise
+    height = np.where(
+        c.land < SHORE,
+        np.float32(61.4) + 60 * c.land + np.minimum(np.maximum(-5 * c.land, 0), 1) * 3 * hills,
+        np.float32(63.2) + rise * (3 + 4 * np.maximum(hills, -0.7)) + mountain * (70 + 60 * hills),
+    )
+    swamp = _swampiness(c) * rise
+    height += swamp * (np.float32(62.1) + np.float32(1.6) * hills - height)
+    inland = c.land >= SHORE
+    valley = 1 - _ramp(np.abs(c.river), RIVER_BED, 1 / (RIVER_BANK - RIVER_BED))
+    height += np.where(inland, valley * rise, 0) * (np.float32(58.5) - height)
+    height += _islandness(c) * (np.float32(66) + 3 * hills - height)
+    ground: NDArray[np.int16] = np.clip(np.floor(height), LOWEST_GROUND, HIGHEST_GROUND).astype(np.int16)
+    return ground
+
+
+def _ramp(field: Field, start: float, slope: float) -> Field:
+    """0 up to `start`, then rising by `slope` per unit to 1."""
+    ramp: Field = np.clip((field - np.float32(start)) * np.float32(slope), 0, 1)
+    return ramp
+
+
+def _swampiness(c: Climate) -> Field:
+    """1 in the middle of a swamp, falling to 0 around it."""
+    mild = _ramp(c.warmth, COOL, 14) * _ramp(-c.warmth, -0.4, 14)
+    return _ramp(c.wetness, 0.1, 14) * _ramp(c.variety, -0.08, 14) * mild * _ramp(-c.ruggedness, -0.2, 10)
+
+
+def _islandness(c: Climate) -> Field:
+    """1 in the middle of a mushroom island, falling to 0 around it."""
+    return _ramp(c.variety, 0.3, 8) * _ramp(-c.land, 0.14, 14)
+
+
+def terrain(seed: int, x: Axis, z: Axis) -> tuple[NDArray[np.uint8], NDArray[np.int16]]:
+    """Biome and ground height of every block column of a rectangle."""
+    corners_x = np.arange(x[0, 0] // SPACING, x[-1, 0] // SPACING + 2)[:, None] * SPACING
+    corners_z = np.arange(z[0, 0] // SPACING, z[0, -1] // SPACING + 2)[None, :] * SPACING
+    coarse = climate(seed, corners_x, corners_z)
+    fine = Climate(**{name: enlarge(field, x, z, SPACING) for name, field in vars(coarse).items()})
+    return biomes(fine), heights(seed, fine, x, z)

@@ -1,0 +1,107 @@
+"""VoxelEngine: the embedded world behind the contract's interface."""
+
+from __future__ import annotations
+
+import functools
+import math
+import struct
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smartplay_tools.games.minecraft.observation import (
+    NEAR,
+    RAY_RANGES,
+    Observation,
+    TextMode,
+    heading,
+    rays,
+)
+from smartplay_tools.games.minecraft.tasks import Goal, Stride
+from smartplay_tools.games.minecraft.voxel import animals, blocks
+from smartplay_tools.games.minecraft.voxel.rays import hit_blocks, hit_boxes
+from smartplay_tools.games.minecraft.voxel.start import make_world
+from smartplay_tools.games.minecraft.voxel.walking import EYES, Walker
+from smartplay_tools.games.minecraft.voxel.world import World
+
+
+@functools.cache
+def _rays(yaw: float, mode: TextMode) -> NDArray[np.float32]:
+    return rays(yaw, mode)
+
+
+class VoxelEngine:
+    """A world of blocks in this process; it needs nothing but NumPy and SciPy."""
+
+    default_text: ClassVar[TextMode] = "corrected"
+
+    def __init__(self, *, text: TextMode) -> None:
+        self._text = text
+
+    def reset(self, seed: int, goal: Goal) -> Observation:
+        """Make the world of that seed and put the player into it, facing south."""
+        self._world, feet = make_world(seed, goal.biomes)
+        self._player = Walker(self._world, *feet)
+        self._yaw, self._time = 0.0, 0
+        return self._observe()
+
+    def act(self, degrees: int, strides: Sequence[Stride], goal: Goal) -> Observation:
+        """Turn for one tick, then walk."""
+        player = self._player
+        self._yaw = (self._yaw + degrees + 180) % 360 - 180
+        sine, cosine = heading(self._yaw)
+        player.tick(None, sine, cosine)
+        self._time += 1
+        for stride in strides:
+            player.tick(stride, sine, cosine)
+            self._time += 1
+            if self._biome() in goal.biomes:
+                break
+        return self._observe()
+
+    def state(self) -> bytes:
+        """Seed, time and the player's body: all else follows from them."""
+        p = self._player
+        return struct.pack(
+            "<qq7d??", self._world.seed, self._time, p.x, p.y, p.z, p.vx, p.vy, p.vz, self._yaw, p.grounded, p.sprinting
+        )
+
+    def close(self) -> None:
+        """Nothing is held outside of memory."""
+
+    @property
+    def world(self) -> World:
+        """The world that is played."""
+        return self._world
+
+    @property
+    def position(self) -> tuple[float, float, float]:
+        """The player's feet."""
+        return self._player.x, self._player.y, self._player.z
+
+    def _biome(self) -> int:
+        return self._world.biome_at(math.floor(self._player.x), math.floor(self._player.z))
+
+    def _observe(self) -> Observation:
+        p = self._player
+        x, y, z = math.floor(p.x), math.floor(p.y), math.floor(p.z)
+        self._world.prepare(x, z)
+        names = blocks.NAMES[self._text]
+        directions, eye = _rays(self._yaw, self._text), (p.x, p.y + EYES, p.z)
+        hits, block_distances = hit_blocks(self._world.blocks, eye, directions, RAY_RANGES)
+        species, low, high = animals.animals_near(self._world, x, z, self._time)
+        hit, entity_distances = hit_boxes(low, high, eye, directions, block_distances)
+        return Observation(
+            position=np.array([p.x, p.y, p.z], np.float32),
+            yaw=self._yaw,
+            pitch=0.0,
+            biome=self._biome(),
+            blocks=names[self._world.cube(x, y, z, NEAR // 2)],
+            ray_directions=directions,
+            ray_blocks=names[hits],
+            ray_block_distances=block_distances,
+            ray_entities=animals.NAMES[np.append(species + 1, 0)[hit]],
+            ray_entity_distances=entity_distances,
+        )

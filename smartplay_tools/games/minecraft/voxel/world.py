@@ -1,0 +1,213 @@
+"""World: a window of blocks that follows the player.
+
+The window is a torus: a cell's place in it is its coordinate modulo the window's side, so nothing moves when the
+player does. Chunks are made when they come near and overwrite those that are far away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smartplay_tools.games.minecraft.voxel import plants
+from smartplay_tools.games.minecraft.voxel.blocks import Block
+from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, Biome, terrain
+from smartplay_tools.games.minecraft.voxel.noise import hashed, unit
+
+SIDE = 256
+"""Side of the window, a power of two."""
+
+BOTTOM, HEIGHT = 32, 96
+"""The window's lowest layer and its number of layers. What lies outside is never seen."""
+
+CHUNK = 16
+NEAREST = 72
+"""Everything up to this far from the player, along x and z, is there when it is looked at."""
+
+_MASK = SIDE - 1
+
+
+def _profiles() -> NDArray[np.uint8]:
+    """Ready-made columns by (surface, ground height over the bottom)."""
+    columns = np.zeros((len(_SURFACES), HEIGHT, HEIGHT), np.uint8)
+    water = SEA_LEVEL - BOTTOM
+    for surface, (top, under, bed, frozen) in enumerate(_SURFACES):
+        for ground in range(HEIGHT):
+            column = columns[surface, ground]
+            column[:ground] = Block.STONE
+            column[max(ground - 3, 0) : ground] = under
+            column[ground] = top if ground >= water - 1 else bed
+            if ground + BOTTOM > 88 and top == Block.GRASS_BLOCK:
+                column[max(ground - 3, 0) : ground + 1] = Block.STONE
+            if ground + BOTTOM > 97:
+                column[ground] = Block.SNOW_BLOCK
+            column[ground + 1 : water] = Block.WATER
+            if frozen and ground < water - 1:
+                column[water - 1] = Block.ICE
+            column[0] = Block.BEDROCK
+    return columns
+
+
+_GRASSY = (Block.GRASS_BLOCK, Block.DIRT, Block.DIRT, False)
+_SANDY = (Block.SAND, Block.SAND, Block.SAND, False)
+_SURFACE_OF = {
+    # Top, what is under it, the bed of water, and whether water freezes.
+    Biome.DESERT: (Block.SAND, Block.SANDSTONE, Block.SAND, False),
+    Biome.BEACH: _SANDY,
+    Biome.COLD_BEACH: (Block.SAND, Block.SAND, Block.GRAVEL, True),
+    Biome.STONE_BEACH: (Block.STONE, Block.STONE, Block.STONE, False),
+    Biome.OCEAN: (Block.SAND, Block.GRAVEL, Block.GRAVEL, False),
+    Biome.DEEP_OCEAN: (Block.GRAVEL, Block.GRAVEL, Block.GRAVEL, False),
+    Biome.FROZEN_OCEAN: (Block.SAND, Block.GRAVEL, Block.GRAVEL, True),
+    Biome.RIVER: (Block.GRASS_BLOCK, Block.DIRT, Block.SAND, False),
+    Biome.FROZEN_RIVER: (Block.GRASS_BLOCK, Block.DIRT, Block.SAND, True),
+    Biome.ICE_PLAINS: (Block.GRASS_BLOCK, Block.DIRT, Block.DIRT, True),
+    Biome.ICE_SPIKES: (Block.SNOW_BLOCK, Block.DIRT, Block.DIRT, True),
+    Biome.COLD_TAIGA: (Block.GRASS_BLOCK, Block.DIRT, Block.DIRT, True),
+    Biome.TAIGA: (Block.GRASS_BLOCK, Block.DIRT, Block.GRAVEL, False),
+    Biome.SWAMPLAND: (Block.GRASS_BLOCK, Block.DIRT, Block.CLAY, False),
+    Biome.MUSHROOM_ISLAND: (Block.MYCELIUM, Block.DIRT, Block.DIRT, False),
+}
+_SURFACES = [_GRASSY, *dict.fromkeys(_SURFACE_OF.values())]
+_SURFACE = np.zeros(256, np.intp)
+for _biome, _kind in _SURFACE_OF.items():
+    _SURFACE[_biome] = _SURFACES.index(_kind)
+_PROFILES = _profiles()
+_SNOWY = np.isin(np.arange(256), [Biome.ICE_PLAINS, Biome.COLD_TAIGA, Biome.COLD_BEACH, Biome.FROZEN_RIVER])
+
+_TREE_SALT, _SHRUB_SALT = 101, 102
+_NOWHERE, _NOTHING = np.zeros(0, np.int32), np.zeros(0, np.uint8)
+
+
+class World:
+    """The blocks around one player.
+
+    Attributes:
+        blocks: the window, [x, z, y].
+        flat: the same bytes in a row, for reading single cells.
+        biome: biome id by [x, z].
+        ground: the highest block of the ground by [x, z], in the window's layers.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self.blocks = np.zeros((SIDE, SIDE, HEIGHT), np.uint8)
+        self.flat = memoryview(self.blocks.data).cast("B")
+        self.biome = np.zeros((SIDE, SIDE), np.uint8)
+        self.ground = np.zeros((SIDE, SIDE), np.int16)
+        self._present: dict[tuple[int, int], tuple[int, int]] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the second view of the blocks, which a copy makes of its own blocks."""
+        return {name: value for name, value in vars(self).items() if name != "flat"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.flat = memoryview(self.blocks.data).cast("B")
+
+    def prepare(self, x: int, z: int) -> None:
+        """Make what is missing around a place."""
+        near = [
+            (i, j)
+            for i in range((x - NEAREST) // CHUNK, (x + NEAREST) // CHUNK + 1)
+            for j in range((z - NEAREST) // CHUNK, (z + NEAREST) // CHUNK + 1)
+        ]
+        slots = SIDE // CHUNK - 1
+        missing = {chunk for chunk in near if self._present.get((chunk[0] & slots, chunk[1] & slots)) != chunk}
+        for i, j in missing:
+            self._present[i & slots, j & slots] = (i, j)
+        for i, j, wide, deep in _rectangles(missing):
+            self._generate(i * CHUNK, j * CHUNK, wide * CHUNK, deep * CHUNK)
+
+    def biome_at(self, x: int, z: int) -> int:
+        """The biome of a column."""
+        return int(self.biome[x & _MASK, z & _MASK])
+
+    def ground_at(self, x: int, z: int) -> int:
+        """The y of the highest ground block of a column."""
+        return int(self.ground[x & _MASK, z & _MASK]) + BOTTOM
+
+    def cube(self, x: int, y: int, z: int, radius: int) -> NDArray[np.uint8]:
+        """The blocks around a cell, [x, y, z]."""
+        xs = np.arange(x - radius, x + radius + 1) & _MASK
+        zs = np.arange(z - radius, z + radius + 1) & _MASK
+        ys = np.clip(np.arange(y - radius, y + radius + 1) - BOTTOM, 0, HEIGHT - 1)
+        cube: NDArray[np.uint8] = self.blocks[xs[:, None, None], zs[None, None, :], ys[None, :, None]]
+        return cube
+
+    def _generate(self, x: int, z: int, wide: int, deep: int) -> None:
+        reach = plants.REACH
+        xs = np.arange(x - reach, x + wide + reach)[:, None]
+        zs = np.arange(z - reach, z + deep + reach)[None, :]
+        biome, ground = terrain(self.seed, xs, zs)
+        ground -= BOTTOM
+        inner = (slice(reach, -reach), slice(reach, -reach))
+        columns = _PROFILES[_SURFACE[biome[inner]], ground[inner]]
+        _plant_trees(columns, biome, ground, hashed(self.seed, _TREE_SALT, xs, zs))
+        shrubs = hashed(self.seed, _SHRUB_SALT, xs[reach:-reach], zs[:, reach:-reach])
+        _plant_shrubs(columns, biome[inner], ground[inner], shrubs)
+        i, j = (np.arange(x, x + wide) & _MASK)[:, None], (np.arange(z, z + deep) & _MASK)[None, :]
+        self.blocks[i, j], self.biome[i, j], self.ground[i, j] = columns, biome[inner], ground[inner]
+
+
+def _rectangles(chunks: set[tuple[int, int]]) -> Iterator[tuple[int, int, int, int]]:
+    """Cut a set of chunks into few rectangles (first x, first z, width, depth): each is made in one go."""
+    left = set(chunks)
+    while left:
+        i, j = min(left)
+        deep = 1
+        while (i, j + deep) in left:
+            deep += 1
+        wide = 1
+        while all((i + wide, j + k) in left for k in range(deep)):
+            wide += 1
+        left -= {(i + a, j + b) for a in range(wide) for b in range(deep)}
+        yield i, j, wide, deep
+
+
+def _plant_trees(
+    columns: NDArray[np.uint8], biome: NDArray[np.uint8], ground: NDArray[np.int16], bits: NDArray[np.uint32]
+) -> None:
+    """Plant the trees of a rectangle and those around it that reach into it."""
+    rooted = (unit(bits) < plants.TREE_DENSITY[biome]) & (ground >= SEA_LEVEL - 1 - BOTTOM)
+    x, z = np.nonzero(rooted)
+    kinds = plants.TREE_CHOICE[biome[x, z], bits[x, z] & 255]
+    feet = np.stack([x - plants.REACH, ground[x, z] + 1, z - plants.REACH], axis=1).astype(np.int32)
+    # Shape by shape and then by place: of two trees, the same one wins wherever the rectangle begins.
+    groups = [(plants.SHAPES[kind], feet[kinds == kind]) for kind in np.unique(kinds).tolist()]
+    for part in ("foliage", "trunk"):
+        cells = [_cells_of(getattr(shape, part), places, columns.shape) for shape, places in groups]
+        where = np.concatenate([_NOWHERE, *(where for where, _ in cells)])
+        what = np.concatenate([_NOTHING, *(what for _, what in cells)])
+        flat = columns.reshape(-1)
+        free = flat[where] == Block.AIR if part == "foliage" else plants.GIVES_WAY[flat[where]]
+        flat[where[free]] = what[free]
+
+
+def _cells_of(
+    shape: NDArray[np.int32], feet: NDArray[np.int32], size: tuple[int, ...]
+) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    """Flat positions and blocks of the cells of plants of one shape, as far as they lie in the rectangle."""
+    cells = feet[:, None, :] + shape[None, :, :3]
+    x, y, z = cells[..., 0], cells[..., 1], cells[..., 2]
+    inside = (x >= 0) & (x < size[0]) & (z >= 0) & (z < size[1]) & (y < size[2])
+    blocks = np.broadcast_to(shape[:, 3].astype(np.uint8), inside.shape)
+    return ((x * size[1] + z) * size[2] + y)[inside], blocks[inside]
+
+
+def _plant_shrubs(
+    columns: NDArray[np.uint8], biome: NDArray[np.uint8], ground: NDArray[np.int16], bits: NDArray[np.uint32]
+) -> None:
+    """Put what is one cell high on the free ground: snow where it is cold, plants, lilies on a swamp's water."""
+    x, z = np.ogrid[: biome.shape[0], : biome.shape[1]]
+    dry = ground >= SEA_LEVEL - 1 - BOTTOM
+    above = columns[x, z, ground + 1]
+    grows = unit(bits) < plants.SHRUB_DENSITY[biome]
+    shrub = plants.SHRUB_CHOICE[biome, bits & 255]
+    shrub = np.where(grows, shrub, np.where(_SNOWY[biome], Block.SNOW, Block.AIR)).astype(np.uint8)
+    columns[x, z, ground + 1] = np.where(dry & (above == Block.AIR), shrub, above)
+    lilies = ~dry & (biome == Biome.SWAMPLAND) & (unit(bits) > np.float32(0.92))
+    columns[..., SEA_LEVEL - BOTTOM][lilies] = Block.LILY_PAD

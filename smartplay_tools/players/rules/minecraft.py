@@ -1,0 +1,223 @@
+"""Minecraft navigation: keep a heading, turn away from what stops a walker, head for what betrays the goal biome.
+
+What is known of biomes is what players know: cacti stand in deserts, vines hang in jungles. It is a table of words,
+told from the words of the messages alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from smartplay_tools.messages import Message
+from smartplay_tools.players.reading import Reading, call
+
+HEADINGS = {"north": (0, -1), "east": (1, 0), "south": (0, 1), "west": (-1, 0)}
+"""Action word to x and z; clockwise."""
+
+GOAL = re.compile(r"your goal is to find a (.+?) biome\.")
+PLACE = re.compile(r"Coordinate \((-?[\d.]+),(-?[\d.]+),(-?[\d.]+)\)\. Facing ([a-z-]+)\.")
+TOOK = re.compile(r"^You took action Move (\w+)\.")
+THING = re.compile(
+    r"^ - (?P<name>[^,\n]+), (?P<distance>[\d.]+) blocks away, (?P<height>above you|below you|at your level) "
+    r"to (?P<where>[a-z-]+), taking (?P<share>\d+)% of screen$",
+    flags=re.MULTILINE,
+)
+
+CLUES: Mapping[str, Mapping[str, float]] = {
+    # How much a sight speaks for the goal, or against it.
+    "plains": {
+        "tall grass": 1,
+        "grass": 1,
+        "dandelion": 2,
+        "poppy": 2,
+        "flower": 2,
+        "horse": 20,
+        "snow": 3,
+        "packed ice": 8,
+        "polarbear": 20,
+        "wood": -1,
+        "leaves": -1,
+        "fern": -3,
+        "acacia": -6,
+    },
+    "forest": {"oak": 1, "birch": 2, "wood": 0.5, "leaves": 0.5, "jungle": -2, "spruce": -2, "acacia": -2, "vines": -2},
+    "ocean": {"water": 1, "gravel": 1, "squid": 4, "sand": 0.4, "lily pad": -9, "clay": -3, "dead bush": -2},
+    "beach": {"sand": 1, "water": 0.5, "cactus": -9, "dead bush": -9, "sandstone": -2, "lily pad": -9, "clay": -3},
+    "taiga": {"spruce": 1, "fern": 1, "moss stone": 5, "wolf": 4, "jungle": -2},
+    "ice spikes": {"packed ice": 4, "snow block": 2, "snow": 0.3, "ice": 0.3},
+    "jungle": {"jungle": 2, "vines": 1, "melon": 5, "ocelot": 5, "lily pad": -9, "cocoa": 5},
+    "desert": {"sand": 0.6, "cactus": 6, "dead bush": 4, "sandstone": 2, "water": -0.5},
+}
+ENOUGH = 4
+"""Evidence that makes a sight worth a detour."""
+
+ARRIVED = 9
+"""Things nearer than this were no goal, or the game would be over: look beyond them."""
+
+ROUND = 350
+"""Worlds begin near the origin of their coordinates. Who sees nothing walks this far and then in a square around it:
+straight on, the neighbourhood would soon be left behind."""
+
+STUCK, STUCK_SWIMMING = 4, 1.5
+"""Who has moved less than this during an action has met an obstacle."""
+
+SEA_LEVEL = 62.9
+"""Whose feet are lower swims, and had best go on until there is land again."""
+
+WATER_NEAR, WATER_SHARE = 30, 25
+"""Blocks and percent of the screen: more water than that ahead is no brook."""
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A line of the view, with the place where it says the thing is."""
+
+    name: str
+    distance: float
+    share: int
+    x: float
+    z: float
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What an observation says."""
+
+    x: float
+    y: float
+    z: float
+    facing: str
+    action: str | None
+    """The heading that was walked to get there."""
+    things: tuple[Thing, ...]
+
+
+def plays(reading: Reading) -> bool:
+    """Whether the actions are the four headings."""
+    return set(reading.actions) == {f"Move {heading.title()}" for heading in HEADINGS}
+
+
+def decide(reading: Reading) -> Message:
+    """Read the manual, look, and then walk."""
+    goal = GOAL.search(reading.system)
+    if goal is None and reading.is_start:
+        return call("read_manual")
+    sights = [sight for observation in reading.observations if (sight := look(observation))]
+    if not sights:
+        return call("observe")
+    heading = choose_heading(sights, CLUES.get(goal[1], {}) if goal else {})
+    return call("act", action=f"Move {heading.title()}")
+
+
+def look(observation: str) -> Sight | None:
+    """Read an observation."""
+    place = PLACE.search(observation)
+    if place is None:
+        return None
+    x, y, z = (float(place[i]) for i in (1, 2, 3))
+    took = TOOK.search(observation)
+    return Sight(x, y, z, place[4], took[1].lower() if took else None, tuple(_things(observation, x, z)))
+
+
+def _things(observation: str, x: float, z: float) -> Iterator[Thing]:
+    for line in THING.finditer(observation):
+        ways = [HEADINGS[word] for word in line["where"].split("-") if word in HEADINGS]
+        far = float(line["distance"]) / math.sqrt(max(len(ways), 1))
+        dx, dz = (sum(way[axis] for way in ways) * far for axis in (0, 1))
+        yield Thing(line["name"], float(line["distance"]), int(line["share"]), x + dx, z + dz)
+
+
+def choose_heading(sights: list[Sight], clues: Mapping[str, float]) -> str:
+    """The way to go from the last of some sights, oldest first."""
+    here = sights[-1]
+    ahead = here.action or here.facing.partition("-")[0]
+    right, left, back = _turns(ahead)
+    blocked = _blocked(sights)
+    # What is behind has been passed already, so evidence never turns a walker round.
+    wanted = [heading for heading in _towards_clues(sights, clues) if heading not in blocked | {back}]
+    if wanted:
+        return wanted[0]
+    avoids_water = clues.get("water", 0) <= 0 and not _is_crossing(sights)
+    if ahead in blocked or (avoids_water and _is_water_ahead(here)):
+        return next((heading for heading in (right, left) if heading not in blocked), back)
+    # Back to the old heading once an obstacle has been passed.
+    if len(sights) > 2 and sights[-2].action in (right, left) and _is_stuck(sights[-3], sights[-2]):
+        return sights[-2].action or ahead
+    if not avoids_water and _is_water_ahead(here):
+        return ahead
+    return _search(here, ahead, blocked | {s.action for s in sights if s.action and _is_water_ahead(s)})
+
+
+def _is_crossing(sights: list[Sight]) -> bool:
+    """Whether water has to be crossed: it was turned away from all around, or it is being crossed already."""
+    if len(sights) < 2:
+        return False
+    before, here = sights[-2:]
+    return len({sight.action for sight in sights}) > 2 or (before.action == here.action and _is_water_ahead(before))
+
+
+def _search(here: Sight, ahead: str, blocked: set[str]) -> str:
+    """Out to a square around the origin, and then clockwise along it."""
+    sides = {"east": here.x, "south": here.z, "west": -here.x, "north": -here.z}
+    outward = max(sides, key=lambda side: (sides[side], side == ahead))
+    if sides[outward] < 2 * ARRIVED:
+        return ahead
+    if sides[outward] < ROUND and outward not in blocked:
+        return outward
+    return _turns(outward)[0]
+
+
+def _turns(heading: str) -> tuple[str, str, str]:
+    """The headings to the right, to the left and back."""
+    order = list(HEADINGS)
+    at = order.index(heading)
+    return order[(at + 1) % 4], order[at - 1], order[at - 2]
+
+
+def _towards_clues(sights: list[Sight], clues: Mapping[str, float]) -> list[str]:
+    """The headings that lead to the best evidence in sight, the longer way first."""
+    here = sights[-1]
+    for sight in reversed(sights):
+        beyond = [
+            (thing, _weight(thing.name, clues) * (1 + thing.share))
+            for thing in sight.things
+            if math.dist((thing.x, thing.z), (here.x, here.z)) > ARRIVED
+        ]
+        if sum(weight for _, weight in beyond) < ENOUGH:
+            continue
+        speaking = [(thing, weight) for thing, weight in beyond if weight > 0]
+        total = sum(weight for _, weight in speaking)
+        dx = sum(thing.x * weight for thing, weight in speaking) / total - here.x
+        dz = sum(thing.z * weight for thing, weight in speaking) / total - here.z
+        ways = {"east": dx, "west": -dx, "south": dz, "north": -dz}
+        return sorted((way for way in ways if ways[way] > STUCK), key=lambda way: -ways[way])
+    return []
+
+
+def _weight(name: str, clues: Mapping[str, float]) -> float:
+    """What a name is worth: its own entry, or that of a word in it ("oak" for "oak leaves")."""
+    if name in clues:
+        return clues[name]
+    return next((clues[word] for word in name.split() if word in clues), 0)
+
+
+def _blocked(sights: list[Sight]) -> set[str]:
+    """Headings that, as far as one can see, led nowhere and not long ago."""
+    steps = itertools.pairwise(sights)
+    return {after.action for before, after in steps if after.action and _is_stuck(before, after)}
+
+
+def _is_stuck(before: Sight, after: Sight) -> bool:
+    step = abs(after.x - before.x) + abs(after.z - before.z)
+    return step < (STUCK_SWIMMING if min(before.y, after.y) < SEA_LEVEL else STUCK)
+
+
+def _is_water_ahead(sight: Sight) -> bool:
+    if sight.y < SEA_LEVEL:
+        return False
+    water = [thing for thing in sight.things if thing.name in ("water", "ice")]
+    return sum(t.share for t in water) > WATER_SHARE and min(t.distance for t in water) < WATER_NEAR

@@ -1,0 +1,106 @@
+"""Minecraft's rules around the world: goals, the action's expansion, the score and the options."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.games.minecraft.doctor import check_engines
+from smartplay_tools.games.minecraft.engines import ENGINES
+from smartplay_tools.games.minecraft.tasks import CORRECTED_GOALS, PAPER_GOALS, TICKS, Stride, strides, turn
+
+TASKS = (0, 1, 2, 4, 5, 7, 8, 9)
+
+
+def test_the_eight_settings_have_the_papers_numbers():
+    specs = [spec for spec in sp.GAMES.values() if spec.family == "minecraft"]
+    assert [spec.id for spec in specs] == [f"MinedojoCreative{task}-v0" for task in TASKS]
+    assert {(spec.history, spec.rollout, spec.trials) for spec in specs} == {(2, 200, 20)}
+    assert [spec.human_score for spec in specs] == [1] + [None] * 7
+
+
+def test_the_manual_names_the_goal():
+    assert sp.GAMES["MinedojoCreative7-v0"].make().manual == (
+        "You are in Minecraft and your goal is to find a ice spikes biome. You are not allowed to craft anything.\n"
+        "\n"
+        "In your observation, you are provided the amount of space an object takes in your field of view. "
+        "Note that objects of the same size takes more space when they are closer to you.\n"
+        "\n"
+        "List of all actions:\n1. Move North\n2. Move East\n3. Move South\n4. Move West"
+    )
+
+
+def test_the_original_takes_any_biome_whose_name_has_the_goals_words_in_it():
+    assert PAPER_GOALS[0].biomes == {1, 12, 129, 140}
+    assert 29 in PAPER_GOALS[1].biomes  # roofed forest
+    assert PAPER_GOALS[2].biomes == {0, 10, 24}
+
+
+def test_ice_spikes_cannot_be_found_in_the_original_and_can_here():
+    assert PAPER_GOALS[7].biomes == set()
+    assert CORRECTED_GOALS[7].biomes == {140}
+    assert {task: goal for task, goal in CORRECTED_GOALS.items() if task != 7} == {
+        task: goal for task, goal in PAPER_GOALS.items() if task != 7
+    }
+
+
+@pytest.mark.parametrize(("action", "yaw"), [(0, -180), (1, -90), (2, 0), (3, 90)])
+def test_an_action_turns_to_its_heading_from_every_other(action, yaw):
+    for before in (-180, -90, 0, 90):
+        assert (before + turn(action, before) - yaw) % 360 == 0
+
+
+def test_turns_are_rounded_down_to_bins_of_15_degrees():
+    """So a start that is off by some degrees stays off for ever."""
+    assert turn(2, 7.0) == -15
+    assert 7.0 + turn(2, 7.0) == -8.0
+    assert -8.0 + turn(2, -8.0) == -8.0
+
+
+def test_half_of_the_ticks_strafe_and_half_of_them_jump():
+    drawn = [stride for seed in range(40) for stride in strides(np.random.default_rng(seed))]
+    assert len(drawn) == 40 * TICKS
+    share = {side: np.mean([stride.left == side for stride in drawn]) for side in (-1, 0, 1)}
+    assert share == pytest.approx({-1: 0.25, 0: 0.5, 1: 0.25}, abs=0.04)
+    assert np.mean([stride.jump for stride in drawn]) == pytest.approx(0.5, abs=0.04)
+    assert {type(drawn[0].left), type(drawn[0].jump)} == {int, bool}
+    assert Stride(0, True) in drawn
+
+
+def test_there_is_no_reward_and_the_score_is_1_in_the_goal():
+    game = sp.GAMES["MinedojoCreative0-v0"].make()
+    game.reset(seed=0)
+    *_, reward, terminated, truncated, info = game.step(0)
+    assert (reward, terminated, truncated, info["score"], info["completed"]) == (0, False, False, 0, 0)
+
+
+def test_engine_and_text_are_deviations_from_the_paper():
+    game = sp.GAMES["MinedojoCreative0-v0"].make()
+    assert game.engine == "voxel"
+    assert game.deviations() == {
+        "engine": {"paper": "minedojo", "played": "voxel"},
+        "text": {"paper": "paper", "played": "corrected"},
+    }
+    assert "text" not in sp.GAMES["MinedojoCreative0-v0"].make(text="paper").deviations()
+
+
+def test_a_score_of_another_engine_is_not_compared_with_people():
+    spec = sp.GameSpec(**{**vars(sp.GAMES["MinedojoCreative0-v0"]), "rollout": 2})
+    with sp.Episode(spec, seed=0) as episode:
+        result = sp.play(episode, sp.get_player("random", seed=0))
+    assert (result.engine, result.normalized_score) == ("voxel", None)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"), [({"engine": "quake"}, "engine must be one of voxel"), ({"text": "short"}, "text must be")]
+)
+def test_unknown_values_are_refused_in_one_sentence(option, message):
+    with pytest.raises(ValueError, match=message):
+        sp.GAMES["MinedojoCreative0-v0"].make(**option)
+
+
+def test_the_doctor_plays_on_every_engine():
+    checks = check_engines()
+    assert [check.engine for check in checks] == list(ENGINES)
+    assert all(check.works and check.detail.startswith("a new world in") for check in checks)

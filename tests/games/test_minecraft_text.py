@@ -1,0 +1,355 @@
+"""Minecraft's observation text, rule by rule, from arrays made by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from smartplay_tools.games.minecraft.observation import Observation, malmo_rays, rays, true_rays
+from smartplay_tools.games.minecraft.text import describe
+
+NORTH, EAST, SOUTH, WEST = -180.0, -90.0, 0.0, 90.0
+FEET = 4
+"""Index of the feet along every axis of the 9 x 9 x 9 blocks."""
+MIDDLE = 8
+"""Index of the middle row and column of the 17 x 17 view."""
+
+
+def nothing(yaw: float = SOUTH, **changes: object) -> Observation:
+    """Air as far as one sees."""
+    empty = Observation(
+        position=np.array([0, 64, 0], np.float32),
+        yaw=yaw,
+        pitch=0.0,
+        biome=1,
+        blocks=np.full((9, 9, 9), "air", "<U24"),
+        ray_directions=true_rays(yaw),
+        ray_blocks=np.full(290, "air", "<U24"),
+        ray_block_distances=np.full(290, 65, np.float32),
+        ray_entities=np.full(290, "null", "<U24"),
+        ray_entity_distances=np.full(290, 65, np.float32),
+    )
+    return dataclasses.replace(empty, **changes)
+
+
+def see(observation: Observation, row: int, column: int, name: str, distance: float, *, entity: bool = False) -> None:
+    """Let a ray of the view hit something."""
+    kind = "entities" if entity else "blocks"
+    getattr(observation, f"ray_{kind}")[1 + row * 17 + column] = name
+    getattr(observation, f"ray_{'entity' if entity else 'block'}_distances")[1 + row * 17 + column] = distance
+
+
+def around(observation: Observation, mode: str = "corrected") -> list[str]:
+    """The lines of "Around you:"."""
+    lines = describe(observation, mode).split("\n")
+    start = lines.index("Around you:") + 1
+    return lines[start : lines.index("", start)]
+
+
+def view(observation: Observation, mode: str = "corrected") -> list[str]:
+    """The lines of "You see:"."""
+    lines = describe(observation, mode).split("\n")
+    return lines[lines.index("You see:") + 1 :]
+
+
+# The frame.
+
+
+@pytest.mark.parametrize("mode", ["paper", "corrected"])
+def test_a_frame_without_anything_in_it(mode):
+    frame = "Coordinate (0.00,64.00,0.00). Facing south.\n\nYou're not aiming at any block.\nAround you:\n\n"
+    assert describe(nothing(), mode) == frame
+    assert describe(nothing(), mode, "Move West") == f"You took action Move West.\n\n{frame}"
+
+
+@pytest.mark.parametrize("mode", ["paper", "corrected"])
+def test_a_frame_with_everything_in_it(mode):
+    observation = nothing(EAST, position=np.array([-253.123, 71.75, 248.639], np.float32))
+    observation.blocks[:, 3, :] = "grass block"
+    observation.ray_blocks[0] = "leaves"
+    for column in range(3):
+        see(observation, MIDDLE, column, "stone", 10 + column)
+    see(observation, MIDDLE, MIDDLE, "pig", 7.5, entity=True)
+    ahead = {"paper": "west", "corrected": "east"}[mode]
+    side = {"paper": "south-west", "corrected": "south-east"}[mode]
+    assert describe(observation, mode, "Move East") == (
+        "You took action Move East.\n"
+        "\n"
+        "Coordinate (-253.12,71.75,248.64). Facing east.\n"
+        "\n"
+        "You're aiming at leaves.\n"
+        "Around you:\n"
+        " - grass block, 1.00 blocks away, below you to front\n"
+        f" - pig, 7.50 blocks away, at your level to {ahead}, taking 0% of screen\n"
+        "\n"
+        "You see:\n"
+        f" - stone, 10.00 blocks away, at your level to {side}, taking 1% of screen"
+    )
+
+
+@pytest.mark.parametrize(
+    ("yaw", "direction"),
+    [
+        (-180, "north"),
+        (-157.6, "north"),
+        (-157.5, "north-east"),
+        (-135, "north-east"),
+        (-90, "east"),
+        (-45, "south-east"),
+        (-22.6, "south-east"),
+        (-22.5, "south"),
+        (0, "south"),
+        (22.4, "south"),
+        (22.5, "south-west"),
+        (45, "south-west"),
+        (90, "west"),
+        (135, "north-west"),
+        (157.5, "north"),
+        (180, "north"),
+        (270, "east"),
+    ],
+)
+def test_facing_has_eight_sectors(yaw, direction):
+    assert describe(nothing(yaw), "paper").startswith(f"Coordinate (0.00,64.00,0.00). Facing {direction}.\n")
+
+
+@pytest.mark.parametrize(("pitch", "words"), [(-0.1, " Looking up."), (0.0, ""), (0.1, " Looking down.")])
+def test_looking_up_and_down(pitch, words):
+    assert describe(nothing(pitch=pitch), "paper").startswith(f"Coordinate (0.00,64.00,0.00). Facing south.{words}\n")
+
+
+# Blocks around the player.
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        ((0, 0, -1), "1.00 blocks away, to north"),
+        ((0, 0, 1), "1.00 blocks away, to south"),
+        ((1, 0, 0), "1.00 blocks away, to east"),
+        ((-1, 0, 0), "1.00 blocks away, to west"),
+        ((2, 0, -2), "2.83 blocks away, to north-east"),
+        ((0, -1, 0), "1.00 blocks away, below you to front"),
+        ((0, 4, 0), "4.00 blocks away, above you to front"),
+        ((-3, 2, 1), "3.74 blocks away, above you to south-west"),
+    ],
+)
+@pytest.mark.parametrize("mode", ["paper", "corrected"])
+def test_directions_of_blocks_around(cell, words, mode):
+    observation = nothing()
+    observation.blocks[tuple(FEET + offset for offset in cell)] = "sand"
+    assert around(observation, mode) == [f" - sand, {words}"]
+
+
+def test_only_the_layer_under_the_feet_and_those_above_are_told():
+    observation = nothing()
+    observation.blocks[:, :3, :] = "stone"
+    assert around(observation) == []
+
+
+def test_a_group_that_is_centred_on_the_feet_is_not_told():
+    observation = nothing()
+    observation.blocks[FEET, FEET, FEET] = "water"
+    assert around(observation) == []
+
+
+def test_the_distance_is_that_of_the_groups_centre():
+    observation = nothing()
+    observation.blocks[FEET, FEET, 5:9] = "sand"  # 1 to 4 blocks to the south
+    assert around(observation) == [" - sand, 2.50 blocks away, to south"]
+
+
+def test_blocks_that_touch_at_an_edge_are_two_groups_and_the_nearer_one_is_told():
+    observation = nothing()
+    observation.blocks[FEET, FEET, 6] = observation.blocks[5, FEET, 7] = "sand"
+    assert around(observation) == [" - sand, 2.00 blocks away, to south"]
+
+
+def test_a_name_stands_where_its_first_group_does():
+    """First by x, then y, then z; the sand that is told is not the sand that counts for the order."""
+    observation = nothing()
+    observation.blocks[0, FEET, 0] = "sand"
+    observation.blocks[1, FEET, 0] = "clay"
+    observation.blocks[5, FEET, FEET] = "sand"
+    assert around(observation) == [" - sand, 1.00 blocks away, to east", " - clay, 5.00 blocks away, to north-west"]
+
+
+def test_of_two_groups_at_the_same_distance_the_first_is_told():
+    observation = nothing()
+    observation.blocks[3, FEET, FEET] = observation.blocks[5, FEET, FEET] = "sand"
+    assert around(observation) == [" - sand, 1.00 blocks away, to west"]
+
+
+# The view.
+
+
+def test_cells_that_touch_at_a_corner_are_one_thing():
+    observation = nothing()
+    see(observation, 8, 8, "sand", 9)
+    see(observation, 9, 9, "sand", 7)
+    see(observation, 3, 3, "sand", 5)
+    lines = view(observation)
+    assert [line.split(",")[1] for line in lines] == [" 5.00 blocks away", " 7.00 blocks away"]
+
+
+def test_a_thing_is_as_far_as_its_nearest_cell_and_lies_where_the_first_of_these_does():
+    observation = nothing(SOUTH)
+    for column, distance in ((0, 9), (1, 5), (2, 5)):
+        see(observation, MIDDLE, column, "sand", distance)
+    see(observation, MIDDLE, 3, "sand", 8)
+    assert view(observation) == [" - sand, 5.00 blocks away, at your level to south-west, taking 1% of screen"]
+
+
+def test_things_stand_in_the_order_of_their_first_cells():
+    observation = nothing()
+    see(observation, 5, 9, "water", 1)
+    see(observation, 5, 7, "sand", 2)
+    see(observation, 4, 12, "cactus", 3)
+    assert [line.split(",")[0] for line in view(observation)] == [" - cactus", " - sand", " - water"]
+
+
+@pytest.mark.parametrize(("cells", "share"), [(1, "0%"), (2, "1%"), (4, "1%"), (5, "2%"), (17, "6%")])
+def test_the_share_of_the_screen_is_rounded(cells, share):
+    observation = nothing()
+    for column in range(cells):
+        see(observation, MIDDLE, column, "sand", 5)
+    assert view(observation)[0].endswith(f"taking {share} of screen")
+
+
+def test_a_full_view_takes_all_of_the_screen():
+    observation = nothing(ray_blocks=np.full(290, "sand"))
+    assert view(observation)[0].endswith("taking 100% of screen")
+
+
+def test_null_is_not_told():
+    observation = nothing(ray_blocks=np.full(290, "null"))
+    assert "You see:" not in describe(observation, "corrected")
+
+
+def test_entities_have_no_heading_and_a_line_end_each():
+    observation = nothing()
+    see(observation, 8, 2, "sheep", 12, entity=True)
+    see(observation, 8, 9, "pig", 4, entity=True)
+    assert describe(observation, "corrected").endswith(
+        "Around you:\n"
+        " - sheep, 12.00 blocks away, at your level to south-west, taking 0% of screen\n"
+        " - pig, 4.00 blocks away, at your level to south, taking 0% of screen\n"
+        "\n"
+    )
+
+
+# The original's bugs, and what the corrected text says instead.
+
+
+@pytest.mark.parametrize(
+    ("yaw", "column", "paper", "corrected"),
+    [
+        (SOUTH, 8, "north", "south"),
+        (NORTH, 8, "south", "north"),
+        (EAST, 8, "west", "east"),
+        (WEST, 8, "east", "west"),
+        (NORTH, 0, "south-east", "north-east"),
+        (NORTH, 16, "south-west", "north-west"),
+        (SOUTH, 0, "north-west", "south-west"),
+        (EAST, 16, "north-west", "north-east"),
+    ],
+)
+def test_what_is_ahead_is_told_as_behind(yaw, column, paper, corrected):
+    observation = nothing(yaw)
+    see(observation, MIDDLE, column, "sand", 5)
+    assert view(observation, "paper") == [f" - sand, 5.00 blocks away, at your level to {paper}, taking 0% of screen"]
+    assert view(observation, "corrected") == [
+        f" - sand, 5.00 blocks away, at your level to {corrected}, taking 0% of screen"
+    ]
+
+
+@pytest.mark.parametrize(("row", "height"), [(0, "below"), (16, "above")])
+def test_the_lowest_and_highest_rows_are_told_as_straight_down_and_up(row, height):
+    observation = nothing(SOUTH)
+    see(observation, row, 8, "sand", 5)
+    assert view(observation, "paper")[0].split(", ")[2] == f"{height} you to front"
+    assert view(observation, "corrected")[0].split(", ")[2] == f"{height} you to south"
+
+
+def test_rows_are_told_steeper_than_they_are():
+    """Row 9 is 6 degrees over the middle: level. The original takes it for 11.25 degrees, and row 10 for 22.5."""
+    observation = nothing(SOUTH)
+    see(observation, 10, 8, "sand", 5)  # really 12 degrees up, a sine of 0.21
+    see(observation, 6, 8, "clay", 5)
+    assert [line.split(", ")[2].split(" to")[0] for line in view(observation, "paper")] == ["below you", "above you"]
+    see(observation, 9, 0, "ice", 5)
+    assert view(observation, "paper")[1].split(", ")[2].startswith("at your level")
+
+
+def test_pitch_is_added_with_the_wrong_sign():
+    """Looking down is positive; the original lifts everything that it sees then."""
+    observation = nothing(SOUTH, pitch=30.0)
+    see(observation, MIDDLE, MIDDLE, "sand", 5)
+    assert view(observation, "paper")[0].split(", ")[2] == "above you to north"
+
+
+def test_the_originals_rays_turn_about_the_worlds_axis():
+    """Facing south the first row looks down, facing north up; facing east or west all rows are the same."""
+    first, last = 1 + MIDDLE, 1 + 16 * 17 + MIDDLE
+    south, north, east = malmo_rays(SOUTH), malmo_rays(NORTH), malmo_rays(EAST)
+    down = -np.sin(np.radians(48))
+    assert south[first] == pytest.approx([0, down, np.cos(np.radians(48))], abs=1e-6)
+    assert north[first] == pytest.approx([0, -down, -np.cos(np.radians(48))], abs=1e-6)
+    assert np.array_equal(east[1:18], east[last - MIDDLE : last - MIDDLE + 17])
+    assert not east[1:, 1].any()
+
+
+@pytest.mark.parametrize(("yaw", "ahead"), [(NORTH, (0, -1)), (EAST, (1, 0)), (SOUTH, (0, 1)), (WEST, (-1, 0))])
+def test_true_rays_are_the_same_fan_in_every_heading(yaw, ahead):
+    fan = true_rays(yaw)
+    assert fan[0] == pytest.approx([ahead[0], 0, ahead[1]], abs=1e-6)
+    assert fan[1 + MIDDLE, 1] == pytest.approx(-np.sin(np.radians(48)))
+    right = (-ahead[1], ahead[0])
+    assert fan[1 + MIDDLE * 17] @ [right[0], 0, right[1]] == pytest.approx(np.sin(np.radians(48)))
+    assert np.linalg.norm(fan, axis=1) == pytest.approx(1)
+
+
+def test_each_mode_casts_its_own_rays():
+    assert np.array_equal(rays(EAST, "paper"), malmo_rays(EAST))
+    assert np.array_equal(rays(EAST, "corrected"), true_rays(EAST))
+
+
+def test_the_alphabetically_first_name_around_is_lumped_together():
+    """Labelling takes it for background: its blocks need not touch, and it comes first."""
+    observation = nothing()
+    observation.blocks[1, FEET, FEET] = "stone"
+    observation.blocks[3, FEET, FEET] = observation.blocks[8, FEET, FEET] = "acacia wood"
+    assert around(observation, "paper") == [
+        " - acacia wood, 1.50 blocks away, to east",
+        " - stone, 3.00 blocks away, to west",
+    ]
+    assert around(observation, "corrected") == [
+        " - stone, 3.00 blocks away, to west",
+        " - acacia wood, 1.00 blocks away, to west",
+    ]
+
+
+def test_without_air_another_name_is_lumped_together():
+    observation = nothing()
+    observation.blocks[:] = "stone"
+    observation.blocks[0, FEET, 0] = observation.blocks[8, FEET, 0] = "dirt"
+    dirt = {mode: [line for line in around(observation, mode) if "dirt" in line] for mode in ("paper", "corrected")}
+    assert dirt["paper"] == [" - dirt, 4.00 blocks away, to north"]
+    assert dirt["corrected"] == [" - dirt, 5.66 blocks away, to north-west"]
+
+
+def test_entities_before_null_in_the_alphabet_are_lumped_together():
+    observation = nothing()
+    for name in ("cow", "sheep"):
+        row = {"cow": 8, "sheep": 10}[name]
+        see(observation, row, 2, name, 12, entity=True)
+        see(observation, row, 14, name, 9, entity=True)
+    lines = {
+        mode: [line for line in describe(observation, mode).split("\n") if " cow," in line or " sheep," in line]
+        for mode in ("paper", "corrected")
+    }
+    assert [line.split(",")[0] for line in lines["paper"]] == [" - cow", " - sheep", " - sheep"]
+    assert lines["paper"][0].endswith("taking 1% of screen")
+    assert [line.split(",")[0] for line in lines["corrected"]] == [" - cow", " - cow", " - sheep", " - sheep"]
