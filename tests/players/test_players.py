@@ -74,7 +74,7 @@ class Blanking:
 @pytest.mark.parametrize("game", sp.GAMES)
 def test_the_rule_player_keeps_no_state_in_its_replies(game):
     spec = sp.GAMES[game]
-    spec = dataclasses.replace(spec, rollout=min(spec.rollout, 120))
+    spec = dataclasses.replace(spec, rollout=min(spec.rollout, 60))
     with sp.Episode(spec, seed=4, budget=sp.Budget(prompt_tokens=4_000)) as episode:
         result = sp.play(episode, Blanking(sp.get_player("rule")))
     assert result.end_reason in ("terminated", "rollout"), result.error
