@@ -14,6 +14,7 @@ from smartplay_tools.errors import UnknownNameError
 from smartplay_tools.records import AsyncPlayer, Player
 
 PLAYERS: dict[str, str] = {
+    "langchain": "smartplay_langchain:LangChainPlayer",
     "openai": "smartplay_openai:OpenAIPlayer",
     "openai-responses": "smartplay_openai:ResponsesPlayer",
     "random": "smartplay_tools.players.random:RandomPlayer",
