@@ -9,7 +9,9 @@ import pytest
 from langchain.agents import create_agent
 from langchain_core.tools import BaseTool
 from langgraph.graph import START, MessagesState, StateGraph
+from mcp import Client
 from smartplay_langchain import LangChainPlayer, Seat, SmartPlayMiddleware, SmartPlayToolkit
+from smartplay_mcp import Table, game_server
 
 import smartplay_tools as sp
 from tests.adapters import conformance
@@ -132,7 +134,26 @@ def toolkit(episode: sp.Episode, calls: list[tuple[str, Any]]) -> list[tuple[str
     return shown
 
 
-HOST = {"Episode": raw_episode, "Episode, async": raw_episode_async, "LangChain toolkit": toolkit}
+def mcp(mode: str) -> Any:
+    def send(episode: sp.Episode, calls: list[tuple[str, Any]]) -> list[tuple[str, bool]]:
+        async def session() -> list[tuple[str, bool]]:
+            table = Table(episode)
+            async with Client(game_server(lambda _: table), mode=mode) as client:
+                results = [await client.call_tool(name, arguments) for name, arguments in calls]
+            return [(result.content[0].text, result.is_error) for result in results]
+
+        return asyncio.run(session())
+
+    return send
+
+
+HOST = {
+    "Episode": raw_episode,
+    "Episode, async": raw_episode_async,
+    "LangChain toolkit": toolkit,
+    "MCP": mcp("auto"),
+    "MCP, legacy": mcp("legacy"),
+}
 
 
 @pytest.mark.parametrize("row", HOST)
