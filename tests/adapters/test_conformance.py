@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from typing import Any
 
 import pytest
+from agents import Agent, Runner, set_tracing_disabled
+from agents import testing as agents_testing
 from langchain.agents import create_agent
 from langchain_core.tools import BaseTool
 from langgraph.graph import START, MessagesState, StateGraph
 from mcp import Client
+from smartplay_anthropic import AnthropicPlayer
 from smartplay_langchain import LangChainPlayer, Seat, SmartPlayMiddleware, SmartPlayToolkit
 from smartplay_mcp import Table, game_server
+from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp
-from tests.adapters import conformance
+from tests.adapters import conformance, scripted_agents
+from tests.adapters.anthropic_stub import AnthropicStub
 from tests.adapters.conformance import BASIC, BROKEN, BUDGETS, IDLE, Script, Sent
 from tests.adapters.scripted_langchain import ScriptedModel
+
+
+@pytest.fixture(autouse=True)
+def _no_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No traces to a provider, and no proxy between a client and the stub beside it."""
+    set_tracing_disabled(True)
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+
 
 # --- Adapters that own the context -------------------------------------------------------------------------------
 
@@ -60,7 +74,45 @@ def langgraph(episode: sp.Episode, script: Script) -> Sent:
     return model.sent
 
 
+def agents_sdk(episode: sp.Episode, script: Script, *, streamed: bool = False) -> Sent:
+    inner = agents_testing.ScriptedModel([scripted_agents.step(message) for message in script])
+    model = SmartPlayModel(inner, episode)
+    agent = Agent("player", model=model, tools=model.tools)
+
+    async def run() -> None:
+        if streamed:
+            running = Runner.run_streamed(agent, [], max_turns=None, run_config=model.run_config)
+            async for _ in running.stream_events():
+                pass
+        else:
+            await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
+
+    asyncio.run(run())
+    return [scripted_agents.read(call.input) for call in inner.calls]
+
+
+def anthropic_player(episode: sp.Episode, script: Script) -> Sent:
+    with AnthropicStub(script) as stub, AnthropicPlayer("m", base_url=stub.url, api_key="k") as player:
+        sp.play(episode, player)
+    return stub.sent
+
+
+def anthropic_player_async(episode: sp.Episode, script: Script) -> Sent:
+    async def play(url: str) -> None:
+        player = AnthropicPlayer("m", base_url=url, api_key="k")
+        await sp.aplay(episode, player)
+        await player.aclose()
+
+    with AnthropicStub(script) as stub:
+        asyncio.run(play(stub.url))
+    return stub.sent
+
+
 WINDOW = {
+    "Agents SDK": agents_sdk,
+    "Agents SDK, streamed": partial(agents_sdk, streamed=True),
+    "Anthropic player": anthropic_player,
+    "Anthropic player, async": anthropic_player_async,
     "Conversation": conformance.by_conversation_with_one_system,
     "LangChain agent": langchain_agent,
     "LangChain agent, async": langchain_agent_async,
@@ -68,7 +120,14 @@ WINDOW = {
     "LangChain player, async": langchain_player_async,
     "LangGraph": langgraph,
 }
-BROKEN_ARGUMENTS = ["Conversation", "LangChain agent", "LangChain agent, async", "LangChain player", "LangGraph"]
+BROKEN_ARGUMENTS = [
+    "Agents SDK",
+    "Conversation",
+    "LangChain agent",
+    "LangChain agent, async",
+    "LangChain player",
+    "LangGraph",
+]
 """Adapters whose wire can carry arguments that are no JSON."""
 
 
