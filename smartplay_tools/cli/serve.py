@@ -8,13 +8,16 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from smartplay_tools.cli import options
+from smartplay_tools.cli import options, serve_mcp
 from smartplay_tools.players import get_player
 
 ENDPOINT = "smartplay_openai"
 """The adapter that serves players; imported when asked for."""
 
 app = typer.Typer(help="Serve players and games to other programs.", no_args_is_help=True)
+
+
+app.command("mcp")(serve_mcp.mcp)
 
 
 @app.command("openai")

@@ -14,6 +14,8 @@ from smartplay_tools.errors import UnknownNameError
 from smartplay_tools.records import AsyncPlayer, Player
 
 PLAYERS: dict[str, str] = {
+    "anthropic": "smartplay_anthropic:AnthropicPlayer",
+    "langchain": "smartplay_langchain:LangChainPlayer",
     "openai": "smartplay_openai:OpenAIPlayer",
     "openai-responses": "smartplay_openai:ResponsesPlayer",
     "random": "smartplay_tools.players.random:RandomPlayer",

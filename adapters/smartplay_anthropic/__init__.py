@@ -1,0 +1,21 @@
+"""Anthropic's Messages interface: models that play through the `anthropic` client.
+
+    with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(prompt_tokens=4096)) as episode:
+        result = sp.play(episode, sp.get_player("anthropic:MODEL"))
+
+`request` and `reply` turn a prompt into a request and an answer into a reply, for loops written by hand.
+"""
+
+from __future__ import annotations
+
+from smartplay_tools import MissingExtraError
+
+try:
+    import anthropic as _anthropic  # noqa: F401
+except ModuleNotFoundError as error:
+    raise MissingExtraError("smartplay_anthropic", "anthropic") from error
+
+from smartplay_anthropic.codec import reply, request
+from smartplay_anthropic.player import AnthropicPlayer
+
+__all__ = ["AnthropicPlayer", "reply", "request"]

@@ -1,0 +1,141 @@
+"""A prompt as a request of the Messages interface, an answer as a reply.
+
+The interface knows one system text, two roles that take turns, and results as blocks of the next user message, all
+results of a turn together. A reply's thinking must go back with its turn, signed, in its place: an answer that holds
+more than words and calls is therefore kept as it came, block by block, and sent again as it came.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from smartplay_tools import Message, Prompt, Reply, Usage, schema
+
+ITEM = "anthropic_blocks"
+"""The type of the provider item that holds an answer's blocks."""
+
+LIMIT = 4096
+"""The cap on a reply where the budget sets none; the interface wants one."""
+
+NOTHING = "..."
+"""Stands for a message without words, which the interface refuses."""
+
+
+def request(prompt: Prompt, *, limit: int = LIMIT) -> dict[str, Any]:
+    """Return the keyword arguments of `client.messages.create`, but for the model."""
+    system = [_text(message) for message in prompt.messages if message["role"] in ("system", "developer")]
+    messages: list[dict[str, Any]] = []
+    ids: set[str] = set()
+    waiting: list[tuple[str, str]] = []
+    """Calls without a result so far: (id in the record, id on the wire)."""
+    for message in prompt.messages:
+        match message["role"]:
+            case "assistant":
+                blocks, waiting = _assistant(message, ids)
+                messages.append({"role": "assistant", "content": blocks})
+            case "tool":
+                recorded = message.get("tool_call_id", "")
+                at = next(at for at, (was, _) in enumerate(waiting) if was == recorded)
+                block = {"type": "tool_result", "tool_use_id": waiting.pop(at)[1], "content": _text(message)}
+                _add_to_user(messages, block)
+            case "user":
+                _add_to_user(messages, {"type": "text", "text": _text(message) or NOTHING})
+    arguments: dict[str, Any] = {"messages": messages, "max_tokens": prompt.max_tokens or limit}
+    if system:
+        arguments["system"] = "\n\n".join(system)
+    if prompt.tools:
+        arguments["tools"] = [schema(tool, "anthropic") for tool in prompt.tools]
+    return arguments
+
+
+def reply(answer: Any) -> Reply:
+    """Return the reply that an answer of the client holds."""
+    sent: Mapping[str, Any] = answer if isinstance(answer, Mapping) else answer.model_dump(exclude_unset=True)
+    blocks: Sequence[Mapping[str, Any]] = sent["content"]
+    message: Message = {"role": "assistant", "content": _joined(blocks, "text") or None}
+    calls = [block for block in blocks if block["type"] == "tool_use"]
+    if calls:
+        message["tool_calls"] = [
+            {
+                "id": call["id"],
+                "type": "function",
+                "function": {"name": call["name"], "arguments": json.dumps(call["input"], ensure_ascii=False)},
+            }
+            for call in calls
+        ]
+    if any(block["type"] not in ("text", "tool_use") for block in blocks):
+        message["provider_items"] = [{"type": ITEM, "blocks": [dict(block) for block in blocks]}]
+        if thinking := _joined(blocks, "thinking"):
+            message["reasoning_content"] = thinking
+    return Reply(message, _usage(sent.get("usage")))
+
+
+def _assistant(message: Message, ids: set[str]) -> tuple[list[dict[str, Any]], list[tuple[str, str]]]:
+    """The blocks of an assistant message, and its calls as (id in the record, id on the wire)."""
+    waiting = []
+    for call in message.get("tool_calls", ()):
+        unique = call["id"]
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", unique) or unique in ids:
+            unique = f"toolu_{len(ids)}"
+        ids.add(unique)
+        waiting.append((call["id"], unique))
+    calls = [
+        {
+            "type": "tool_use",
+            "id": unique,
+            "name": _name(call["function"]["name"]),
+            "input": _input(call["function"]["arguments"]),
+        }
+        for call, (_, unique) in zip(message.get("tool_calls", ()), waiting, strict=True)
+    ]
+    kept = next((item for item in message.get("provider_items", ()) if item.get("type") == ITEM), None)
+    if kept is not None:
+        again = iter(calls)
+        return [next(again) if block["type"] == "tool_use" else block for block in kept["blocks"]], waiting
+    text = _text(message)
+    words = [{"type": "text", "text": text or NOTHING}] if text.strip() or not calls else []
+    return words + calls, waiting
+
+
+def _add_to_user(messages: list[dict[str, Any]], block: dict[str, Any]) -> None:
+    if messages and messages[-1]["role"] == "user":
+        messages[-1]["content"].append(block)
+    else:
+        messages.append({"role": "user", "content": [block]})
+
+
+def _name(name: str) -> str:
+    """The interface refuses names that no tool could have; the record keeps them."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", name)[:128] or "_"
+
+
+def _input(arguments: str) -> dict[str, Any]:
+    """The arguments as the object that the interface wants; it never sends anything else itself."""
+    try:
+        value = json.loads(arguments or "{}")
+    except (ValueError, RecursionError):
+        value = None
+    return value if isinstance(value, dict) else {"arguments": arguments}
+
+
+def _joined(blocks: Iterable[Mapping[str, Any]], kind: str) -> str:
+    return "".join(block[kind] for block in blocks if block["type"] == kind)
+
+
+def _text(message: Message) -> str:
+    content = message["content"]
+    if content is None or isinstance(content, str):
+        return content or ""
+    return "".join(part["text"] for part in content)
+
+
+def _usage(usage: Mapping[str, Any] | None) -> Usage | None:
+    """The interface counts apart what was read from a cache and what was written to it; here they are the prompt."""
+    if usage is None:
+        return None
+    cached = usage.get("cache_read_input_tokens") or 0
+    written = usage.get("cache_creation_input_tokens") or 0
+    return Usage(prompt=usage["input_tokens"] + cached + written, reply=usage["output_tokens"], cached=cached)

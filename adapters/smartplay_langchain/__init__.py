@@ -1,0 +1,55 @@
+"""LangChain: the tools as a toolkit, the context window as a middleware, players both ways.
+
+    from langchain.agents import create_agent
+    from smartplay_langchain import SmartPlayMiddleware
+
+    with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(prompt_tokens=4096)) as episode:
+        agent = create_agent(model, middleware=[SmartPlayMiddleware(episode)])
+        agent.invoke({"messages": []})
+
+`SmartPlayToolkit` alone needs `langchain-core` only; it gives the agent the tools and leaves the context to the host.
+`SmartPlayMiddleware` (needs `langchain`) owns the context: windows, budgets, order, ends and records are those of
+`smartplay_tools.play`. `Seat` is what it is made of, for graphs built by hand.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from smartplay_tools import MissingExtraError
+
+try:
+    import langchain_core as _langchain_core  # noqa: F401
+except ModuleNotFoundError as error:
+    raise MissingExtraError("smartplay_langchain", "langchain") from error
+
+from smartplay_langchain.messages import from_langchain, to_langchain, usage_of
+from smartplay_langchain.models import LangChainPlayer, PlayerChatModel
+from smartplay_langchain.seat import Seat
+from smartplay_langchain.toolkit import SmartPlayTool, SmartPlayToolkit
+
+if TYPE_CHECKING:
+    from smartplay_langchain.middleware import SmartPlayMiddleware
+
+__all__ = [
+    "LangChainPlayer",
+    "PlayerChatModel",
+    "Seat",
+    "SmartPlayMiddleware",
+    "SmartPlayTool",
+    "SmartPlayToolkit",
+    "from_langchain",
+    "to_langchain",
+    "usage_of",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the middleware when it is asked for: the rest does without `langchain`."""
+    if name != "SmartPlayMiddleware":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        from smartplay_langchain.middleware import SmartPlayMiddleware
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("SmartPlayMiddleware", "langchain") from error
+    return SmartPlayMiddleware

@@ -1,0 +1,132 @@
+"""Messages, both ways: LangChain's classes and the canonical chat form.
+
+LangChain sorts a reply's calls into `tool_calls`, whose arguments it could parse, and `invalid_tool_calls`, kept as
+text; here both are calls, the valid ones first. What a provider put into a reply beside text and calls (thinking and
+its signatures, say) goes into the record, and back to the model with its turn.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from langchain_core.messages import (
+    AIMessage,
+    AnyMessage,
+    BaseMessage,
+    HumanMessage,
+    InvalidToolCall,
+    SystemMessage,
+    ToolCall,
+    ToolMessage,
+)
+
+from smartplay_tools import Message, Usage
+
+ITEM = "langchain_message"
+"""The type of the provider item that holds what a reply has beside text and calls."""
+
+
+def to_langchain(messages: Iterable[Message]) -> list[AnyMessage]:
+    """Return a prompt's messages as LangChain's; all system messages become one, at the beginning.
+
+    One, because half of the providers know a single system text, and their LangChain packages refuse a second.
+    """
+    system = [_text(message) for message in messages if message["role"] in ("system", "developer")]
+    head: list[AnyMessage] = [SystemMessage("\n\n".join(system))] if system else []
+    return head + [_to_langchain(message) for message in messages if message["role"] not in ("system", "developer")]
+
+
+def from_langchain(message: BaseMessage) -> Message:
+    """Return a LangChain message in canonical form."""
+    match message:
+        case AIMessage():
+            return _from_reply(message)
+        case ToolMessage():
+            return {"role": "tool", "content": _content(message), "tool_call_id": message.tool_call_id}
+        case SystemMessage():
+            return {"role": "system", "content": _content(message)}
+    return {"role": "user", "content": _content(message)}
+
+
+def usage_of(message: AIMessage) -> Usage | None:
+    """Return the usage that the provider reported with a reply."""
+    usage = message.usage_metadata
+    if usage is None:
+        return None
+    return Usage(
+        prompt=usage["input_tokens"],
+        reply=usage["output_tokens"],
+        cached=usage.get("input_token_details", {}).get("cache_read") or 0,
+        reasoning=usage.get("output_token_details", {}).get("reasoning") or 0,
+    )
+
+
+def _to_langchain(message: Message) -> AnyMessage:
+    text = _text(message)
+    match message["role"]:
+        case "user":
+            return HumanMessage(text)
+        case "tool":
+            return ToolMessage(text, tool_call_id=message.get("tool_call_id", ""))
+    valid: list[ToolCall] = []
+    invalid: list[InvalidToolCall] = []
+    for call in message.get("tool_calls", ()):
+        name, sent = call["function"]["name"], call["function"]["arguments"]
+        arguments = _object(sent)
+        if arguments is None:
+            invalid.append(InvalidToolCall(name=name, args=sent, id=call["id"], error=None, type="invalid_tool_call"))
+        else:
+            valid.append(ToolCall(name=name, args=arguments, id=call["id"], type="tool_call"))
+    items = message.get("provider_items", ())
+    kept: dict[str, Any] = next((i["message"] for i in items if isinstance(i, dict) and i.get("type") == ITEM), {})
+    return AIMessage(**{"content": text, **kept}, tool_calls=valid, invalid_tool_calls=invalid)
+
+
+def _from_reply(reply: AIMessage) -> Message:
+    calls: Sequence[ToolCall | InvalidToolCall] = [*reply.tool_calls, *reply.invalid_tool_calls]
+    message: Message = {"role": "assistant", "content": str(reply.text) or None}
+    if calls:
+        message["tool_calls"] = [
+            {
+                "id": call["id"] or "",
+                "type": "function",
+                "function": {"name": call["name"] or "", "arguments": _arguments(call["args"])},
+            }
+            for call in calls
+        ]
+    if not isinstance(reply.content, str) or reply.additional_kwargs:
+        kept = reply.model_dump(mode="json", include={"content", "additional_kwargs"})
+        kept["response_metadata"] = {k: v for k, v in reply.response_metadata.items() if k == "model_provider"}
+        message["provider_items"] = [{"type": ITEM, "message": kept}]
+        blocks = [block for block in reply.content_blocks if block["type"] == "reasoning"]
+        if reasoning := "".join(str(block.get("reasoning", "")) for block in blocks):
+            message["reasoning_content"] = reasoning
+    return message
+
+
+def _arguments(sent: Any) -> str:
+    return sent if isinstance(sent, str) else json.dumps(sent or {}, ensure_ascii=False)
+
+
+def _object(text: str) -> dict[str, Any] | None:
+    """The object that the arguments hold; None for what LangChain has to keep as text."""
+    try:
+        value = json.loads(text or "{}")
+    except (ValueError, RecursionError):
+        return None
+    return value if isinstance(value, dict) else None
+
+
+def _text(message: Message) -> str:
+    content = message["content"]
+    if content is None or isinstance(content, str):
+        return content or ""
+    return "".join(part if isinstance(part, str) else str(part.get("text", "")) for part in content)
+
+
+def _content(message: BaseMessage) -> str | list[dict[str, Any]]:
+    if isinstance(message.content, str):
+        return message.content
+    return [{"type": "text", "text": part} if isinstance(part, str) else part for part in message.content]

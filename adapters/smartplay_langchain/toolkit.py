@@ -1,0 +1,83 @@
+"""The three tools as LangChain tools: what any LangChain agent can be given, and no more than that.
+
+A tool passes on whatever it is called with; the episode judges it. Its message for the model is the result's text, its
+artifact is the result's data, of which the model sees nothing. Who plays through these tools alone owns the context:
+the window and the token budgets are enforced by `SmartPlayMiddleware` or `Seat`, not here.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+from langchain_core.messages import ToolMessage
+from langchain_core.runnables import RunnableConfig
+from langchain_core.tools import BaseTool, BaseToolkit
+from pydantic import BaseModel, ConfigDict, Field, create_model
+
+from smartplay_tools import Budget, Episode, ToolResult, schema
+
+
+class SmartPlayTool(BaseTool):
+    """One of the tools of an episode. Errors are messages with `status="error"`; their artifact is kept."""
+
+    episode: Episode = Field(exclude=True, repr=False)
+    response_format: Any = "content_and_artifact"
+
+    def get_input_schema(self, config: RunnableConfig | None = None) -> type[BaseModel]:
+        """Return the arguments as a model; it validates nothing here, the episode does."""
+        assert isinstance(self.args_schema, dict)
+        fields: dict[str, Any] = dict.fromkeys(self.args_schema["properties"], (str, ...))
+        return create_model(f"{self.name}_input", **fields)
+
+    def invoke(self, input: Any, config: RunnableConfig | None = None, **kwargs: Any) -> Any:  # noqa: A002
+        """Call the tool; a `ToolCall` gives a `ToolMessage`, plain arguments give the text."""
+        return _with_status(super().invoke(input, config, **kwargs))
+
+    async def ainvoke(self, input: Any, config: RunnableConfig | None = None, **kwargs: Any) -> Any:  # noqa: A002
+        """Do the same without holding up the event loop."""
+        return _with_status(await super().ainvoke(input, config, **kwargs))
+
+    def _run(self, /, *_: Any, **arguments: Any) -> tuple[str, dict[str, Any]]:
+        return _answer(self.episode.call(self.name, arguments))
+
+    async def _arun(self, /, *_: Any, **arguments: Any) -> tuple[str, dict[str, Any]]:
+        return _answer(await self.episode.acall(self.name, arguments))
+
+
+class SmartPlayToolkit(BaseToolkit):
+    """The tools of an episode: `SmartPlayToolkit(episode=...)` or `SmartPlayToolkit.from_game(...)`."""
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+    episode: Episode = Field(exclude=True, repr=False)
+
+    @classmethod
+    def from_game(cls, game: str, *, seed: int, budget: Budget | None = None, **options: Any) -> Self:
+        """Make the episode, too. The agent's host owns the context, so `observe` shows the history as well.
+
+        `options` are `Episode`'s other arguments.
+        """
+        return cls(episode=Episode(game, seed=seed, budget=budget, **{"context": "host", **options}))
+
+    def get_tools(self) -> list[BaseTool]:
+        """Return observe, act and read_manual."""
+        tools = [schema(tool, "json") for tool in self.episode.tools]
+        return [
+            SmartPlayTool(
+                name=tool["name"],
+                description=tool["description"],
+                args_schema=tool["parameters"],
+                episode=self.episode,
+            )
+            for tool in tools
+        ]
+
+
+def _answer(result: ToolResult) -> tuple[str, dict[str, Any]]:
+    return result.text, {**result.data, "is_error": result.is_error, "done": result.done}
+
+
+def _with_status(output: Any) -> Any:
+    if isinstance(output, ToolMessage) and output.artifact and output.artifact.get("is_error"):
+        output.status = "error"
+    return output

@@ -1,0 +1,172 @@
+"""OpenAI's Agents SDK: a model at a game, in an agent of the SDK.
+
+    from agents import Agent, OpenAIResponsesModel, Runner
+    from smartplay_openai.agents import SmartPlayModel
+
+    model = SmartPlayModel(OpenAIResponsesModel("gpt-4o-mini", client), episode)
+    await Runner.run(Agent("player", model=model, tools=model.tools), [], max_turns=None, run_config=model.run_config)
+
+`SmartPlayModel` stands between the runner and the model. What the runner would send is replaced by the window of one
+`Conversation`, and the reply's calls are answered there, in the order of the message, before the runner sees them: its
+tools, which it may run in any order, only hand out the answers. A filter of the model's input (the SDK's own hook for
+windows) sees no reply, so it could neither record nor charge one, nor answer calls to tools that are not there.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+from collections.abc import AsyncIterator, Mapping, Sequence
+from typing import Any
+
+from smartplay_tools import Conversation, Episode, Message, MissingExtraError, Prompt, ToolResult, ToolSpec, Usage
+
+try:
+    from agents import FunctionTool, Model, ModelResponse, ModelSettings, RunConfig, Tool, ToolExecutionConfig
+    from agents.tool_context import ToolContext
+    from agents.usage import Usage as AgentsUsage
+except ModuleNotFoundError as error:
+    raise MissingExtraError("smartplay_openai.agents", "agents") from error
+
+from openai.types.responses import (
+    Response,
+    ResponseCompletedEvent,
+    ResponseFunctionToolCall,
+    ResponseOutputMessage,
+    ResponseOutputText,
+)
+
+from smartplay_openai.responses import read_items, request
+
+
+class SmartPlayModel(Model):
+    """A model that plays one episode.
+
+    Arguments:
+        model: the model of the SDK that is to play.
+        episode: a fresh episode whose context is "window".
+        player: the model's name, for the record.
+
+    Give the agent its `tools` and the runner its `run_config`. Replies of words only are answered here, so the run ends
+    when the episode does.
+    """
+
+    def __init__(self, model: Model, episode: Episode, *, player: str = "agents") -> None:
+        self.episode = episode
+        self.tools: list[Tool] = [self._tool(spec) for spec in episode.tools]
+        self.run_config = RunConfig(
+            tool_execution=ToolExecutionConfig(max_function_tool_concurrency=1),
+            tool_not_found_behavior="return_error_to_model",
+        )
+        self._model, self._player = model, player
+        self._conversation: Conversation | None = None
+        self._foreign: set[str] = set()
+        self._waiting: set[str] = set()
+        """Ids of calls to other tools whose results have not been seen yet."""
+        self._results: dict[str, ToolResult] = {}
+        """The latest reply's results by call id."""
+        self._ids: set[str] = set()
+
+    async def get_response(
+        self,
+        system_instructions: str | None,
+        input: str | list[Any],  # noqa: A002
+        model_settings: ModelSettings,
+        tools: list[Tool],
+        *arguments: Any,
+        **options: Any,
+    ) -> ModelResponse:
+        """Ask the model with the window in place of the input; when the episode is over, say so without asking."""
+        items = [{"role": "user", "content": input}] if isinstance(input, str) else input
+        await asyncio.to_thread(self._take_note, system_instructions, items, tools)
+        assert self._conversation is not None
+        while (prompt := await asyncio.to_thread(self._conversation.prompt)) is not None:
+            limited = model_settings
+            if prompt.max_tokens is not None:
+                limited = dataclasses.replace(model_settings, max_tokens=prompt.max_tokens)
+            response = await self._model.get_response(None, _input(prompt), limited, tools, *arguments, **options)
+            response = self._with_unique_ids(response)
+            await asyncio.to_thread(self._receive, response)
+            if any(isinstance(item, ResponseFunctionToolCall) for item in response.output):
+                return response
+        return ModelResponse(output=[_OVER], usage=AgentsUsage(), response_id=None)
+
+    async def stream_response(self, *arguments: Any, **options: Any) -> AsyncIterator[Any]:
+        """Do the same for a streamed run; the reply comes in one piece."""
+        response = await self.get_response(*arguments, **options)
+        whole = Response.model_construct(
+            id="smartplay", object="response", output=response.output, usage=None, created_at=0, model=self._player
+        )
+        yield ResponseCompletedEvent.model_construct(response=whole, sequence_number=0, type="response.completed")
+
+    def _take_note(self, instructions: str | None, items: Sequence[Mapping[str, Any]], tools: Sequence[Tool]) -> None:
+        """Begin the conversation, or add what other tools have answered since the latest reply."""
+        if self._conversation is None:
+            ours = {tool.name for tool in self.tools}
+            foreign = [
+                ToolSpec(tool.name, tool.description, tool.params_json_schema)
+                for tool in tools
+                if isinstance(tool, FunctionTool) and tool.name not in ours
+            ]
+            self._foreign = {tool.name for tool in foreign}
+            said: list[Message] = [{"role": "system", "content": instructions}] if instructions else []
+            said += [{"role": item["role"], "content": item["content"]} for item in items if "role" in item]
+            self._conversation = Conversation(self.episode, player=self._player, head=said, foreign_tools=foreign)
+        for item in items:
+            if item.get("type") == "function_call_output" and item["call_id"] in self._waiting:
+                self._waiting.remove(item["call_id"])
+                result = {"role": "tool", "tool_call_id": item["call_id"], "content": str(item["output"])}
+                self._conversation.add(result)  # type: ignore[arg-type]
+
+    def _receive(self, response: ModelResponse) -> None:
+        assert self._conversation is not None
+        message = read_items([item.model_dump(exclude_unset=True) for item in response.output])
+        results = self._conversation.receive(message, _usage(response.usage))
+        calls = message.get("tool_calls", ())
+        ours = [call["id"] for call in calls if call["function"]["name"] not in self._foreign]
+        self._waiting = {call["id"] for call in calls} - set(ours)
+        self._results = dict(zip(ours, results, strict=True))
+
+    def _with_unique_ids(self, response: ModelResponse) -> ModelResponse:
+        """Models behind compatible servers repeat their call ids; the runner takes the second for the first."""
+        output = []
+        for position, item in enumerate(response.output):
+            if isinstance(item, ResponseFunctionToolCall):
+                if not item.call_id or item.call_id in self._ids:
+                    unique = f"call_{self.episode.tally.turns}_{position}"
+                    item = item.model_copy(update={"call_id": unique})
+                self._ids.add(item.call_id)
+            output.append(item)
+        return dataclasses.replace(response, output=output)
+
+    def _tool(self, spec: ToolSpec) -> FunctionTool:
+        async def invoke(context: ToolContext[Any], _: str) -> str:
+            return self._results[context.tool_call_id].text
+
+        return FunctionTool(spec.name, spec.description, dict(spec.parameters), invoke)
+
+
+_OVER = ResponseOutputMessage(
+    id="smartplay_over",
+    content=[ResponseOutputText(text="The episode is over.", type="output_text", annotations=[])],
+    role="assistant",
+    status="completed",
+    type="message",
+)
+
+
+def _input(prompt: Prompt) -> list[Any]:
+    items: list[Any] = request(prompt)["input"]
+    return items
+
+
+def _usage(usage: AgentsUsage) -> Usage | None:
+    if not usage.total_tokens:
+        return None
+    return Usage(
+        prompt=usage.input_tokens,
+        reply=usage.output_tokens,
+        cached=usage.input_tokens_details.cached_tokens or 0,
+        reasoning=usage.output_tokens_details.reasoning_tokens or 0,
+        requests=usage.requests,
+    )

@@ -1,0 +1,70 @@
+"""The command `serve mcp`: a game for MCP hosts, on stdio or over HTTP."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from smartplay_tools.cli import options
+from smartplay_tools.episode import Episode
+
+ADAPTER = "smartplay_mcp"
+"""The adapter that serves games; imported when asked for."""
+
+
+def mcp(
+    game: options.Game,
+    seed: options.Seed = 0,
+    transcript: options.TranscriptFile = None,
+    http: Annotated[bool, typer.Option("--http", help="Serve many episodes over HTTP, not one on stdio.")] = False,
+    host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="The port; 0 is a free one.", min=0, max=65535)] = 8000,
+    allow_host: Annotated[
+        list[str] | None, typer.Option(help="A name under which the server is reached; repeatable.")
+    ] = None,
+    token: Annotated[str | None, typer.Option(help="The bearer token of agents.", envvar="SMARTPLAY_MCP_TOKEN")] = None,
+    operator_token: Annotated[
+        str | None,
+        typer.Option(help="The bearer token of /episodes, off without one.", envvar="SMARTPLAY_MCP_OPERATOR_TOKEN"),
+    ] = None,
+    episodes: Annotated[int, typer.Option(help="Open so many episodes at once, seeds counting up.", min=0)] = 1,
+    most: Annotated[int, typer.Option(help="How many episodes may be open.", min=1)] = 1000,
+    idle: Annotated[float, typer.Option(help="Close an episode after so many seconds without a call.")] = 1800.0,
+    out: Annotated[
+        Path | None, typer.Option(help="A folder for the transcripts; episodes then outlive a restart.")
+    ] = None,
+    history: options.History = "game",
+    result_tokens: options.ResultTokens = "auto",
+    tool_calls: options.ToolCalls = "game",
+    manual: options.Manual = "tool",
+    engine: options.Engine = None,
+    tokenizer: options.TokenizerName = None,
+    option: options.GameOptions = None,
+) -> None:
+    """Serve a game to MCP hosts: on stdio (one process, one episode), or with --http at one address an episode.
+
+    Example: smartplay-tools serve mcp Hanoi3Disk-v0 --seed 7
+    """
+    adapter = importlib.import_module(ADAPTER)
+    budget = options.budget(history=history, result_tokens=result_tokens, tool_calls=tool_calls)
+    settings: dict[str, Any] = {"budget": budget, "manual": manual, "engine": engine, "tokenizer": tokenizer}
+    settings |= options.game_options(option)
+    if not http:
+        with Episode(game, seed=seed, context="host", transcript=transcript, **settings) as episode:
+            asyncio.run(adapter.serve_stdio(episode))
+        return
+    table = adapter.Episodes(folder=out, most=most, idle=idle)
+    server = adapter.HttpServer(
+        table, host=host, port=port, token=token, operator_token=operator_token, hosts=allow_host or ()
+    )
+    console = Console()
+    for number in range(episodes):
+        handle = table.open(game, seed=seed + number, **settings)
+        console.print(f"{server.url}/mcp/{handle}  seed {seed + number}", highlight=False, soft_wrap=True)
+    console.print("Stop with Ctrl-C.")
+    server.run()

@@ -1,0 +1,279 @@
+"""LangChain: what the toolkit, the middleware and the models promise beside the common conversation."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+from langchain.agents import create_agent
+from langchain.agents.middleware import ModelRetryMiddleware
+from langchain_core.messages import AIMessage, HumanMessage, SystemMessage, ToolMessage
+from langchain_core.tools import tool
+from langchain_tests.integration_tests import ToolsIntegrationTests
+from langchain_tests.unit_tests import ToolsUnitTests
+from smartplay_langchain import (
+    LangChainPlayer,
+    PlayerChatModel,
+    Seat,
+    SmartPlayMiddleware,
+    SmartPlayToolkit,
+    from_langchain,
+    to_langchain,
+    usage_of,
+)
+
+import smartplay_tools as sp
+from tests.adapters.conformance import act, calling, fresh
+from tests.adapters.scripted_langchain import ScriptedModel
+
+
+def tools(**options: Any) -> dict[str, Any]:
+    toolkit = SmartPlayToolkit.from_game("RockPaperScissorBasic-v0", seed=0, **options)
+    return {tool.name: tool for tool in toolkit.get_tools()}
+
+
+class Act:
+    @property
+    def tool_constructor(self):
+        return tools()["act"]
+
+    @property
+    def tool_invoke_params_example(self):
+        return {"action": "Rock"}
+
+
+class Observe:
+    @property
+    def tool_constructor(self):
+        return tools()["observe"]
+
+    @property
+    def tool_invoke_params_example(self):
+        return {}
+
+
+class TestActUnit(Act, ToolsUnitTests): ...
+
+
+class TestActIntegration(Act, ToolsIntegrationTests): ...
+
+
+class TestObserveUnit(Observe, ToolsUnitTests): ...
+
+
+class TestObserveIntegration(Observe, ToolsIntegrationTests): ...
+
+
+class TestToolkit:
+    def test_the_schema_is_ours_to_the_letter(self):
+        made = tools()["act"]
+        (spec,) = [tool for tool in made.episode.tools if tool.name == "act"]
+        assert (made.description, made.args_schema) == (spec.description, spec.parameters)
+
+    @pytest.mark.parametrize(
+        "arguments", [{}, {"actoin": "Rock"}, {"action": 1}, {"action": "Fly"}, {"self": 1, "config": 2}]
+    )
+    def test_a_mistake_is_an_error_with_its_artifact(self, arguments):
+        call = {"type": "tool_call", "id": "c", "name": "act", "args": arguments}
+        for message in (tools()["act"].invoke(call), asyncio.run(tools()["act"].ainvoke(call))):
+            assert isinstance(message, ToolMessage)
+            assert (message.status, message.artifact["is_error"]) == ("error", True)
+            assert message.artifact["mistake"] in ("malformed", "illegal")
+            assert message.content.startswith("Error: ")
+
+    def test_the_model_sees_text_and_the_harness_sees_data(self):
+        call = {"type": "tool_call", "id": "c", "name": "act", "args": {"action": "Rock"}}
+        message = tools()["act"].invoke(call)
+        assert message.status == "success"
+        assert message.artifact["state_hash"]
+        assert message.artifact["state_hash"] not in message.content
+
+    def test_the_host_owns_the_context_so_observe_shows_the_history(self):
+        made = tools()
+        made["act"].invoke({"action": "Rock"})
+        assert "You chose Rock" in made["observe"].invoke({})
+        assert made["act"].episode.context == "host"
+
+    def test_langchain_core_is_enough(self):
+        script = (
+            "import sys; sys.modules['langchain'] = None\n"
+            "from smartplay_langchain import SmartPlayToolkit\n"
+            "print(len(SmartPlayToolkit.from_game('RockPaperScissorBasic-v0', seed=0).get_tools()))\n"
+            "try:\n    from smartplay_langchain import SmartPlayMiddleware\n"
+            "except ImportError as error:\n    print(error)\n"
+        )
+        shown = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+        assert shown.stdout.splitlines() == [
+            "3",
+            "SmartPlayMiddleware needs an optional dependency: pip install 'smartplay-tools[langchain]'",
+        ]
+
+
+def invoke(episode: sp.Episode, model: Any, asynchronously: bool, messages: list[Any] | None = None, **options: Any):
+    middleware = [SmartPlayMiddleware(episode), *options.pop("middleware", [])]
+    agent = create_agent(model, middleware=middleware, **options)
+    if asynchronously:
+        return asyncio.run(agent.ainvoke({"messages": messages or []}))["messages"]
+    return agent.invoke({"messages": messages or []})["messages"]
+
+
+@pytest.mark.parametrize("asynchronously", [False, True])
+class TestMiddleware:
+    def test_the_state_keeps_everything_and_the_model_sees_the_window(self, asynchronously):
+        episode, _ = fresh(sp.Budget(history=1, tool_calls=18))
+        with episode:
+            model = ScriptedModel([calling(act("A->B")), calling(act("B->A"))] * 9)
+            state = invoke(episode, model, asynchronously)
+        assert max(len(sent) for sent in model.sent) == 2 + 2 * 2
+        assert len(state) == 18 * 2
+
+    def test_it_ends_with_the_episode(self, asynchronously):
+        episode, _ = fresh(sp.Budget(tool_calls=3))
+        with episode:
+            model = ScriptedModel([calling(("observe", {}))] * 9)
+            state = invoke(episode, model, asynchronously)
+        assert len(model.sent) == 3
+        assert episode.result.end_reason == "tool_calls"
+        assert isinstance(state[-1], ToolMessage)
+
+    def test_a_spent_budget_ends_it_before_the_model_is_called(self, asynchronously):
+        episode, _ = fresh(sp.Budget(episode_tokens=1500, reply_tokens=40))
+        with episode:
+            model = ScriptedModel([calling(act("A->B")), calling(act("B->A"))] * 9)
+            invoke(episode, model, asynchronously)
+        result = episode.result
+        assert result.end_reason == "episode_tokens"
+        assert result.tokens.prompt + result.tokens.reply <= 1500
+        assert len(model.sent) == result.turns
+        assert {settings["max_tokens"] for settings in model.settings} == {40}
+
+    def test_an_episode_that_is_over_calls_no_model(self, asynchronously):
+        episode, _ = fresh()
+        episode.close()
+        model = ScriptedModel([])
+        assert invoke(episode, model, asynchronously) == []
+        assert model.sent == []
+
+    def test_words_only_are_answered_and_the_third_in_a_row_ends_it(self, asynchronously):
+        episode, _ = fresh()
+        with episode:
+            model = ScriptedModel([calling(say="Hm.")] * 5)
+            state = invoke(episode, model, asynchronously)
+        assert episode.result.end_reason == "no_tool_call"
+        assert [type(message) for message in state] == [AIMessage, HumanMessage] * 3
+
+    def test_only_broken_calls_do_not_end_the_run(self, asynchronously):
+        episode, _ = fresh()
+        with episode:
+            model = ScriptedModel([calling(("act", "{")), calling(*map(act, ["A->C", "A->C"]))] + [calling()] * 3)
+            state = invoke(episode, model, asynchronously)
+        assert episode.result.malformed_calls == 1
+        assert episode.result.steps == 2
+        assert [message.status for message in state if isinstance(message, ToolMessage)] == [
+            "error",
+            "success",
+            "success",
+        ]
+
+    def test_the_hosts_words_and_tools_are_counted_and_shown(self, asynchronously):
+        @tool
+        def search(query: str) -> str:
+            """Search the web."""
+            return f"Nothing about {query}."
+
+        episode, events = fresh()
+        with episode:
+            both = calling(("search", {"query": "towers"}), act("A->C"))
+            model = ScriptedModel([both] + [calling(say="Done.")] * 3)
+            invoke(episode, model, asynchronously, [HumanMessage("Be quick.")], tools=[search], system_prompt="Sir!")
+        first, second = model.sent[:2]
+        assert first[0]["content"].endswith("\n\nSir!")
+        assert first[-1] == {"role": "user", "content": "Be quick."}
+        assert [message["role"] for message in second[-3:]] == ["assistant", "tool", "tool"]
+        assert second[-1]["content"] == "Nothing about towers."
+        (head,) = [event for event in events if event["event"] == "head"]
+        assert head["tools"][-1]["name"] == "search"
+
+    def test_a_retried_model_call_is_one_reply(self, asynchronously):
+        class Faulty(ScriptedModel):
+            def _generate(self, *args: Any, **kwargs: Any) -> Any:
+                if not self.settings:
+                    self.settings.append({})
+                    raise ConnectionError("try again")
+                return super()._generate(*args, **kwargs)
+
+        episode, _ = fresh(sp.Budget(tool_calls=1))
+        with episode:
+            retry = ModelRetryMiddleware(max_retries=1, initial_delay=0.0, jitter=False)
+            invoke(episode, Faulty([calling(act("A->C"))]), asynchronously, middleware=[retry])
+        assert (episode.result.turns, episode.result.steps) == (1, 1)
+
+    def test_a_response_format_is_refused(self, asynchronously):
+        episode, _ = fresh()
+        with episode, pytest.raises(sp.InvalidArgumentError, match="response_format"):
+            invoke(episode, ScriptedModel([]), asynchronously, response_format={"type": "object", "title": "Out"})
+
+
+def test_call_ids_are_unique_in_the_state():
+    episode, _ = fresh(sp.Budget(tool_calls=4))
+    twins = calling(act("A->C"), act("A->B"))
+    for call in twins["tool_calls"]:
+        call["id"] = "same"
+    with episode:
+        state = create_agent(ScriptedModel([twins, twins]), middleware=[SmartPlayMiddleware(episode)]).invoke(
+            {"messages": []}
+        )["messages"]
+    asked = [call["id"] for message in state if isinstance(message, AIMessage) for call in message.tool_calls]
+    assert len(set(asked)) == 4
+    assert asked == [message.tool_call_id for message in state if isinstance(message, ToolMessage)]
+
+
+def test_what_a_provider_adds_goes_back_to_it_and_is_counted():
+    thinking = {"type": "thinking", "thinking": "Hm, hm.", "signature": "s1"}
+    said = AIMessage([thinking, {"type": "text", "text": "Go."}], response_metadata={"model_provider": "anthropic"})
+    message = from_langchain(said)
+    assert (message["content"], message["reasoning_content"]) == ("Go.", "Hm, hm.")
+    (again,) = to_langchain([message])
+    assert again.content == said.content
+    counter = sp.TokenCounter()
+    assert counter.message(message) > counter.message({"role": "assistant", "content": "Go."})
+
+
+def test_usage_is_taken_over():
+    usage = {
+        "input_tokens": 9,
+        "output_tokens": 4,
+        "total_tokens": 13,
+        "input_token_details": {"cache_read": 5},
+        "output_token_details": {"reasoning": 2},
+    }
+    assert usage_of(AIMessage("", usage_metadata=usage)) == sp.Usage(prompt=9, reply=4, cached=5, reasoning=2)
+    assert usage_of(AIMessage("")) is None
+
+
+def test_all_system_messages_become_one():
+    head = [{"role": "system", "content": "a"}, {"role": "user", "content": "b"}, {"role": "system", "content": "c"}]
+    assert [(type(m), m.content) for m in to_langchain(head)] == [(SystemMessage, "a\n\nc"), (HumanMessage, "b")]
+
+
+def test_our_players_play_as_chat_models():
+    episode, _ = fresh()
+    with episode:
+        model = PlayerChatModel(player=sp.get_player("rule"))
+        result = sp.play(episode, LangChainPlayer(model))
+    assert result.completed
+
+
+def test_the_pre_model_hook_of_a_graph():
+    episode, _ = fresh()
+    with episode:
+        view = Seat(episode).llm_input_messages({"messages": []})
+    assert [message.type for message in view["llm_input_messages"]] == ["system", "human"]
+
+
+def test_the_player_needs_a_model():
+    with pytest.raises(sp.InvalidArgumentError, match="langchain:MODEL"):
+        sp.get_player("langchain")

@@ -1,0 +1,257 @@
+"""MCP: one process on stdio, many episodes on HTTP, and who is let in."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+import sys
+from contextlib import ExitStack, asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+from mcp import Client, MCPError, StdioServerParameters, stdio_client
+from mcp.client.streamable_http import streamable_http_client
+from smartplay_mcp import Episodes, FullError, HttpServer, Table, game_server
+from smartplay_mcp.server import CALL_KEY, MANUAL
+
+import smartplay_tools as sp
+from tests.adapters.conformance import GAME, act, fresh
+
+MODES = ["auto", "legacy"]
+
+
+def text_of(result: Any) -> str:
+    (part,) = result.content
+    return part.text
+
+
+def in_memory(episode: sp.Episode) -> Any:
+    table = Table(episode)
+    return game_server(lambda _: table)
+
+
+@asynccontextmanager
+async def http_client(url: str, headers: dict[str, str] | None = None) -> Any:
+    async with (
+        httpx2.AsyncClient(headers=headers or {}, trust_env=False) as client,
+        streamable_http_client(url, http_client=client) as streams,
+    ):
+        yield streams
+
+
+@pytest.mark.parametrize("mode", MODES)
+class TestServer:
+    async def test_the_schemas_are_ours_to_the_letter(self, mode):
+        episode, _ = fresh(context="host")
+        async with Client(in_memory(episode), mode=mode) as client:
+            listed = (await client.list_tools()).tools
+        assert [(t.name, t.description, t.input_schema) for t in listed] == [
+            (t.name, t.description, dict(t.parameters)) for t in episode.tools
+        ]
+
+    async def test_a_game_keeps_its_state_between_calls(self, mode):
+        episode, _ = fresh(context="host")
+        async with Client(in_memory(episode), mode=mode) as client:
+            await client.call_tool(*act("A->C"))
+            result = await client.call_tool(*act("A->B"))
+        assert result.structured_content == {"step": 2, "done": False, "is_error": False}
+        assert not result.is_error
+
+    async def test_the_model_is_told_no_more_than_the_text(self, mode):
+        episode, _ = fresh(context="host")
+        async with Client(in_memory(episode), mode=mode) as client:
+            result = await client.call_tool(*act("A->C"))
+        assert text_of(result).startswith("You tried to move")
+        assert "score" not in json.dumps(result.model_dump(mode="json"))
+
+    async def test_the_manual_is_a_resource_and_a_tool(self, mode):
+        episode, _ = fresh(context="host")
+        async with Client(in_memory(episode), mode=mode) as client:
+            (resource,) = (await client.list_resources()).resources
+            (content,) = (await client.read_resource(str(resource.uri))).contents
+            assert content.text == text_of(await client.call_tool("read_manual")) == episode.game.manual
+            with pytest.raises(MCPError, match="There is no resource"):
+                await client.read_resource("smartplay://secrets")
+
+    async def test_a_manual_that_is_withheld_is_no_resource(self, mode):
+        episode, _ = fresh(context="host", manual="none")
+        async with Client(in_memory(episode), mode=mode) as client:
+            assert (await client.list_resources()).resources == []
+            with pytest.raises(MCPError, match="There is no resource"):
+                await client.read_resource(MANUAL)
+
+    async def test_a_call_that_is_sent_again_is_not_played_again(self, mode):
+        episode, _ = fresh(context="host")
+        async with Client(in_memory(episode), mode=mode) as client:
+            for _ in range(3):
+                await client.call_tool(*act("A->C"), meta={CALL_KEY: "k1"})
+        assert episode.tally.steps == 1
+
+    async def test_calls_at_once_are_played_one_at_a_time(self, mode):
+        episode, events = fresh(context="host")
+        async with Client(in_memory(episode), mode=mode) as client:
+            await asyncio.gather(*(client.call_tool("observe") for _ in range(20)))
+        assert [event["turn"] for event in events if event["event"] == "call"] == list(range(20))
+
+
+@pytest.mark.parametrize("mode", MODES)
+async def test_stdio_is_one_process_and_one_game(mode, tmp_path):
+    record = tmp_path / "stdio.jsonl"
+    command = ["-m", "smartplay_tools", "serve", "mcp", GAME, "--seed", "7", "--transcript", str(record)]
+    server = StdioServerParameters(command=sys.executable, args=command)
+    async with Client(stdio_client(server), mode=mode) as client:
+        for move in ("A->C", "A->B"):
+            result = await client.call_tool(*act(move))
+        assert result.structured_content["step"] == 2
+    assert sum(event["event"] == "call" for event in sp.read_transcript(record)) == 2
+
+
+def test_a_window_cannot_be_kept_by_somebody_else():
+    episode, _ = fresh()
+    with pytest.raises(sp.InvalidArgumentError, match="MCP host owns the context"):
+        Table(episode)
+
+
+@pytest.mark.parametrize("mode", MODES)
+class TestHttp:
+    @pytest.mark.parametrize("where", ["path", "query", "header"])
+    async def test_an_episode_is_bound_to_its_handle(self, mode, where):
+        """Two clients a handle, two handles: what one client does the other sees, and no other episode does."""
+        episodes = Episodes()
+        with HttpServer(episodes, port=0) as server:
+            handles = [episodes.open(GAME, seed=seed) for seed in (1, 2)]
+            for move in ("A->C", "A->B"):
+                for handle in handles:
+                    url = {"path": f"/mcp/{handle}", "query": f"/mcp?episode={handle}", "header": "/mcp"}[where]
+                    headers = {"X-Episode": handle} if where == "header" else {}
+                    async with Client(http_client(server.url + url, headers), mode=mode) as client:
+                        result = await client.call_tool(*act(move))
+            assert result.structured_content["step"] == 2
+            assert [episodes.find(handle).episode.tally.steps for handle in handles] == [2, 2]
+
+    async def test_a_restarted_server_goes_on_where_it_stopped(self, mode, tmp_path):
+        before = Episodes(folder=tmp_path / "before")
+        handle = before.open(GAME, seed=7, budget=sp.Budget(history=3))
+        with HttpServer(before, port=0) as server:
+            async with Client(http_client(f"{server.url}/mcp/{handle}"), mode=mode) as client:
+                await client.call_tool(*act("A->C"))
+                await client.call_tool("act", {"action": "Fly"})
+        # What is on the disk when the power fails.
+        shutil.copytree(tmp_path / "before", tmp_path / "after")
+        before.close(handle)
+        after = Episodes(folder=tmp_path / "after")
+        with HttpServer(after, port=0) as server:
+            async with Client(http_client(f"{server.url}/mcp/{handle}"), mode=mode) as client:
+                result = await client.call_tool(*act("A->B"))
+        assert result.structured_content["step"] == 2
+        result = after.close(handle)
+        assert (result.steps, result.illegal_actions, result.end_reason) == (2, 1, "closed")
+        assert sp.replay(tmp_path / "after" / f"{handle}.jsonl").identical
+
+
+def post(url: str, **options: Any) -> httpx2.Response:
+    return httpx2.post(url, trust_env=False, **options)
+
+
+CALL = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "observe", "arguments": {}}}
+ACCEPT = {"Accept": "application/json, text/event-stream"}
+
+
+class TestTheDoor:
+    def test_who_may_come_in(self):
+        episodes = Episodes()
+        names = ["play.example.org"]
+        with HttpServer(episodes, port=0, token="agents", operator_token="boss", hosts=names) as server:
+            url = f"{server.url}/mcp/{episodes.open(GAME, seed=1)}"
+            agent = {**ACCEPT, "Authorization": "Bearer agents"}
+
+            def status(**headers: str) -> int:
+                return post(url, json=CALL, headers={**agent, **headers}).status_code
+
+            assert status() == 200
+            assert status(Host="play.example.org") == 200
+            assert status(Host="play.example.org:8443", Origin="https://play.example.org") == 200
+            assert status(Host="evil.example.org") == 421
+            assert status(Origin="https://evil.example.org") == 403
+            assert status(Authorization="") == 401
+            assert status(Authorization="Bearer boss") == 401
+            assert post(f"{server.url}/mcp/{'x' * 32}", json=CALL, headers=agent).status_code == 404
+            assert post(f"{server.url}/mcp", json=CALL, headers=agent).status_code == 404
+            assert post(f"{server.url}/elsewhere", json=CALL, headers=agent).status_code == 404
+            assert post(url, json={**CALL, "pad": "x" * 100_000}, headers=agent).status_code == 413
+            assert post(url, json={**CALL, "pad": "x" * 100_000}, headers=ACCEPT).status_code == 401
+
+    def test_the_operator_has_a_surface_of_its_own(self, tmp_path):
+        episodes = Episodes(folder=tmp_path)
+        with HttpServer(episodes, port=0, operator_token="boss") as server, ExitStack() as stack:
+            boss = {"Authorization": "Bearer boss"}
+            client = stack.enter_context(httpx2.Client(base_url=server.url, headers=boss, trust_env=False))
+            answer = client.post("/episodes", json={"game": GAME, "seed": 3, "budget": {"history": 2}})
+            assert answer.status_code == 201
+            made = answer.json()
+            assert client.get(f"/episodes/{made['episode']}").json() == {"done": False, "result": None}
+            result = client.delete(f"/episodes/{made['episode']}").json()["result"]
+            assert (result["game"], result["seed"], result["end_reason"]) == (GAME, 3, "closed")
+            assert client.get(f"/episodes/{made['episode']}").status_code == 404
+            assert post(f"{server.url}/episodes", json={}).status_code == 401
+            assert client.post("/episodes", json={"game": "Chess", "seed": 1}).status_code == 400
+            for wrong in ([], {}, {"game": GAME, "seed": "x"}, {"game": GAME, "seed": 1, "transcript": "/etc/x"}):
+                refused = client.post("/episodes", json=wrong)
+                assert refused.status_code == 400
+                assert "Traceback" not in refused.text
+
+    def test_without_a_token_of_his_own_there_is_no_operator(self):
+        with HttpServer(Episodes(), port=0) as server:
+            assert post(f"{server.url}/episodes", json={"game": GAME, "seed": 1}).status_code == 404
+
+    def test_an_address_for_others_needs_a_token_and_names(self):
+        for options in ({}, {"token": "t"}, {"hosts": ["play.example.org"]}):
+            with pytest.raises(sp.InvalidArgumentError, match="may be reached by others"):
+                HttpServer(Episodes(), host="0.0.0.0", port=0, **options)
+
+
+class TestEpisodes:
+    def test_handles_cannot_be_guessed(self):
+        episodes = Episodes()
+        handles = {episodes.open(GAME, seed=1) for _ in range(20)}
+        assert len(handles) == 20
+        assert {len(handle) for handle in handles} == {32}
+
+    def test_who_does_not_call_loses_his_place(self):
+        now = [0.0]
+        episodes = Episodes(idle=60, clock=lambda: now[0])
+        idle, busy = episodes.open(GAME, seed=1), episodes.open(GAME, seed=2)
+        left = episodes.find(idle)
+        now[0] = 50
+        assert episodes.find(busy) is not None
+        now[0] = 100
+        assert episodes.find(idle) is None
+        assert left.episode.end_reason == "closed"
+        assert episodes.find(busy) is not None
+
+    def test_there_is_a_limit(self):
+        episodes = Episodes(most=2)
+        episodes.open(GAME, seed=1)
+        handle = episodes.open(GAME, seed=2)
+        with pytest.raises(FullError, match="2 episodes are open"):
+            episodes.open(GAME, seed=3)
+        episodes.close(handle)
+        episodes.open(GAME, seed=3)
+
+    def test_a_record_that_plays_differently_is_not_continued(self, tmp_path: Path):
+        episodes = Episodes(folder=tmp_path)
+        handle = episodes.open(GAME, seed=7)
+        episodes.find(handle).episode.call(*act("A->C"))
+        written = (tmp_path / f"{handle}.jsonl").read_text()
+        (tmp_path / "later").mkdir()
+        (tmp_path / "later" / f"{handle}.jsonl").write_text(written.replace("You tried", "You cried"))
+        episodes.close(handle)
+        with pytest.raises(sp.TranscriptError, match="plays differently"):
+            Episodes(folder=tmp_path / "later").find(handle)
+
+    @pytest.mark.parametrize("handle", ["", "..", "../secrets", "x" * 32])
+    def test_a_handle_that_is_none_finds_nothing(self, handle, tmp_path):
+        assert Episodes(folder=tmp_path).find(handle) is None
