@@ -40,7 +40,7 @@ class Table:
         if episode.context != "host":
             raise InvalidArgumentError('An MCP host owns the context; make the episode with context="host".')
         self.episode = episode
-        self._turn = anyio.Lock()
+        self._turn = anyio.Lock(fast_acquire=True)
         self._seconds = 0.0
         """What the latest call took."""
 
