@@ -7,6 +7,7 @@ models, too, so score and reward are the operator's to ask for.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -25,19 +26,34 @@ CALL_KEY = "smartplay/call-id"
 """A field of a request's `_meta`: the idempotency key of a caller that sends a call again when an answer is lost."""
 
 
+LONG = 0.005
+"""Seconds for which the event loop may be held up."""
+
+
 class Table:
-    """An episode and its lock: calls are played one at a time, in the order in which they arrive."""
+    """An episode and its lock: calls are played one at a time, in the order in which they arrive.
+
+    A game that answers at once is played where it is called; handing it to a thread would take longer than the game.
+    """
 
     def __init__(self, episode: Episode) -> None:
         if episode.context != "host":
             raise InvalidArgumentError('An MCP host owns the context; make the episode with context="host".')
         self.episode = episode
-        self._turn = anyio.Lock()
+        self._turn = anyio.Lock(fast_acquire=True)
+        self._seconds = 0.0
+        """What the latest call took."""
 
     async def call(self, name: str, arguments: Any, call_id: str | None = None) -> ToolResult:
-        """Play a call in a thread, when it is its turn."""
+        """Play a call, when it is its turn; in a thread, if the latest one took long."""
         async with self._turn:
-            return await anyio.to_thread.run_sync(self.episode.call, name, arguments, call_id)
+            begun = time.perf_counter()
+            if self._seconds > LONG:
+                result = await anyio.to_thread.run_sync(self.episode.call, name, arguments, call_id)
+            else:
+                result = self.episode.call(name, arguments, call_id)
+            self._seconds = time.perf_counter() - begun
+            return result
 
 
 Find = Callable[[ServerRequestContext[Any, Any]], Table]
