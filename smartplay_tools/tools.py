@@ -63,7 +63,8 @@ class Tools:
         """Read a call; raise `MistakeError` for whatever cannot be played. Total on everything a model can send."""
         if name not in TOOL_NAMES:
             raise MistakeError("malformed", f"There is no tool {quote(name)}. The tools are {', '.join(TOOL_NAMES)}.")
-        text = json_arguments.as_text(arguments)
+        # Quoted as `canonical` has it, so that an error reads alike in frameworks that parse and in those that do not.
+        text = json_arguments.canonical(arguments)
         try:
             values = json_arguments.parse(text)
         except ValueError as error:

@@ -15,8 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_mcp.server import Table
-from smartplay_tools import Budget, Episode, EpisodeResult, SmartPlayError, TranscriptError, read_transcript
-from smartplay_tools.records import ResolvedBudget
+from smartplay_tools import (
+    Budget,
+    Episode,
+    EpisodeResult,
+    ResolvedBudget,
+    SmartPlayError,
+    TranscriptError,
+    read_transcript,
+)
 
 HANDLE = re.compile(r"[A-Za-z0-9_-]{32}")
 """192 random bits in base64: what nobody guesses."""
