@@ -346,8 +346,9 @@ def test_who_knows_the_map_wins(task):
 @pytest.mark.slow
 @pytest.mark.parametrize("task", CORRECTED_GOALS)
 def test_who_knows_the_map_nearly_always_wins_and_chance_hardly_ever(task):
-    assert wins(task, range(50), 150, "guide") >= 0.95
-    assert wins(task, range(50), 200, "random") <= 0.15
+    # `benchmarks/minecraft.py 50` asks the same of more seeds.
+    assert wins(task, range(8), 150, "guide") >= 0.95
+    assert wins(task, range(8), 200, "random") <= 0.15
 
 
 def test_an_episode_takes_little_memory():
