@@ -3,6 +3,7 @@
     SmartPlayError
     ├── InvalidArgumentError  an argument or a budget that cannot be; also a ValueError
     ├── UnknownNameError      no game, player or tokenizer of that name; the message lists near ones
+    ├── EngineError           a game's engine that is not installed, does not start or has stopped; names the remedy
     ├── MissingExtraError     a feature whose optional dependency is not installed; the message is the remedy
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
     └── TranscriptError       a file that is not a transcript, or not one that can be written, read or replayed
@@ -38,6 +39,10 @@ class UnknownNameError(SmartPlayError, KeyError):
     def __str__(self) -> str:
         # KeyError prints the repr of its argument, which would quote the sentence.
         return self.message
+
+
+class EngineError(SmartPlayError, RuntimeError):
+    """An engine that runs outside of this process is not installed, does not start or has stopped."""
 
 
 class MissingExtraError(SmartPlayError, ImportError):

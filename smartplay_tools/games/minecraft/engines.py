@@ -44,6 +44,7 @@ class Engine(Protocol):
 ENGINES: Mapping[str, str] = MappingProxyType(
     {
         "voxel": "smartplay_tools.games.minecraft.voxel.engine:VoxelEngine",
+        "luanti": "smartplay_tools.games.minecraft.luanti.engine:LuantiEngine",
     }
 )
 """Name to class, imported when a game asks for it."""

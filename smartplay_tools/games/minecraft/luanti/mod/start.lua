@@ -1,0 +1,154 @@
+-- Where an episode begins: on dry ground outside of the goal, with the goal a walk away, and not walled in.
+--
+-- The goal is looked for on a coarse map that is told by the noises of the map generator; the start itself is checked on
+-- the ground that has been made there.
+
+local world, terrain, biomes = ...
+local start = {}
+
+local NEAREST, FARTHEST = 310, 430 -- blocks from a start to the nearest goal
+local MAPS = {{step = 32, points = 40}, {step = 64, points = 70}} -- tried in turn; points from the middle to the rim
+local TRIES = 6 -- places that are looked at before the world is given up
+local ROOM = 32 -- who can walk this far in three of the four directions is not walled in
+
+local random
+
+local function shuffle(list)
+    for i = #list, 2, -1 do
+        local j = random:next(1, i)
+        list[i], list[j] = list[j], list[i]
+    end
+end
+
+-- The likely biomes by [i][j], and the heights.
+local function draw(map)
+    local ids, heights = {}, {}
+    for i = -map.points, map.points do
+        ids[i], heights[i] = {}, {}
+        for j = -map.points, map.points do ids[i][j], heights[i][j] = biomes.likely(i * map.step, j * map.step) end
+    end
+    return ids, heights
+end
+
+-- Where a goal is not just a spot: its neighbours along one of the axes are goals, too.
+local function is_goal(ids, goal, i, j)
+    local function has(a, b) return ids[a] ~= nil and goal[ids[a][b]] == true end
+    return has(i, j) and (has(i - 1, j) or has(i + 1, j)) and (has(i, j - 1) or has(i, j + 1))
+end
+
+-- Offsets within the farthest distance, the nearest first.
+local function offsets(step)
+    local reach, list = math.ceil(FARTHEST / step), {}
+    for i = -reach, reach do
+        for j = -reach, reach do
+            local away = math.sqrt(i * i + j * j) * step
+            if away <= FARTHEST then list[#list + 1] = {i = i, j = j, away = away, number = #list} end
+        end
+    end
+    table.sort(list, function(a, b)
+        if a.away ~= b.away then return a.away < b.away end
+        return a.number < b.number
+    end)
+    return list
+end
+
+-- Places on a map with the nearest goal in bounds, in random order.
+local function places(map, goal)
+    local ids, heights = draw(map)
+    local around = offsets(map.step)
+    local reach = math.ceil(FARTHEST / map.step)
+    local found = {}
+    for i = -map.points + reach, map.points - reach do
+        for j = -map.points + reach, map.points - reach do
+            if heights[i][j] >= world.SEA_LEVEL + 1 and not goal[ids[i][j]] then
+                local place = {x = i * map.step, z = j * map.step}
+                local in_bounds = next(goal) == nil
+                for _, o in ipairs(around) do
+                    local a, b = i + o.i, j + o.j
+                    if goal[ids[a][b]] and (o.away < NEAREST or is_goal(ids, goal, a, b)) then
+                        in_bounds = o.away >= NEAREST
+                        place.goal = {x = a * map.step, z = b * map.step}
+                        break
+                    end
+                end
+                if in_bounds then found[#found + 1] = place end
+            end
+        end
+    end
+    shuffle(found)
+    return found
+end
+
+-- Feet on the ground of a column, or nil where that is below `lowest`: `from` is where to look downwards.
+local function stand(x, z, from, lowest)
+    for y = from, lowest, -1 do
+        local block = world.block(x, y, z)
+        if block.solid or block.water then
+            local free = not world.block(x, y + 1, z).solid and not world.block(x, y + 2, z).solid
+            return free and y + 1 or nil, block.water, block.tree
+        end
+    end
+end
+
+-- In how many of the four directions one can walk away, climbing one block at a time and swimming.
+local function ways_out(x, y, z, lowest)
+    local reached, queue, sides = {[x .. "," .. z] = true}, {{x, y, z}}, {}
+    local head = 1
+    while queue[head] do
+        local cx, cy, cz = queue[head][1], queue[head][2], queue[head][3]
+        head = head + 1
+        for number, step in ipairs({{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) do
+            local nx, nz = cx + step[1], cz + step[2]
+            local key = nx .. "," .. nz
+            if math.abs(nx - x) > ROOM or math.abs(nz - z) > ROOM then
+                sides[number] = true
+            elseif not reached[key] then
+                local ny = stand(nx, nz, cy + 1, lowest)
+                if ny and ny <= cy + 1 then
+                    reached[key] = true
+                    queue[#queue + 1] = {nx, ny, nz}
+                end
+            end
+        end
+    end
+    local count = 0
+    for number = 1, 4 do
+        if sides[number] then count = count + 1 end
+    end
+    return count
+end
+
+-- A start at a column, or nil.
+local function check(place, goal)
+    local x, z = place.x, place.z
+    local node = world.node(x, 0, z)
+    local level = minetest.get_spawn_level(node.x, node.z)
+    if not level then return nil end
+    local top = level + world.UP
+    local lowest = top - 50
+    world.prepare(x - ROOM - 1, lowest, z - ROOM - 1, x + ROOM + 1, top + 60, z + ROOM + 1)
+    local y, is_wet, is_tree = stand(x, z, top + 25, lowest)
+    if not y or is_wet or is_tree or goal[biomes.at(x, y, z)] or ways_out(x, y, z, lowest) < 3 then return nil end
+    return y
+end
+
+-- A start, in coordinates that have their origin there, and the nearest goal; nil where this world has none.
+function start.find(seed, goal)
+    random = PcgRandom(seed)
+    for _, map in ipairs(MAPS) do
+        world.set_origin(0, 0)
+        local candidates = places(map, goal)
+        for i = 1, math.min(TRIES, #candidates) do
+            local place = candidates[i]
+            local y = check(place, goal)
+            if y then
+                local origin = world.node(place.x, 0, place.z)
+                world.set_origin(origin.x, origin.z)
+                local g = place.goal
+                return {x = 0.5, y = y, z = 0.5, goal = g and {x = g.x - place.x, z = g.z - place.z}}
+            end
+        end
+    end
+end
+
+return start
