@@ -201,7 +201,7 @@ class Episode:
         facts |= {"engine": self.game.engine, "options": self.options}
         rules = {"manual": self.manual, "batch": self.batch, "context": self.context, "protocol": protocol}
         names = {"player": player, "tokenizer": self.counter.tokenizer.name, "prompts": prompts.VERSION}
-        self.log("start", **facts, **rules, **names, budget=self.budget.model_dump(), versions=versions())
+        self.log("start", **facts, **rules, **names, budget=self.budget.model_dump(), versions=self._versions())
 
     def end(self, reason: EndReason, error: BaseException | None = None) -> None:
         """End the episode, unless it is over; an error goes into the record with its traceback."""
@@ -266,10 +266,13 @@ class Episode:
             state_hash="" if reason == "game_error" else self.game.state_hash(),
             context=self.context,
             deviations=self._deviations(),
-            versions=versions(),
+            versions=self._versions(),
             **self.tally.counts(),
         )
         self.log("end", result=self.result.model_dump(), traceback=self._play.traceback)
+
+    def _versions(self) -> dict[str, str]:
+        return {**versions(), **self.game.versions()}
 
     def _deviations(self) -> dict[str, Any]:
         paper = GAMES.get(self.spec.id, self.spec)

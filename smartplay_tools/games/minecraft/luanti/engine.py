@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,7 +27,8 @@ WORLDS = 10
 @functools.cache
 def _rays(yaw: float, mode: TextMode) -> list[list[float]]:
     """Direction and range of each ray."""
-    return np.column_stack([rays(yaw, mode), RAY_RANGES]).tolist()
+    listed: list[list[float]] = np.column_stack([rays(yaw, mode), RAY_RANGES]).tolist()
+    return listed
 
 
 class LuantiEngine:
@@ -41,8 +42,8 @@ class LuantiEngine:
         self._server: Server | None = None
 
     @property
-    def versions(self) -> dict[str, str]:
-        """The version of the server that plays."""
+    def versions(self) -> Mapping[str, str]:
+        """The version of the server."""
         return {} if self._server is None else {"luanti": self._server.version}
 
     def reset(self, seed: int, goal: Goal) -> Observation:
@@ -55,8 +56,8 @@ class LuantiEngine:
             self._server = Server(self._installation, self._seed)
             answer = self._ask("start", seed=self._seed, goal=sorted(goal.biomes))
             if answer["start"] is not None:
-                self.nearest_goal: tuple[float, float] | None = answer["goal"] and tuple(answer["goal"])
-                """x and z of a place where the goal probably is; for those who measure the game."""
+                self.way: list[tuple[int, int]] = [(x, z) for x, z in answer["way"]]
+                """x and z of places on a way to the nearest goal, as far as the map tells; to measure the game."""
                 return self._observe(answer["start"])
         raise EngineError(f"None of {WORLDS} worlds has {goal.name} in reach of a start; try another seed.")
 
@@ -87,7 +88,7 @@ class LuantiEngine:
     def _observe(self, seen: dict[str, Any]) -> Observation:
         body = (*seen["position"], *seen["velocity"], seen["grounded"], seen["sprinting"])
         self._body = tuple(map(float, body))
-        self._made.update(repr(seen["made"]).encode())
+        self._made.update(seen["made"].encode() + b";")
         self._sights = hashlib.blake2b(
             repr([seen[key] for key in ("names", "blocks", "hits", "distances")]).encode(), digest_size=16
         ).hexdigest()

@@ -41,8 +41,8 @@ emergequeue_limit_diskonly = 100000
 emergequeue_limit_generate = 100000
 mg_name = v7
 mg_flags = nocaves,nodungeons,light,decorations,biomes,ores
-mgv7_spflags = mountains,ridges,nofloatlands,nocaverns
-chunksize = 5
+mgv7_spflags = nomountains,noridges,nofloatlands,nocaverns
+chunksize = 3
 time_speed = 0
 liquid_update = 1000000000
 server_map_save_interval = 1000000000
@@ -55,7 +55,7 @@ WORLD = """\
 gameid = minetest_game
 backend = dummy
 player_backend = dummy
-auth_backend = files
+auth_backend = sqlite3
 mod_storage_backend = dummy
 load_mod_smartplay = true
 """
@@ -99,10 +99,11 @@ def _free_port() -> int:
 
 
 def _start(home: Path, program: str, commands: int, answers: int) -> subprocess.Popen[bytes]:
-    options = ["--world", home / "world", "--config", home / "server.conf", "--logfile", home / "log", "--quiet"]
+    files = {"--world": home / "world", "--config": home / "server.conf", "--logfile": home / "log"}
+    options = [word for name, file in files.items() for word in (name, str(file))]
     with (home / "errors").open("wb") as errors:
         return subprocess.Popen(
-            [program, *options],
+            [program, *options, "--quiet"],
             cwd=home,
             env={**os.environ, "HOME": str(home)},
             stdin=commands,

@@ -44,7 +44,7 @@ class Installation:
 
 def find_installation() -> Installation:
     """Find server and game; raise `EngineError` with the remedy where one of them is missing."""
-    named = os.environ.get(VARIABLE)
+    named = os.environ.get(VARIABLE) or None
     program = _find_program(named)
     folders = [] if named is None else [Path(named), *program.parents]
     folders += [Path(folder).expanduser() for folder in _DATA_FOLDERS]
@@ -60,15 +60,14 @@ def find_installation() -> Installation:
 
 def _find_program(named: str | None) -> Path:
     if named is not None:
-        candidates = [Path(named), *(Path(named) / "bin" / name for name in _PROGRAMS)]
-        candidates += [Path(named) / name for name in _PROGRAMS]
-        if found := next(filter(_is_program, candidates), None):
-            return found.resolve()
+        places = [Path(named), *(Path(named) / folder / name for folder in (".", "bin") for name in _PROGRAMS)]
+        if program := next(filter(_is_program, places), None):
+            return program.resolve()
         raise EngineError(f"{VARIABLE} is {named!r}, and there is no Luanti server: set it to the server's program.")
     candidates = [Path(folder) / name for folder in _PROGRAM_FOLDERS for name in _PROGRAMS]
     candidates += [Path(found) for name in _PROGRAMS if (found := shutil.which(name))]
-    if found := next(filter(_is_program, candidates), None):
-        return found
+    if program := next(filter(_is_program, candidates), None):
+        return program
     raise EngineError(f"There is no Luanti server on this machine: {_REMEDY}")
 
 

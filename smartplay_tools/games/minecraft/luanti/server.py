@@ -38,7 +38,7 @@ class Server:
         commands, self._commands = os.pipe()
         self._answers, answers = os.pipe()
         self._unread = b""
-        arguments = [str(commands), str(answers), str(seed), installation.program, installation.game, _MOD]
+        arguments = map(str, [commands, answers, seed, installation.program, installation.game, _MOD])
         try:
             self._guard = subprocess.Popen(
                 [sys.executable, "-I", "-S", guard.__file__, *arguments],

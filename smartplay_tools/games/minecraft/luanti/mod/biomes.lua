@@ -61,7 +61,7 @@ end
 function biomes.likely(x, z)
     local ground = terrain.level(x, z)
     local sea = world.SEA_LEVEL
-    if ground < sea + 5 and terrain.is_mountain(x, math.max(ground, sea) + 2, z) then ground = sea + 5 end
+    if false and terrain.is_mountain(x, math.max(ground, sea) + 2, z) then ground = sea + 5 end
     return biomes.id(name_at(x, ground, z), math.max(sea - 1 - ground, 0), true), ground
 end
 

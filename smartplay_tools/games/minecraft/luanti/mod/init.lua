@@ -35,12 +35,13 @@ end
 local player
 
 local function observation(rays)
+    local biome = biomes.at(player.x, player.y, player.z)
+    local seen = sight.look(player, rays)
     return string.format(
         '{"position":[%.17g,%.17g,%.17g],"velocity":[%.17g,%.17g,%.17g],"grounded":%s,"sprinting":%s,"biome":%d,'
-            .. '"made":%s,%s}',
+            .. '"made":"%s",%s}',
         player.x, player.y, player.z, player.vx, player.vy, player.vz, tostring(player.grounded),
-        tostring(player.sprinting), biomes.at(player.x, player.y, player.z), minetest.write_json(world.take_made()),
-        sight.look(player, rays)
+        tostring(player.sprinting), biome, world.take_made(), seen
     )
 end
 
@@ -51,8 +52,9 @@ function commands.start(asked)
     local found = start.find(asked.seed, set_of(asked.goal))
     if not found then return '{"start":null}' end
     player = walker.new(found.x, found.y, found.z)
-    local goal = found.goal and string.format("[%.17g,%.17g]", found.goal.x, found.goal.z) or "null"
-    return string.format('{"start":%s,"goal":%s}', observation(asked.rays), goal)
+    local way = {}
+    for i, place in ipairs(found.way) do way[i] = string.format("[%d,%d]", place.x, place.z) end
+    return string.format('{"start":%s,"way":[%s]}', observation(asked.rays), table.concat(way, ","))
 end
 
 -- Turn for a tick, then walk a tick for each stride, and stop after one that ends in the goal.

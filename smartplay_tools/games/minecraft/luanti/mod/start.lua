@@ -11,6 +11,9 @@ local MAPS = {{step = 32, points = 40}, {step = 64, points = 70}} -- tried in tu
 local TRIES = 6 -- places that are looked at before the world is given up
 local ROOM = 32 -- who can walk this far in three of the four directions is not walled in
 
+local STRIDE, SLOPE = 16, 5 -- blocks between the columns of a way, and the height that may lie between two of them
+local STEPS = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}}
+
 local random
 
 local function shuffle(list)
@@ -30,10 +33,15 @@ local function draw(map)
     return ids, heights
 end
 
--- Where a goal is not just a spot: its neighbours along one of the axes are goals, too.
+-- Whether a goal is more than a spot: three of the eight places around it are goals as well.
 local function is_goal(ids, goal, i, j)
-    local function has(a, b) return ids[a] ~= nil and goal[ids[a][b]] == true end
-    return has(i, j) and (has(i - 1, j) or has(i + 1, j)) and (has(i, j - 1) or has(i, j + 1))
+    local count = 0
+    for a = i - 1, i + 1 do
+        for b = j - 1, j + 1 do
+            if ids[a] and goal[ids[a][b]] then count = count + 1 end
+        end
+    end
+    return count > 3
 end
 
 -- Offsets within the farthest distance, the nearest first.
@@ -90,6 +98,44 @@ local function stand(x, z, from, lowest)
     end
 end
 
+-- A way from a place to its goal over ground that is likely to be walkable, as a list of columns; nil where there is none.
+local function find_way(place)
+    local levels = {}
+    local function level(i, j)
+        local key = i * 4096 + j
+        local known = levels[key]
+        if not known then
+            known = math.max(terrain.level(place.x + i * STRIDE, place.z + j * STRIDE), world.SEA_LEVEL - 1)
+            levels[key] = known
+        end
+        return known
+    end
+    local goal_i, goal_j = (place.goal.x - place.x) / STRIDE, (place.goal.z - place.z) / STRIDE
+    local queue, from, head = {{0, 0}}, {[0] = 0}, 1
+    while queue[head] do
+        local i, j = queue[head][1], queue[head][2]
+        head = head + 1
+        if i == goal_i and j == goal_j then
+            local way = {}
+            while i ~= 0 or j ~= 0 do
+                table.insert(way, 1, {x = i * STRIDE, z = j * STRIDE})
+                local back = from[i * 4096 + j]
+                i, j = i - back[1], j - back[2]
+            end
+            return way
+        end
+        for _, step in ipairs(STEPS) do
+            local a, b = i + step[1], j + step[2]
+            local key = a * 4096 + b
+            if not from[key] and math.max(math.abs(a), math.abs(b)) * STRIDE <= FARTHEST + 4 * STRIDE
+                and math.abs(level(a, b) - level(i, j)) <= SLOPE then
+                from[key] = step
+                queue[#queue + 1] = {a, b}
+            end
+        end
+    end
+end
+
 -- In how many of the four directions one can walk away, climbing one block at a time and swimming.
 local function ways_out(x, y, z, lowest)
     local reached, queue, sides = {[x .. "," .. z] = true}, {{x, y, z}}, {}
@@ -97,7 +143,7 @@ local function ways_out(x, y, z, lowest)
     while queue[head] do
         local cx, cy, cz = queue[head][1], queue[head][2], queue[head][3]
         head = head + 1
-        for number, step in ipairs({{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) do
+        for number, step in ipairs(STEPS) do
             local nx, nz = cx + step[1], cz + step[2]
             local key = nx .. "," .. nz
             if math.abs(nx - x) > ROOM or math.abs(nz - z) > ROOM then
@@ -138,14 +184,14 @@ function start.find(seed, goal)
     for _, map in ipairs(MAPS) do
         world.set_origin(0, 0)
         local candidates = places(map, goal)
-        for i = 1, math.min(TRIES, #candidates) do
+        for i = 1, math.min(TRIES*10, #candidates) do
             local place = candidates[i]
-            local y = check(place, goal)
+            local way = place.goal and find_way(place) or {}
+            local y = (#way > 0 or not place.goal) and check(place, goal)
             if y then
                 local origin = world.node(place.x, 0, place.z)
                 world.set_origin(origin.x, origin.z)
-                local g = place.goal
-                return {x = 0.5, y = y, z = 0.5, goal = g and {x = g.x - place.x, z = g.z - place.z}}
+                return {x = 0.5, y = y, z = 0.5, way = way}
             end
         end
     end

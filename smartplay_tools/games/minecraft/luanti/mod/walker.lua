@@ -1,5 +1,8 @@
 -- Walking as in Minecraft 1.11, tick by tick (50 ms): the same rules, in the same order of arithmetic, as the embedded
 -- engine's `voxel/walking.py`, which explains them. Luanti moves players on the client, and there is none.
+--
+-- One rule is Luanti's: a swimmer gets out of the water where the bank is one block above it. Minecraft's coasts are
+-- level with the water; Luanti's often are not, and who fell in would never get out.
 
 local world = ...
 local walker = {}
@@ -10,7 +13,7 @@ local JUMP, SPRINT_JUMP_PUSH = 0.42, 0.2
 local WALK, IN_AIR, IN_WATER, SPRINT = 0.1, 0.02, 0.02, 1.3
 local AIR_DRAG, WATER_DRAG = 0.91, 0.8
 local SLIP, SLIP_ON_ICE = 0.6, 0.98
-local SWIM_UP, SINK, CLIMB_OUT, CLIMB_REACH = 0.04, 0.02, 0.3, 0.6
+local SWIM_UP, SINK, CLIMB_OUT = 0.04, 0.02, 0.6
 local INPUT, STANDSTILL, SKIN = 0.98, 0.003, 1e-7
 
 local floor, abs, max, min, sqrt = math.floor, math.abs, math.max, math.min, math.sqrt
@@ -38,10 +41,11 @@ local function is_any(what, x1, x2, y1, y2, z1, z2)
     return false
 end
 
-local function is_free(body, dx, dy, dz)
-    local x1, x2 = cells(body.x + dx)
-    local y1, y2 = layers(body.y + dy)
-    local z1, z2 = cells(body.z + dz)
+-- Whether the body would be in neither blocks nor water there.
+local function is_free(x, y, z)
+    local x1, x2 = cells(x)
+    local y1, y2 = layers(y)
+    local z1, z2 = cells(z)
     return not is_any("solid", x1, x2, y1, y2, z1, z2) and not is_any("water", x1, x2, y1, y2, z1, z2)
 end
 
@@ -134,15 +138,14 @@ function walker.tick(body, stride, sine, cosine)
     local slip = block(body.x, body.y - 1, body.z).ice and SLIP_ON_ICE or SLIP
     local drag = wet and WATER_DRAG or body.grounded and slip * AIR_DRAG or AIR_DRAG
     if stride then push(body, stride, wet, drag, sine, cosine) end
-    local before = body.y
+    local knees = floor(body.y + 0.4)
+    local ahead_x, ahead_z = body.vx, body.vz
     local stopped = move(body)
     body.sprinting = body.sprinting and not stopped
     body.vx, body.vz = body.vx * drag, body.vz * drag
     if wet then
         body.vy = body.vy * WATER_DRAG - SINK
-        if stopped and is_free(body, body.vx, body.vy + CLIMB_REACH - body.y + before, body.vz) then
-            body.vy = CLIMB_OUT
-        end
+        if stopped and is_free(body.x + ahead_x, knees + 2, body.z + ahead_z) then body.vy = CLIMB_OUT end
     else
         body.vy = (body.vy - GRAVITY) * FALL_DRAG
     end

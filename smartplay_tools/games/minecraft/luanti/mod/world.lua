@@ -101,9 +101,9 @@ function world.prepare(low_x, low_y, low_z, high_x, high_y, high_z)
     while waiting > 0 do coroutine.yield() end
 end
 
--- The chunks that have been made since this was last asked, in their order.
+-- The chunks that have been made since this was last asked, in their order, as one string.
 function world.take_made()
-    local taken = newly
+    local taken = table.concat(newly, " ")
     newly = {}
     return taken
 end
