@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
@@ -75,6 +75,14 @@ class LuantiEngine:
         facts = (self._seed, self._ticks, self._yaw, self._body, self._made.hexdigest(), self._sights)
         return repr(facts).encode()
 
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("A Luanti engine is a process and cannot be copied: play its actions again on a new one.")
+
+    @property
+    def position(self) -> tuple[float, float, float]:
+        """The player's feet."""
+        return self._body[:3]
+
     def close(self) -> None:
         """Stop the server and remove its folder."""
         if self._server is not None:
@@ -86,8 +94,7 @@ class LuantiEngine:
         return self._server.ask(command, rays=_rays(self._yaw, self._text), **arguments)
 
     def _observe(self, seen: dict[str, Any]) -> Observation:
-        body = (*seen["position"], *seen["velocity"], seen["grounded"], seen["sprinting"])
-        self._body = tuple(map(float, body))
+        self._body = (*seen["position"], *seen["velocity"], seen["grounded"], seen["sprinting"])
         self._made.update(seen["made"].encode() + b";")
         self._sights = hashlib.blake2b(
             repr([seen[key] for key in ("names", "blocks", "hits", "distances")]).encode(), digest_size=16

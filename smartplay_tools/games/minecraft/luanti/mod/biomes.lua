@@ -23,11 +23,11 @@ local LAND = {
 
 local COLD = {icesheet = true, tundra = true, taiga = true, snowy_grassland = true}
 
--- The id for the biome of the ground, the depth of the water on it, and whether that is the sea's.
-function biomes.id(name, depth, is_sea)
+-- The id for the biome of the ground and the depth of the water on it. Knee-deep water is neither sea nor beach.
+local function id_of(name, depth)
     if LAND[name] then return LAND[name] end
     local climate, kind = name:match("^(.*)_(%a+)$")
-    if kind == "ocean" and depth >= 2 and is_sea then return climate == "icesheet" and FROZEN_OCEAN or OCEAN end
+    if kind == "ocean" and depth >= 2 then return climate == "icesheet" and FROZEN_OCEAN or OCEAN end
     if kind == "under" then return STONY end
     if depth > 0 then return RIVER end
     return COLD[climate] and COLD_BEACH or BEACH
@@ -36,8 +36,6 @@ end
 local function name_at(x, y, z)
     return minetest.get_biome_name(minetest.get_biome_data(world.node(x, y, z)).biome)
 end
-
-local function is_sea(x, z) return terrain.level(x, z) < world.SEA_LEVEL - 1 end
 
 local DEPTH = 40 -- so far below the feet ground is looked for
 
@@ -54,15 +52,13 @@ function biomes.at(x, y, z)
             break
         end
     end
-    return biomes.id(name_at(x, ground, z), depth, depth >= 2 and is_sea(x, z))
+    return id_of(name_at(x, ground, z), depth)
 end
 
--- What the id of a column will probably be once it has been made: rivers and mountain slopes may differ.
+-- What the id of a column will probably be once it has been made, and the height of its ground.
 function biomes.likely(x, z)
     local ground = terrain.level(x, z)
-    local sea = world.SEA_LEVEL
-    if false and terrain.is_mountain(x, math.max(ground, sea) + 2, z) then ground = sea + 5 end
-    return biomes.id(name_at(x, ground, z), math.max(sea - 1 - ground, 0), true), ground
+    return id_of(name_at(x, ground, z), math.max(world.SEA_LEVEL - 1 - ground, 0)), ground
 end
 
 return biomes

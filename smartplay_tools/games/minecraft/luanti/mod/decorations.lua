@@ -1,8 +1,8 @@
 -- Trees that are the same in every run.
 --
--- Schematics give nodes and layers a probability, and the engine rolls those dice with a generator that the whole
--- process shares and seeds anew at every start: the same seed would give other leaves. So the dice are rolled here, once
--- and for all, before the map generator sees the decorations: every node is then either always there or never.
+-- Schematics give nodes and layers a probability, and the engine rolls those dice by a generator that the whole
+-- process shares and seeds anew at every start: the same seed would give other leaves. So the dice are rolled here,
+-- once and for all, before the map generator sees the decorations: a node is then either always there or never.
 
 local ALWAYS = 254
 

@@ -19,7 +19,7 @@ local terrain = part("terrain", world)
 local biomes = part("biomes", world, terrain)
 local walker = part("walker", world)
 local sight = part("sight", world)
-local start = part("start", world, terrain, biomes)
+local start = part("start", world, biomes, part("way", world, terrain))
 
 local function set_of(list)
     local set = {}

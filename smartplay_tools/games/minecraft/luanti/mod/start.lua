@@ -1,9 +1,9 @@
--- Where an episode begins: on dry ground outside of the goal, with the goal a walk away, and not walled in.
+-- Where an episode begins: on dry ground outside of the goal, not walled in, and with a goal a walk away.
 --
--- The goal is looked for on a coarse map that is told by the noises of the map generator; the start itself is checked on
--- the ground that has been made there.
+-- The goal and a way to it are looked for on a coarse map that is told by the noises of the map generator; the start
+-- itself is checked on the ground that has been made there.
 
-local world, terrain, biomes = ...
+local world, biomes, new_finder = ...
 local start = {}
 
 local NEAREST, FARTHEST = 310, 430 -- blocks from a start to the nearest goal
@@ -11,7 +11,6 @@ local MAPS = {{step = 32, points = 40}, {step = 64, points = 70}} -- tried in tu
 local TRIES = 6 -- places that are looked at before the world is given up
 local ROOM = 32 -- who can walk this far in three of the four directions is not walled in
 
-local STRIDE, SLOPE = 16, 5 -- blocks between the columns of a way, and the height that may lie between two of them
 local STEPS = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}}
 
 local random
@@ -98,44 +97,6 @@ local function stand(x, z, from, lowest)
     end
 end
 
--- A way from a place to its goal over ground that is likely to be walkable, as a list of columns; nil where there is none.
-local function find_way(place)
-    local levels = {}
-    local function level(i, j)
-        local key = i * 4096 + j
-        local known = levels[key]
-        if not known then
-            known = math.max(terrain.level(place.x + i * STRIDE, place.z + j * STRIDE), world.SEA_LEVEL - 1)
-            levels[key] = known
-        end
-        return known
-    end
-    local goal_i, goal_j = (place.goal.x - place.x) / STRIDE, (place.goal.z - place.z) / STRIDE
-    local queue, from, head = {{0, 0}}, {[0] = 0}, 1
-    while queue[head] do
-        local i, j = queue[head][1], queue[head][2]
-        head = head + 1
-        if i == goal_i and j == goal_j then
-            local way = {}
-            while i ~= 0 or j ~= 0 do
-                table.insert(way, 1, {x = i * STRIDE, z = j * STRIDE})
-                local back = from[i * 4096 + j]
-                i, j = i - back[1], j - back[2]
-            end
-            return way
-        end
-        for _, step in ipairs(STEPS) do
-            local a, b = i + step[1], j + step[2]
-            local key = a * 4096 + b
-            if not from[key] and math.max(math.abs(a), math.abs(b)) * STRIDE <= FARTHEST + 4 * STRIDE
-                and math.abs(level(a, b) - level(i, j)) <= SLOPE then
-                from[key] = step
-                queue[#queue + 1] = {a, b}
-            end
-        end
-    end
-end
-
 -- In how many of the four directions one can walk away, climbing one block at a time and swimming.
 local function ways_out(x, y, z, lowest)
     local reached, queue, sides = {[x .. "," .. z] = true}, {{x, y, z}}, {}
@@ -178,20 +139,27 @@ local function check(place, goal)
     return y
 end
 
--- A start, in coordinates that have their origin there, and the nearest goal; nil where this world has none.
+-- The start with the origin of the coordinates moved below it.
+local function settle(place, y, way)
+    local origin = world.node(place.x, 0, place.z)
+    world.set_origin(origin.x, origin.z)
+    for _, stop in ipairs(way) do stop.x, stop.z = stop.x - place.x, stop.z - place.z end
+    return {x = 0.5, y = y, z = 0.5, way = way}
+end
+
+-- A start, in coordinates that have their origin there, and a way to the goal; nil where this world has none.
 function start.find(seed, goal)
     random = PcgRandom(seed)
     for _, map in ipairs(MAPS) do
         world.set_origin(0, 0)
-        local candidates = places(map, goal)
-        for i = 1, math.min(TRIES*10, #candidates) do
-            local place = candidates[i]
-            local way = place.goal and find_way(place) or {}
-            local y = (#way > 0 or not place.goal) and check(place, goal)
-            if y then
-                local origin = world.node(place.x, 0, place.z)
-                world.set_origin(origin.x, origin.z)
-                return {x = 0.5, y = y, z = 0.5, way = way}
+        local find_way, tries = new_finder(), 0
+        for _, place in ipairs(places(map, goal)) do
+            local way = place.goal == nil and {} or find_way(place, place.goal, FARTHEST + map.step)
+            if way then
+                local y = check(place, goal)
+                if y then return settle(place, y, way) end
+                tries = tries + 1
+                if tries == TRIES then break end
             end
         end
     end

@@ -87,9 +87,8 @@ function world.prepare(low_x, low_y, low_z, high_x, high_y, high_z)
                     newly[#newly + 1] = key
                     waiting = waiting + 1
                     -- One block is enough: what is made is always a whole chunk.
-                    local middle = {
-                        x = FIRST + x * EDGE + EDGE / 2, y = FIRST + y * EDGE + EDGE / 2, z = FIRST + z * EDGE + EDGE / 2
-                    }
+                    local function middle_of(i) return FIRST + i * EDGE + EDGE / 2 end
+                    local middle = {x = middle_of(x), y = middle_of(y), z = middle_of(z)}
                     minetest.emerge_area(middle, middle, function(_, action)
                         assert(action ~= minetest.EMERGE_ERRORED and action ~= minetest.EMERGE_CANCELLED)
                         waiting = waiting - 1
