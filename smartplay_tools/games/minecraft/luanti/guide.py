@@ -43,8 +43,8 @@ class Guide:
     def _target(self, here: NDArray[np.float64]) -> NDArray[np.int64]:
         """The place after the nearest one of the way."""
         nearest = int(np.abs(self._way - here).sum(axis=1).argmin())
-        self._way = self._way[min(nearest + 1, len(self._way) - 1) :]
+        self._way = self._way[nearest:]
         if len(self._way) == 1 and np.abs(self._way[0] - here).max() < _ARRIVED:
             self._way = self._way + self._random.integers(-_AROUND, _AROUND + 1, 2)
-        target: NDArray[np.int64] = self._way[0]
+        target: NDArray[np.int64] = self._way[min(1, len(self._way) - 1)]
         return target

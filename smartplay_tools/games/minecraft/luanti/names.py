@@ -96,4 +96,4 @@ def display_name(node: str, title: str, mode: TextMode) -> str:
 def _plain(title: str) -> str:
     """A title in lower-case words, without escape sequences and what follows on further lines."""
     words = re.sub(r"\x1b\([^)]*\)|\x1b.", "", title).partition("\n")[0].lower()
-    return " ".join(re.findall(r"[!-+.-~-]+", words))[:LONGEST_NAME]
+    return " ".join(re.sub(r"[^!-~]|[,:_]", " ", words).split())[:LONGEST_NAME]
