@@ -12,19 +12,27 @@ from smartplay_tools.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import assistant_message
 from smartplay_tools.paper_protocol import PaperConversation
-from smartplay_tools.records import AsyncPlayer, EpisodeResult, Player, Reply, Usage
+from smartplay_tools.records import AsyncPlayer, EpisodeResult, Player, Prompt, Reply, Usage
 
 ProtocolName = Literal["tools", "paper"]
 
 PROTOCOLS: dict[str, Callable[..., Dialogue]] = {"tools": Conversation, "paper": PaperConversation}
 """How a model plays: through tool calls, or in the paper's free text (`smartplay_tools.paper_protocol`)."""
 
+OnPrompt = Callable[[Dialogue], None]
+"""Called before a prompt goes to the player; if it ends the episode, the player is not asked."""
+
 OnTurn = Callable[[Dialogue], None]
 """Called after every reply, to look on."""
 
 
 def play(
-    episode: Episode, player: Player, *, protocol: ProtocolName = "tools", on_turn: OnTurn | None = None
+    episode: Episode,
+    player: Player,
+    *,
+    protocol: ProtocolName = "tools",
+    on_prompt: OnPrompt | None = None,
+    on_turn: OnTurn | None = None,
 ) -> EpisodeResult:
     """Have a player play an episode to its end and return the result.
 
@@ -34,7 +42,7 @@ def play(
     if not isinstance(player, Player):
         raise InvalidArgumentError(f"{player!r} cannot `reply`; drive an asynchronous player with `aplay`.")
     conversation = converse(episode, player.name, protocol)
-    while (prompt := conversation.prompt()) is not None:
+    while (prompt := _next_prompt(conversation, on_prompt)) is not None:
         try:
             reply = _checked(player.reply(prompt))
         except Exception as error:
@@ -47,11 +55,16 @@ def play(
 
 
 async def aplay(
-    episode: Episode, player: AsyncPlayer | Player, *, protocol: ProtocolName = "tools", on_turn: OnTurn | None = None
+    episode: Episode,
+    player: AsyncPlayer | Player,
+    *,
+    protocol: ProtocolName = "tools",
+    on_prompt: OnPrompt | None = None,
+    on_turn: OnTurn | None = None,
 ) -> EpisodeResult:
     """Do the same on an event loop; the game's steps, and a player that is not asynchronous, run in threads."""
     conversation = converse(episode, player.name, protocol)
-    while (prompt := await asyncio.to_thread(conversation.prompt)) is not None:
+    while (prompt := await asyncio.to_thread(_next_prompt, conversation, on_prompt)) is not None:
         try:
             if isinstance(player, AsyncPlayer):
                 reply = _checked(await player.areply(prompt))
@@ -64,6 +77,14 @@ async def aplay(
         if on_turn is not None:
             on_turn(conversation)
     return _result(conversation)
+
+
+def _next_prompt(conversation: Dialogue, on_prompt: OnPrompt | None) -> Prompt | None:
+    prompt = conversation.prompt()
+    if prompt is None or on_prompt is None:
+        return prompt
+    on_prompt(conversation)
+    return None if conversation.episode.done else prompt
 
 
 def _checked(reply: Reply) -> Reply:

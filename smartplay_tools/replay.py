@@ -73,7 +73,7 @@ def _same_episode(start: Event, transcript: list[Event]) -> Episode:
     # The rules come from the setting that is registered here; the record may have changed its numbers.
     spec = replace(get_spec(start["game"]), **start["setting"])
     episode = Episode(spec, budget=budget, transcript=transcript, **settings, **start["options"])
-    episode.begin(player=start["player"], protocol=start["protocol"])
+    episode.begin(player=start["player"], protocol=start["protocol"], player_options=start["player_options"])
     return episode
 
 
