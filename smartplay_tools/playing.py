@@ -19,7 +19,7 @@ ProtocolName = Literal["tools", "paper"]
 PROTOCOLS: dict[str, Callable[..., Dialogue]] = {"tools": Conversation, "paper": PaperConversation}
 """How a model plays: through tool calls, or in the paper's free text (`smartplay_tools.paper_protocol`)."""
 
-OnPrompt = Callable[[Dialogue], None]
+OnPrompt = Callable[[Dialogue, Prompt], None]
 """Called before a prompt goes to the player; if it ends the episode, the player is not asked."""
 
 OnTurn = Callable[[Dialogue], None]
@@ -83,7 +83,7 @@ def _next_prompt(conversation: Dialogue, on_prompt: OnPrompt | None) -> Prompt |
     prompt = conversation.prompt()
     if prompt is None or on_prompt is None:
         return prompt
-    on_prompt(conversation)
+    on_prompt(conversation, prompt)
     return None if conversation.episode.done else prompt
 
 
