@@ -2,8 +2,8 @@
 
 Before a call to a player its prompt, and the longest reply it is allowed, are reserved; a call that could cross a cap
 is not made, and its episode ends as `run_budget`, a valid result of a shorter episode. After the call what it really
-took is settled. With a cap on replies (`Budget.reply_tokens`) a run's cap is therefore never crossed, however many episodes
-go on at once, unless a model writes more than it is allowed; without one, only by the replies under way.
+took is settled. With a cap on replies (`Budget.reply_tokens`) a run's cap is therefore never crossed, however many
+episodes go on at once, unless a model writes more than it is allowed; without one, only by the replies under way.
 
 Tokens are budget tokens, as everywhere; money is the provider's count of tokens, where it gives one, at a price.
 """

@@ -44,8 +44,17 @@ class Cell:
 
     def episode(self, seed: int, **arguments: Any) -> Episode:
         """Return a new episode of this cell."""
-        rules = {"manual": self.manual, "batch": self.batch, "engine": self.engine, "tokenizer": self.tokenizer}
-        return Episode(self.game, seed=seed, budget=self.budget, **rules, **arguments, **self.options)
+        return Episode(
+            self.game,
+            seed=seed,
+            budget=self.budget,
+            engine=self.engine,
+            manual=self.manual,
+            batch=self.batch,
+            tokenizer=self.tokenizer,
+            **arguments,
+            **self.options,
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return the cell as plain data, its budget as it was asked for."""
@@ -105,7 +114,9 @@ def plan_episodes(cells: Iterable[Cell], *, trials: int | None = None, seed: int
     """
     if trials is not None and trials < 1:
         raise InvalidArgumentError(f"trials must be at least 1, not {trials}.")
-    cells, episodes, faults = tuple(cells), [], []
+    cells = tuple(cells)
+    episodes: list[PlannedEpisode] = []
+    faults: list[str] = []
     for cell in cells:
         try:
             with cell.episode(seed=0) as sample:
@@ -124,6 +135,16 @@ def _trials(cell: Cell, sample: Episode, trials: int, seed: int) -> Iterator[Pla
         own = trial_seed(seed, cell.game, trial)
         start = sample.start_facts(cell.player, cell.protocol, cell.player_options, seed=own)
         yield PlannedEpisode(episode_key(start), cell, trial, own)
+
+
+def suite_games(suite: str | None, games: Sequence[str]) -> list[str]:
+    """Return the games of a suite and then those that are named; there has to be one."""
+    if suite is not None and suite not in SUITES:
+        raise InvalidArgumentError(f"There is no suite {suite!r}; there is {', '.join(SUITES)}.")
+    found = [*SUITES.get(suite or "", ()), *games]
+    if not found:
+        raise InvalidArgumentError(f"Name games, or a suite ({', '.join(SUITES)}).")
+    return found
 
 
 def make_cells(

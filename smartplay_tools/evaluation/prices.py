@@ -45,7 +45,8 @@ class Price:
             raise InvalidArgumentError(
                 f"{text!r} is no price; write INPUT,OUTPUT or INPUT,OUTPUT,CACHED in USD per million."
             )
-        return cls.per_million(*numbers)
+        given, taken, cached = [*numbers, numbers[0]][:3]
+        return cls.per_million(given, taken, cached)
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:

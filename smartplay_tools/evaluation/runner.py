@@ -16,7 +16,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.attempt import PlayerFactory, Task, make_player
 from smartplay_tools.evaluation.executors import Executor, default_workers, get_executor
 from smartplay_tools.evaluation.meter import Caps
-from smartplay_tools.evaluation.plan import SUITES, Plan, PlannedEpisode, make_cells, plan_episodes
+from smartplay_tools.evaluation.plan import Plan, PlannedEpisode, make_cells, plan_episodes, suite_games
 from smartplay_tools.evaluation.prices import Price, find_price
 from smartplay_tools.evaluation.signals import stopping
 from smartplay_tools.evaluation.store import Row, RunFolder
@@ -88,11 +88,9 @@ def evaluate(
     on record, in the folder and in `Run.failures`, and raises nothing.
     """
     asked = [budgets] if isinstance(budgets, Budget) else list(budgets or [Budget()])
-    ids = [*SUITES.get(suite or "", ()), *games]
-    if suite is not None and suite not in SUITES:
-        raise InvalidArgumentError(f"There is no suite {suite!r}; there is {', '.join(SUITES)}.")
-    if not ids or not players:
-        raise InvalidArgumentError("Name at least one game (or a suite) and one player.")
+    if not players:
+        raise InvalidArgumentError("Name at least one player.")
+    ids = suite_games(suite, games)
     plan = plan_episodes(make_cells(ids, list(players), asked, **rules), trials=trials, seed=seed)
     caps = Caps(run_tokens, run_cost)
     factories = players if isinstance(players, Mapping) else {}

@@ -129,10 +129,14 @@ class RunFolder:
         """Write the manifest as a whole."""
         _replace(self.path / "manifest.json", json.dumps({"format": FORMAT, **manifest}, indent=1) + "\n")
 
+    def next_attempt(self, key: str) -> Path:
+        """Return where the record of the next attempt that comes to nothing belongs."""
+        made = [int(path.stem.split(".")[1]) for path in (self.path / "attempts").glob(f"{key}.*.jsonl")]
+        return self.path / "attempts" / f"{key}.{max(made, default=0) + 1}.jsonl"
+
     def running(self, key: str) -> Path:
         """Return a new file for the next attempt at an episode."""
-        attempts = [int(path.stem.split(".")[1]) for path in (self.path / "attempts").glob(f"{key}.*.jsonl")]
-        return self.path / "running" / f"{key}.{max(attempts, default=0) + 1}.jsonl"
+        return self.path / "running" / self.next_attempt(key).name
 
     def settle(self, record: Path) -> str | None:
         """Put the record of an attempt where it belongs; return the end reason if the episode is finished."""

@@ -31,6 +31,8 @@ class Progress:
     episode: PlannedEpisode | None = None
     row: Row | None = None
     """The episode's row if it is finished; None if the attempt came to nothing."""
+    kept: tuple[Row, ...] = ()
+    """When the run has begun: the rows that it had already."""
 
 
 OnProgress = Callable[[Progress], None]
@@ -60,7 +62,7 @@ class Work:
             if folder.transcript(episode.key).exists()
         }
         folder.write_rows(self._rows.values())
-        self._report()
+        self._on_progress(Progress(len(self._rows), len(plan.episodes), 0, kept=tuple(self._rows.values())))
 
     def spent(self) -> tuple[int, float]:
         """Return the budget tokens and US dollars of everything on record, attempts included."""
@@ -106,10 +108,7 @@ class Work:
         else:
             row = self._rows[episode.key] = self._row(episode)
             self._folder.append_row(row)
-        self._report(episode, row)
+        self._on_progress(Progress(len(self._rows), len(self._plan.episodes), self._failed, episode, row))
 
     def _row(self, episode: PlannedEpisode) -> Row:
         return read_row(self._folder.transcript(episode.key), episode.trial, self._prices.get(episode.cell.player))
-
-    def _report(self, episode: PlannedEpisode | None = None, row: Row | None = None) -> None:
-        self._on_progress(Progress(len(self._rows), len(self._plan.episodes), self._failed, episode, row))
