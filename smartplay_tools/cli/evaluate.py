@@ -143,12 +143,15 @@ def print_estimate(plan: Plan, given: dict[str, Price], *, as_json: bool) -> Non
         print(json.dumps([{**asdict(one), "cell": one.cell.to_json()} for one in found], indent=2))
         return
     table = compact_table("cell", "episodes", "calls", "prompts", "replies", "USD")
+    for column in table.columns[1:]:
+        column.min_width = 7  # so that long names give way, not numbers
     for one in found:
         table.add_row(str(one.cell), *_amounts(one.episodes, one.calls, one.prompt_tokens, one.reply_tokens, one.cost))
     costs = [one.cost for one in found]
     total = None if None in costs else sum(cost or 0.0 for cost in costs)
-    sums = [sum(getattr(one, name) for one in found) for name in ("episodes", "calls", "prompt_tokens", "reply_tokens")]
-    table.add_row("[bold]all[/]", *_amounts(*sums, total))
+    episodes, calls = sum(one.episodes for one in found), sum(one.calls for one in found)
+    prompts, replies = sum(one.prompt_tokens for one in found), sum(one.reply_tokens for one in found)
+    table.add_row("[bold]all[/]", *_amounts(episodes, calls, prompts, replies, total))
     console = Console()
     console.print(table)
     console.print("Prompts and replies in tokens: at most, as far as a few random steps of every cell can tell.")
