@@ -143,8 +143,7 @@ def print_estimate(plan: Plan, given: dict[str, Price], *, as_json: bool) -> Non
         print(json.dumps([{**asdict(one), "cell": one.cell.to_json()} for one in found], indent=2))
         return
     table = compact_table("cell", "episodes", "calls", "prompts", "replies", "USD")
-    for column in table.columns[1:]:
-        column.min_width = 7  # so that long names give way, not numbers
+    table.columns[0].max_width = 39  # long names give way, not numbers
     for one in found:
         table.add_row(str(one.cell), *_amounts(one.episodes, one.calls, one.prompt_tokens, one.reply_tokens, one.cost))
     costs = [one.cost for one in found]
