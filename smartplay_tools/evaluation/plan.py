@@ -177,15 +177,15 @@ def make_cells(
             game=game,
             player=player,
             budget=budget,
-            engine=engine if engine in kind.engines else None,
+            engine=engine if engine in kinds[game].engines else None,
             manual=manual,
             batch=batch,
             protocol=protocol,
             tokenizer=tokenizer,
-            options={name: value for name, value in (options or {}).items() if name in kind.options},
+            options={name: value for name, value in (options or {}).items() if name in kinds[game].options},
             player_options=player_options or {},
         )
-        for game, kind in kinds.items()
+        for game in games
         for player in players
         for budget in budgets
     ]

@@ -124,15 +124,16 @@ def run_plan(
         raise InvalidArgumentError(f"workers must be at least 1, not {workers}.")
     part = plan if shard is None else plan.shard(*shard)
     factories, folder, caps = factories or {}, RunFolder(out), caps or Caps()
-    kinds = _by_executor(part, factories, executor)
+    by_executor = _by_executor(part, factories, executor)
+    executors = {name: get_executor(name) for name in by_executor}
     with folder.writing(), stopping() as signals:
         manifest = _manifest(folder, plan, shard, caps, prices or {})
         folder.write_manifest(manifest)
         known = {player: Price.from_json(price) for player, price in manifest["prices"].items()}
         work = Work(folder, part, factories, known, on_progress)
-        for name, episodes in kinds.items():
+        for name, episodes in by_executor.items():
             spent = work.spent() if caps else (0, 0.0)
-            chosen: Executor = get_executor(name)(workers or default_workers(name), caps, spent)
+            chosen: Executor = executors[name](workers or default_workers(name), caps, spent)
             signals.tell(chosen.stop)
             work.play(chosen, episodes)
         rows = work.finish()
