@@ -86,7 +86,7 @@ def _acceleration(pairs: Sequence[tuple[Values, float]]) -> float:
         influence = weight * (sample - sample.mean()) / len(sample)
         second += float((influence**2).sum())
         third += float((influence**3).sum())
-    return third / (6 * second**1.5)
+    return third / (6 * second * math.sqrt(second))
 
 
 def _bca(totals: Values, mean: float, acceleration: float) -> tuple[float, float]:
