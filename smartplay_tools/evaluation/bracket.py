@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from smartplay_tools.evaluation.cells import Cell, Condition
+from smartplay_tools.evaluation.cells import Condition, PlayedCell
 from smartplay_tools.evaluation.intervals import Estimate
 from smartplay_tools.specs import PAPER_RESULTS
 
@@ -51,7 +51,7 @@ class Bracket:
         return tuple(mark for mark in self.marks if mark.source == "paper" and mark.name != "human")
 
 
-Played = tuple[Cell, Estimate, Estimate | None]
+Played = tuple[PlayedCell, Estimate, Estimate | None]
 """A cell with its score and its normalised score."""
 
 

@@ -21,31 +21,40 @@ from typing import Any
 from smartplay_tools.budgets import SMALLEST_AUTO_CAP, resolve
 from smartplay_tools.records import Budget
 from smartplay_tools.specs import GameSpec, get_spec
+from smartplay_tools.tokens import DEFAULT_TOKENIZER
 
 Row = Mapping[str, Any]
 """A row of `results.jsonl`: an `EpisodeResult` in JSON, and what was asked of its episode."""
 
-RULES = ("player", "protocol", "manual", "batch")
+RULES = ("player", "player_options", "protocol", "manual", "batch", "tokenizer")
 CAPS = ("prompt_tokens", "reply_tokens", "episode_tokens", "slack")
 WORDS = ("history", "tool_calls")
 """The fields of a budget for which "game" means another number in every game."""
 
-USUAL = {"protocol": "tools", "manual": "tool", "batch": "all", **Budget().model_dump()}
+USUAL = {
+    "protocol": "tools",
+    "manual": "tool",
+    "batch": "all",
+    "tokenizer": DEFAULT_TOKENIZER,
+    **Budget().model_dump(),
+}
 """What a player is given if nothing else is asked for."""
 
 
 @dataclass(frozen=True)
-class Cell:
-    """What all episodes of a cell have in common."""
+class PlayedCell:
+    """What all episodes of a cell have in common: a planned cell as its rows tell it, the budget in numbers."""
 
     game: str
     engine: str | None
     player: str
+    player_options: Mapping[str, Any]
     protocol: str
     manual: str
     batch: str
     budget: Mapping[str, Any]
     """Resolved, in numbers."""
+    tokenizer: str
     options: Mapping[str, Any]
 
     @property
@@ -59,41 +68,43 @@ class Condition:
     """What a player was given in every game of `cells`, of which there is one for each game."""
 
     player: str
+    player_options: Mapping[str, Any]
     protocol: str
     manual: str
     batch: str
+    tokenizer: str
     budget: Mapping[str, Any]
     """As it may have been asked for: "game" and "auto" are words again."""
     variant: str
     """Engine and options, where some game was played with several; else empty."""
-    cells: tuple[Cell, ...]
+    cells: tuple[PlayedCell, ...]
 
     @property
     def circumstances(self) -> str:
         """What the player was given, in a few words; what is as by default is not mentioned."""
-        rules = {"protocol": self.protocol, "manual": self.manual, "batch": self.batch, **self.budget}
+        rules = {name: getattr(self, name) for name in ("protocol", "manual", "batch", "tokenizer")} | dict(self.budget)
         said = [f"{name} {value}" for name, value in rules.items() if value != USUAL.get(name)]
         return ", ".join([*said, *([self.variant] if self.variant else [])])
 
 
-def cell_of(row: Row) -> Cell:
+def cell_of(row: Row) -> PlayedCell:
     """Return the cell that a row belongs to."""
-    return Cell(**{name: row[name] for name in Cell.__dataclass_fields__})
+    return PlayedCell(**{name: row[name] for name in PlayedCell.__dataclass_fields__})
 
 
-def by_cell(rows: Iterable[Row]) -> list[tuple[Cell, list[Row]]]:
+def by_cell(rows: Iterable[Row]) -> list[tuple[PlayedCell, list[Row]]]:
     """Put rows together that belong to one cell; cells and rows stand in the order of the rows."""
-    groups: dict[str, tuple[Cell, list[Row]]] = {}
+    groups: dict[str, tuple[PlayedCell, list[Row]]] = {}
     for row in rows:
         cell = cell_of(row)
         groups.setdefault(_key(asdict(cell)), (cell, []))[1].append(row)
     return list(groups.values())
 
 
-def conditions(cells: Sequence[Cell]) -> list[Condition]:
+def conditions(cells: Sequence[PlayedCell]) -> list[Condition]:
     """Sort cells into conditions, in the order in which they first appear."""
     asked = {word: _Asked(word, cells) for word in WORDS}
-    groups: dict[str, tuple[dict[str, Any], list[Cell]]] = {}
+    groups: dict[str, tuple[dict[str, Any], list[PlayedCell]]] = {}
     for cell in cells:
         for values in product(*(asked[word].readings(cell) for word in WORDS)):
             budget = {**dict(zip(WORDS, values, strict=True)), **_caps(cell.budget)}
@@ -109,21 +120,21 @@ def conditions(cells: Sequence[Cell]) -> list[Condition]:
 class _Asked:
     """What a run can have asked for in a field of the budget, told from the numbers of all its cells."""
 
-    def __init__(self, field: str, cells: Sequence[Cell]) -> None:
+    def __init__(self, field: str, cells: Sequence[PlayedCell]) -> None:
         self._field = field
         self._numbers = {self._value(cell) for cell in cells if self._value(cell) != self._of_game(cell)}
         self._word = any(self._value(cell) not in self._numbers for cell in cells)
 
-    def readings(self, cell: Cell) -> list[Any]:
+    def readings(self, cell: PlayedCell) -> list[Any]:
         """The number, where it was asked for in any game; "game", where it is the paper's and the run used the word."""
         value = self._value(cell)
         number = [value] if value in self._numbers else []
         return [*number, *(["game"] if self._word and value == self._of_game(cell) else [])]
 
-    def _value(self, cell: Cell) -> Any:
+    def _value(self, cell: PlayedCell) -> Any:
         return cell.budget[self._field]
 
-    def _of_game(self, cell: Cell) -> Any:
+    def _of_game(self, cell: PlayedCell) -> Any:
         return getattr(resolve(Budget(), cell.spec, 0), self._field)
 
 
@@ -135,7 +146,7 @@ def _caps(budget: Mapping[str, Any]) -> dict[str, Any]:
     return {**{name: budget[name] for name in CAPS}, "result_tokens": "auto" if auto else results}
 
 
-def _variants(cells: Sequence[Cell]) -> list[tuple[str, tuple[Cell, ...]]]:
+def _variants(cells: Sequence[PlayedCell]) -> list[tuple[str, tuple[PlayedCell, ...]]]:
     """Split cells so that no game is there twice: by engine and options, where a game was played with several."""
     games = Counter(cell.game for cell in cells)
     kinds = dict.fromkeys(_variant(cell) for cell in cells if games[cell.game] > 1)
@@ -144,7 +155,7 @@ def _variants(cells: Sequence[Cell]) -> list[tuple[str, tuple[Cell, ...]]]:
     return [(kind, tuple(c for c in cells if games[c.game] == 1 or _variant(c) == kind)) for kind in kinds]
 
 
-def _variant(cell: Cell) -> str:
+def _variant(cell: PlayedCell) -> str:
     engine = [] if cell.engine is None else [f"engine {cell.engine}"]
     return ", ".join([*engine, *(f"{name}={value}" for name, value in sorted(cell.options.items()))]) or "no options"
 

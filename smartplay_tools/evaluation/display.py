@@ -18,12 +18,13 @@ from rich.text import Text
 from smartplay_tools.evaluation.bracket import Bracket, Mark
 from smartplay_tools.evaluation.intervals import ALL_EQUAL, Estimate
 from smartplay_tools.evaluation.metrics import CellSummary, Drift, Failures, Profile, Summary
+from smartplay_tools.evaluation.standing import Standing
 from smartplay_tools.specs import CAPABILITIES
 
 PROFILES_PER_TABLE = 3
 """So many capability columns fit into 100 columns beside the capabilities' names."""
 
-WORDY = ("ends", "where", "last error")
+WORDY = ("budget", "ends", "where", "why", "last error")
 """Columns of words, which wrap."""
 
 NOTHING = "-"
@@ -38,6 +39,15 @@ Column = tuple[str, Callable[[CellSummary], str]]
 def summary_tables(summary: Summary) -> RenderableType:
     """Return a run's tables, with an empty line between them."""
     return Group(*(Padding(table, (0, 0, 1, 0)) for table in _tables(summary)))
+
+
+def standing_table(standing: Standing) -> RenderableType:
+    """Return how far each cell of a run is."""
+    table = _table("game", "player", "budget", "finished", "planned", "failed attempts")
+    for cell in standing.cells:
+        names = (escape(name) for name in (cell.game, cell.player, cell.asked))
+        table.add_row(*names, *map(str, (cell.finished, cell.planned, cell.failed_attempts)))
+    return _section("how far it is", table, "")
 
 
 def _tables(summary: Summary) -> Iterator[RenderableType]:
@@ -73,7 +83,7 @@ def _sections(summary: Summary) -> list[tuple[str, list[CellSummary]]]:
 
 def _cells_table(title: str, cells: Sequence[CellSummary], columns: Sequence[Column], *notes: str) -> RenderableType:
     """A table with a line for every game and below it one for every player."""
-    table = _table(title, "game and player", *(heading for heading, _ in columns))
+    table = _table("game and player", *(heading for heading, _ in columns))
     game = ""
     for cell in cells:
         if game != (game := _game(cell)):
@@ -81,7 +91,7 @@ def _cells_table(title: str, cells: Sequence[CellSummary], columns: Sequence[Col
         player = cell.cell.player + "*" * cell.privileged
         table.add_row(f"  {escape(player)}", *(show(cell) for _, show in columns))
     privileged = [PRIVILEGED] if any(cell.privileged for cell in cells) else []
-    return _with_notes(table, *notes, *privileged)
+    return _section(title, table, *notes, *privileged)
 
 
 def _game(cell: CellSummary) -> str:
@@ -168,7 +178,7 @@ TOKENS: tuple[Column, ...] = (
 
 
 def _bracket_table(title: str, brackets: Sequence[Bracket]) -> RenderableType:
-    table = _table(title, "game", "random", "rule", "the paper's models", "human")
+    table = _table("game", "random", "rule", "the paper's models", "human")
     for bracket in brackets:
         about = "" if bracket.comparable else "~"
         models = sorted(bracket.models, key=lambda mark: mark.score)
@@ -177,7 +187,7 @@ def _bracket_table(title: str, brackets: Sequence[Bracket]) -> RenderableType:
         ours = [_mark(bracket.mark(name)) for name in ("random", "rule")]
         table.add_row(bracket.game, *ours, span, NOTHING if human is None else f"{about}{human.score:g}")
     other_engine = any(bracket.marks[-1].source == "paper" and not bracket.comparable for bracket in brackets)
-    return _with_notes(table, PAPERS, *([OTHER_ENGINE] if other_engine else []))
+    return _section(title, table, PAPERS, *([OTHER_ENGINE] if other_engine else []))
 
 
 def _mark(mark: Mark | None) -> str:
@@ -190,7 +200,7 @@ def _capabilities_table(profiles: Sequence[Profile]) -> RenderableType:
     weights = profiles[0].capabilities.weights
     whose = "the paper's weights" if weights == "paper" else "the original code's weights, degree - 1"
     titles = [_title(profile.condition.player, profile.condition.circumstances) for profile in profiles]
-    table = _table(f"capabilities, {whose}", "capability", *titles)
+    table = _table("capability", *titles)
     for column in table.columns[1:]:
         column.no_wrap = False
     for index, capability in enumerate(CAPABILITIES):
@@ -200,12 +210,13 @@ def _capabilities_table(profiles: Sequence[Profile]) -> RenderableType:
     left_out = [
         f"{', '.join(p.capabilities.left_out)}: no normalised score" for p in profiles if p.capabilities.left_out
     ]
-    return _with_notes(table, INTERVALS, *dict.fromkeys([*left_out, *(f"{NOTHING}: {why}" for why in reasons)]))
+    notes = dict.fromkeys([*left_out, *(f"{NOTHING}: {why}" for why in reasons)])
+    return _section(f"capabilities, {whose}", table, INTERVALS, *notes)
 
 
 def _deviations_table(cells: Sequence[CellSummary]) -> RenderableType:
     """Each deviation once, with where it holds."""
-    table = _table("different from the paper", "what", "paper", "played", "where")
+    table = _table("what", "paper", "played", "where")
     where: dict[tuple[str, str, str], list[CellSummary]] = {}
     for cell in cells:
         for name, values in cell.deviations.items():
@@ -214,7 +225,7 @@ def _deviations_table(cells: Sequence[CellSummary]) -> RenderableType:
         games = dict.fromkeys(f"{cell.cell.game}" for cell in members)
         place = "everywhere" if len(members) == len(cells) else ", ".join(games)
         table.add_row(name, escape(paper), escape(played), place)
-    return table
+    return _section("different from the paper", table)
 
 
 def _value(value: object) -> str:
@@ -222,21 +233,23 @@ def _value(value: object) -> str:
 
 
 def _failures_table(failures: Sequence[Failures]) -> RenderableType:
-    table = _table("failed, and in no figure", "game", "player", "n", "how", "last error")
+    table = _table("game", "player", "attempts", "missing", "why", "last error")
     for failed in failures:
-        ends = ", ".join(failed.end_reasons)
-        table.add_row(failed.game, escape(failed.player), f"{failed.episodes}", ends, escape(failed.last_error or ""))
-    return table
+        names = (escape(name or NOTHING) for name in (failed.game, failed.player))
+        reasons = ", ".join(f"{reason} {count}" for reason, count in failed.reasons.items())
+        table.add_row(*names, f"{failed.attempts}", f"{failed.missing}", reasons, escape(failed.last_error or ""))
+    return _section(
+        "came to nothing, and are in no figure", table, "missing: episodes that no later attempt has finished"
+    )
 
 
 def _title(what: str, circumstances: str) -> str:
     return f"{what} ({circumstances})" if circumstances else what
 
 
-def _table(title: str, *headings: str) -> Table:
-    """A table without a frame: the first column to the left, numbers to the right, words at the end wrapped."""
-    style = {"title_justify": "left", "title_style": "bold cyan", "header_style": "dim"}
-    table = Table(title=escape(title), box=None, padding=(0, 1, 0, 0), **style)  # type: ignore[arg-type]
+def _table(*headings: str) -> Table:
+    """A table without a frame: the first column to the left, numbers to the right, words wrapped."""
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
     for heading in headings:
         words = heading in WORDY
         left = words or heading == headings[0]
@@ -244,5 +257,5 @@ def _table(title: str, *headings: str) -> Table:
     return table
 
 
-def _with_notes(table: Table, *notes: str) -> RenderableType:
-    return Group(table, *(Text(note, style="dim") for note in notes))
+def _section(title: str, table: Table, *notes: str) -> RenderableType:
+    return Group(Text(title, style="bold cyan"), table, *(Text(note, style="dim") for note in notes))

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, get_args
 
 from smartplay_tools.budgets import resolve
 from smartplay_tools.evaluation.bracket import Bracket, brackets
 from smartplay_tools.evaluation.capabilities import Capabilities, Weights, capability_scores
-from smartplay_tools.evaluation.cells import Cell, Condition, Row, by_cell, conditions
+from smartplay_tools.evaluation.cells import Condition, PlayedCell, Row, by_cell, conditions
 from smartplay_tools.evaluation.intervals import Estimate, mean_estimate
 from smartplay_tools.records import Budget, EndReason
 
@@ -81,7 +81,7 @@ class TokenSummary:
 class CellSummary:
     """All finished episodes of a cell."""
 
-    cell: Cell
+    cell: PlayedCell
     episodes: int
     reward: Estimate
     completion: Estimate | None
@@ -106,12 +106,15 @@ class CellSummary:
 
 @dataclass(frozen=True)
 class Failures:
-    """Episodes of one game and player that ended in an exception, and are in no figure."""
+    """Attempts at one game by one player that came to nothing, and are in no figure."""
 
-    game: str
-    player: str
-    episodes: int
-    end_reasons: Mapping[str, int]
+    game: str | None
+    """None where an attempt broke before its episode began."""
+    player: str | None
+    attempts: int
+    missing: int
+    """Episodes among them that no later attempt has finished so far."""
+    reasons: Mapping[str, int]
     last_error: str | None
 
 
@@ -134,19 +137,21 @@ class Summary:
 
 
 def summarize(rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Weights = "paper") -> Summary:
-    """Sum up a run. `rows` are finished episodes, `failures` those that ended in an exception."""
+    """Sum up a run: `RunFolder.rows` are finished episodes, `RunFolder.failures` attempts that came to nothing."""
+    rows = list(rows)
     groups = by_cell(rows)
     cells = [summarize_cell(cell, members) for cell, members in groups]
     found = conditions([cell for cell, _ in groups])
     profiles = [Profile(condition, _capabilities(condition, groups, weights)) for condition in found]
+    lost = _failures(failures, {row["key"] for row in rows})
     played = [
         (condition, [(c.cell, c.score, c.normalized_score) for c in cells if c.cell in condition.cells])
         for condition in found
     ]
-    return Summary(tuple(cells), tuple(profiles), tuple(brackets(played)), tuple(_failures(failures)))
+    return Summary(tuple(cells), tuple(profiles), tuple(brackets(played)), tuple(lost))
 
 
-def summarize_cell(cell: Cell, rows: Sequence[Row]) -> CellSummary:
+def summarize_cell(cell: PlayedCell, rows: Sequence[Row]) -> CellSummary:
     """Sum up the rows of one cell."""
     normalized = [row["normalized_score"] for row in rows if row["normalized_score"] is not None]
     costs = [row["cost"] for row in rows]
@@ -185,7 +190,7 @@ def _drift(name: str, told: Sequence[Mapping[str, Any]]) -> Drift | None:
     return Drift(len(told), sum(each[name] for each in told), sum(each["provider"][name] for each in told))
 
 
-def _deviations(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
+def _deviations(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, Any]:
     """What the rows say of the game, and what can only be told from the cell: its rules, its caps, its trials."""
     merged: dict[str, Any] = {}
     for row in rows:
@@ -197,7 +202,7 @@ def _deviations(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
     return {**merged, **_rule_deviations(cell), **_cap_deviations(cell), **_trial_deviation(cell, len(rows))}
 
 
-def _rule_deviations(cell: Cell) -> dict[str, Any]:
+def _rule_deviations(cell: PlayedCell) -> dict[str, Any]:
     """The paper's prompts hold the manual, ask in free text, and lead to one action."""
     if cell.protocol == "paper":
         # The manual stands in all of its prompts, whether or not there is a tool that could read it.
@@ -210,7 +215,7 @@ def _rule_deviations(cell: Cell) -> dict[str, Any]:
     return found
 
 
-def _cap_deviations(cell: Cell) -> dict[str, Any]:
+def _cap_deviations(cell: PlayedCell) -> dict[str, Any]:
     """The paper caps nothing. The usual cap on tool calls is far beyond the calls that a rollout takes."""
     caps = ("prompt_tokens", "reply_tokens", "episode_tokens", "result_tokens")
     found = {name: _differs(None, cell.budget[name]) for name in caps if cell.budget[name] is not None}
@@ -220,7 +225,7 @@ def _cap_deviations(cell: Cell) -> dict[str, Any]:
     return found
 
 
-def _trial_deviation(cell: Cell, trials: int) -> dict[str, Any]:
+def _trial_deviation(cell: PlayedCell, trials: int) -> dict[str, Any]:
     return {} if trials == cell.spec.trials else {"trials": _differs(cell.spec.trials, trials)}
 
 
@@ -228,17 +233,26 @@ def _differs(paper: Any, played: Any) -> dict[str, Any]:
     return {"paper": paper, "played": played}
 
 
-def _capabilities(condition: Condition, groups: Sequence[tuple[Cell, list[Row]]], weights: Weights) -> Capabilities:
+def _capabilities(
+    condition: Condition, groups: Sequence[tuple[PlayedCell, list[Row]]], weights: Weights
+) -> Capabilities:
     rows = {cell.game: members for cell, members in groups if cell in condition.cells}
     normalized = {game: [row["normalized_score"] for row in members] for game, members in rows.items()}
     return capability_scores(normalized, weights=weights)
 
 
-def _failures(rows: Iterable[Row]) -> list[Failures]:
-    groups: dict[tuple[str, str], list[Row]] = {}
+def _failures(rows: Iterable[Row], finished: Set[str]) -> list[Failures]:
+    groups: dict[tuple[str | None, str | None], list[Row]] = {}
     for row in rows:
         groups.setdefault((row["game"], row["player"]), []).append(row)
     return [
-        Failures(game, player, len(failed), Counter(row["end_reason"] for row in failed), failed[-1].get("error"))
+        Failures(
+            game,
+            player,
+            attempts=len(failed),
+            missing=len({row["key"] for row in failed} - finished),
+            reasons=Counter(row["end_reason"] for row in failed),
+            last_error=next((row["error"] for row in reversed(failed) if row["error"]), None),
+        )
         for (game, player), failed in groups.items()
     ]

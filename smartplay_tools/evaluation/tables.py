@@ -16,43 +16,28 @@ from typing import Any
 
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation.cells import Condition, Row
-from smartplay_tools.evaluation.metrics import CellSummary, Drift, Summary, TokenSummary
+from smartplay_tools.evaluation.metrics import COUNTS, CellSummary, Drift, Summary, TokenSummary
+
+_STRINGS = ("key", "game", "engine", "player", "protocol", "manual", "batch", "context", "tokenizer", "prompts")
+_TOKENS = ("prompt", "reply", "prefix")
+_PROVIDER = ("prompt", "reply", "cached", "reasoning")
+_CAPS = ("history", "prompt_tokens", "reply_tokens", "episode_tokens", "result_tokens", "manual_tokens", "tool_calls")
 
 COLUMNS: dict[str, tuple[str, str]] = {
-    # column: (where it stands in a row, type)
-    **{
-        name: (name, "string") for name in ("key", "game", "engine", "player", "protocol", "manual", "batch", "context")
-    },
+    **{name: (name, "string") for name in _STRINGS},
     **{name: (name, "int64") for name in ("trial", "seed")},
     **{name: (name, "float64") for name in ("score", "normalized_score", "reward")},
     "completed": ("completed", "bool"),
-    **{
-        name: (name, "int64")
-        for name in (
-            "steps",
-            "turns",
-            "tool_calls",
-            "illegal_actions",
-            "malformed_calls",
-            "refused_calls",
-            "idle_replies",
-            "fallback_actions",
-            "cut_results",
-        )
-    },
-    **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in ("prompt", "reply", "prefix")},
+    **{name: (name, "int64") for name in COUNTS},
+    **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in _TOKENS},
     "overruns": ("tokens.overruns", "int64"),
-    **{f"provider_{name}_tokens": (f"tokens.provider.{name}", "int64") for name in ("prompt", "reply")},
-    **{f"provider_{name}_tokens": (f"tokens.provider.{name}", "int64") for name in ("cached", "reasoning")},
+    **{f"provider_{name}_tokens": (f"tokens.provider.{name}", "int64") for name in _PROVIDER},
     "provider_requests": ("tokens.provider.requests", "int64"),
     "cost": ("cost", "float64"),
-    "end_reason": ("end_reason", "string"),
-    "error": ("error", "string"),
-    **{f"budget_{name}": (f"budget.{name}", "int64") for name in ("history", "prompt_tokens", "reply_tokens")},
-    **{f"budget_{name}": (f"budget.{name}", "int64") for name in ("episode_tokens", "result_tokens", "manual_tokens")},
-    "budget_tool_calls": ("budget.tool_calls", "int64"),
+    **{name: (name, "string") for name in ("end_reason", "error")},
+    **{f"budget_{name}": (f"budget.{name}", "int64") for name in _CAPS},
     "budget_slack": ("budget.slack", "float64"),
-    **{name: (name, "json") for name in ("options", "deviations", "versions")},
+    **{name: (name, "json") for name in ("options", "player_options", "deviations", "versions")},
     "state_hash": ("state_hash", "string"),
 }
 """Every column: where its value stands in a row, and its type."""

@@ -9,7 +9,8 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.cells import by_cell, cell_of, conditions
 from smartplay_tools.evaluation.metrics import summarize, summarize_cell
-from tests.evaluation.runs import play_row, play_rows
+from smartplay_tools.evaluation.prices import Price
+from tests.evaluation.runs import failed_row, play_row, play_rows
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 
@@ -94,23 +95,31 @@ def test_drift_is_told_for_episodes_whose_provider_told_its_count():
 
 
 def test_cost_is_a_sum_and_unknown_as_soon_as_one_price_is():
-    priced = play_rows(HANOI, trials=3, cost=0.25)
-    assert cell_summary(priced).cost == 0.75
-    priced[1]["cost"] = None
-    assert cell_summary(priced).cost is None
+    rock, usage = [act("Rock")] * 50, sp.Usage(prompt=1_000, reply=10)
+    priced = [play_row(RPS, sp.ScriptedPlayer(rock, usage), trial, price=Price.per_million(2, 10)) for trial in (0, 1)]
+    unpriced = play_row(RPS, sp.ScriptedPlayer(rock, usage), 2)
+    assert cell_summary(priced).cost == pytest.approx(2 * 50 * (1_000 * 2 + 10 * 10) / 1_000_000)
+    assert cell_summary([*priced, unpriced]).cost is None
+    assert cell_summary(play_rows(HANOI, trials=3)).cost == 0
 
 
 def test_failures_are_counted_apart():
     failing = sp.ScriptedPlayer([act("Rock")])
-    failed = play_row(RPS, failing)
+    failed = failed_row(play_row(RPS, failing))
     assert failed["end_reason"] == "player_error"
     rows = play_rows(RPS, trials=2)
-    summary = summarize(rows, [failed])
+    summary = summarize(rows, [failed, {**failed, "attempt": 2}])
     assert summary.cells == summarize(rows).cells
     (failures,) = summary.failures
-    assert (failures.game, failures.player, failures.episodes) == (RPS, "scripted", 1)
-    assert failures.end_reasons == {"player_error": 1}
+    assert (failures.game, failures.player, failures.attempts, failures.missing) == (RPS, "scripted", 2, 1)
+    assert failures.reasons == {"player_error": 2}
     assert "StopIteration" in failures.last_error
+
+
+def test_an_episode_that_a_later_attempt_finished_is_not_missing():
+    (row,) = play_rows(RPS, trials=1)
+    (failures,) = summarize([row], [{**failed_row(row), "end_reason": "interrupted", "error": None}]).failures
+    assert (failures.attempts, failures.missing, failures.last_error) == (1, 0, None)
 
 
 def test_nothing_gives_an_empty_summary():
@@ -164,6 +173,7 @@ def test_the_games_own_deviations_are_kept():
         {"batch": "first_act"},
         {"budget": sp.Budget(history=3)},
         {"budget": sp.Budget(slack=0.5)},
+        {"tokenizer": "approximate"},
     ],
     ids=str,
 )

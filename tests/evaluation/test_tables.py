@@ -12,8 +12,9 @@ from rich.console import Console
 import smartplay_tools as sp
 from smartplay_tools.evaluation.display import summary_tables
 from smartplay_tools.evaluation.metrics import summarize
+from smartplay_tools.evaluation.prices import Price
 from smartplay_tools.evaluation.tables import COLUMNS, flat, summary_json, write_csv, write_parquet
-from tests.evaluation.runs import play_row, play_rows
+from tests.evaluation.runs import failed_row, play_row, play_rows
 
 RPS, HANOI, HANOI4 = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0", "Hanoi4Disk-v0"
 
@@ -27,7 +28,7 @@ def rock(times: int, usage: sp.Usage | None = None) -> sp.ScriptedPlayer:
 @pytest.fixture(scope="module")
 def rows():
     budget = sp.Budget(prompt_tokens=2_000)
-    told = play_row(RPS, rock(50, sp.Usage(prompt=100, reply=7, cached=60)), cost=0.5)
+    told = play_row(RPS, rock(50, sp.Usage(prompt=100, reply=7, cached=60)), price=Price.per_million(200, 0))
     return [*play_rows(HANOI4, "random", 3, budget=budget), *play_rows(HANOI, trials=2), told]
 
 
@@ -44,7 +45,7 @@ def test_nothing_of_a_row_is_lost(rows):
     """Whatever a row says has a column: by its own name, or by the path of its parts."""
 
     def leaves(value, path=""):
-        if isinstance(value, dict) and path not in ("options", "deviations", "versions"):
+        if isinstance(value, dict) and path not in ("options", "player_options", "deviations", "versions"):
             return [leaf for key, each in value.items() for leaf in leaves(each, f"{path}.{key}".lstrip("."))]
         return [path]
 
@@ -62,7 +63,8 @@ def test_csv_has_a_line_for_every_episode(rows, tmp_path):
     assert [int(line["prompt_tokens"]) for line in read] == [row["tokens"]["prompt"] for row in rows]
     assert read[0]["budget_prompt_tokens"] == "2000"
     assert read[0]["normalized_score"] == read[0]["provider_requests"] == ""
-    assert (read[-1]["provider_cached_tokens"], read[-1]["cost"]) == ("3000", "0.5")
+    assert read[-1]["provider_cached_tokens"] == "3000"
+    assert float(read[-1]["cost"]) == rows[-1]["cost"] == pytest.approx(1)
     assert json.loads(read[-1]["versions"]) == rows[-1]["versions"]
 
 
@@ -105,15 +107,15 @@ def test_every_figure_is_shown(rows):
     assert "scores (prompt_tokens 2000)" in text
     assert "0.2 to 2.7 (GPT-4-0314)" in text  # the paper's models at Hanoi
     assert "terminated 2" in text
-    assert "0.5000" in text  # what it cost
+    assert "1.0000" in text  # what it cost
     assert f"{HANOI4}: no normalised score" in text
     assert "one action a prompt" in text
     assert all(name in text for name in sp.GAMES[HANOI].challenges)
 
 
 def test_failures_are_shown_with_their_error(rows):
-    failed = play_row(RPS, rock(1))
-    assert "failed" not in shown(summarize(rows))
+    failed = failed_row(play_row(RPS, rock(1)))
+    assert "attempts that came to nothing" not in shown(summarize(rows))
     assert "StopIteration" in shown(summarize(rows, [failed]))
 
 
