@@ -12,7 +12,7 @@ from rich.console import Console
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.progress import showing
-from smartplay_tools.cli.show import compact_table, short
+from smartplay_tools.cli.show import compact_table, short, wide_console
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation import estimate, runner
 from smartplay_tools.evaluation.display import summary_tables
@@ -129,7 +129,7 @@ def print_run(run: Run, *, as_json: bool) -> None:
         counts = {"planned": run.planned, "finished": len(run.rows), "stopped": run.stopped}
         print(json.dumps({**counts, **summary_json(summary)}, indent=2))
     else:
-        Console().print(summary_tables(summary), end="")
+        wide_console().print(summary_tables(summary), end="")
     console = Console(stderr=True)
     if run.stopped is not None:
         console.print(f"Stopped by {run.stopped}. The same command goes on from here.", soft_wrap=True)
