@@ -95,7 +95,7 @@ def evaluate(
         slack=slack,
     )
     rules: dict[str, Any] = {"engine": engine, "manual": manual, "batch": batch, "protocol": protocol}
-    rules |= {"tokenizer": tokenizer, "options": options.game_options(option)}
+    rules |= {"tokenizer": tokenizer, "options": options.key_values(option)}
     rules["player_options"] = player_options(base_url, player_option)
     cells = make_cells(suite_games(suite, options.names(games)), options.names(players), [budget], **rules)
     plan = plan_episodes(cells, trials=trials, seed=seed)
@@ -174,7 +174,7 @@ def _amounts(episodes: int, calls: int, prompts: int, replies: int, cost: float 
 
 def player_options(base_url: str | None, pairs: list[str] | None) -> dict[str, Any]:
     """Return the options of the players; a key does not belong there, since everything there goes on record."""
-    found = options.game_options(pairs) | ({} if base_url is None else {"base_url": base_url})
+    found = options.key_values(pairs, "--player-option") | ({} if base_url is None else {"base_url": base_url})
     if "api_key" in found:
         raise InvalidArgumentError("A key would stand in the records; give it in the environment, as OPENAI_API_KEY.")
     return found
