@@ -105,12 +105,18 @@ def _start(home: Path, program: str, commands: int, answers: int) -> subprocess.
         return subprocess.Popen(
             [program, *options, "--quiet"],
             cwd=home,
-            env={**os.environ, "HOME": str(home)},
+            env=_environment(home),
             stdin=commands,
             stdout=errors,
             stderr=errors,
             pass_fds=[answers],
         )
+
+
+def _environment(home: Path) -> dict[str, str]:
+    """The variables of this process, without those by which a user's own settings, mods and games would be found."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("MINETEST_", "LUANTI_"))}
+    return {**kept, "HOME": str(home)}
 
 
 def _last_words(home: Path) -> str:

@@ -11,7 +11,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from smartplay_tools.errors import EngineError
+from smartplay_tools.errors import InvalidArgumentError
 
 VARIABLE = "SMARTPLAY_LUANTI"
 """Environment variable that names the server's program, or a folder with the program and the game in it."""
@@ -31,7 +31,9 @@ _DATA_FOLDERS = (
     "~/.minetest",
 )
 
-_REMEDY = f"install it (Debian: apt install minetest-server minetest-data) or set {VARIABLE} to the server's program."
+_REMEDY = (
+    f"install it (Debian 12: apt install minetest-server minetest-data) or set {VARIABLE} to the server's program."
+)
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Installation:
 
 
 def find_installation() -> Installation:
-    """Find server and game; raise `EngineError` with the remedy where one of them is missing."""
+    """Find server and game; raise `InvalidArgumentError` with the remedy where one of them is missing."""
     named = os.environ.get(VARIABLE) or None
     program = _find_program(named)
     folders = [] if named is None else [Path(named), *program.parents]
@@ -52,9 +54,9 @@ def find_installation() -> Installation:
         for game in (folder / "games" / GAME, folder / "share" / "luanti" / "games" / GAME, folder / GAME):
             if (game / "game.conf").is_file():
                 return Installation(program, game)
-    raise EngineError(
-        f"The Luanti server {program} is here, but {GAME} is not: install the game's data (Debian: apt install "
-        f"minetest-data) or put it into ~/.minetest/games."
+    raise InvalidArgumentError(
+        f"The Luanti server {program} is here, but {GAME} is not: install the game's data (Debian 12: apt install "
+        "minetest-data) or put the game into ~/.minetest/games."
     )
 
 
@@ -63,12 +65,14 @@ def _find_program(named: str | None) -> Path:
         places = [Path(named), *(Path(named) / folder / name for folder in (".", "bin") for name in _PROGRAMS)]
         if program := next(filter(_is_program, places), None):
             return program.resolve()
-        raise EngineError(f"{VARIABLE} is {named!r}, and there is no Luanti server: set it to the server's program.")
+        raise InvalidArgumentError(
+            f"{VARIABLE} is {named!r}, and there is no Luanti server: set it to the server's program."
+        )
     candidates = [Path(folder) / name for folder in _PROGRAM_FOLDERS for name in _PROGRAMS]
     candidates += [Path(found) for name in _PROGRAMS if (found := shutil.which(name))]
     if program := next(filter(_is_program, candidates), None):
         return program
-    raise EngineError(f"There is no Luanti server on this machine: {_REMEDY}")
+    raise InvalidArgumentError(f"There is no Luanti server on this machine: {_REMEDY}")
 
 
 def _is_program(path: Path) -> bool:

@@ -8,7 +8,7 @@ local start = {}
 
 local NEAREST, FARTHEST = 310, 430 -- blocks from a start to the nearest goal
 local MAPS = {{step = 32, points = 40}, {step = 64, points = 70}} -- tried in turn; points from the middle to the rim
-local TRIES = 6 -- places that are looked at before the world is given up
+local WAYS, TRIES = 200, 6 -- places to look for a way from, and to look at on the ground, before a map is given up
 local ROOM = 32 -- who can walk this far in three of the four directions is not walled in
 
 local STEPS = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}}
@@ -153,13 +153,13 @@ function start.find(seed, goal)
     for _, map in ipairs(MAPS) do
         world.set_origin(0, 0)
         local find_way, tries = new_finder(), 0
-        for _, place in ipairs(places(map, goal)) do
+        for number, place in ipairs(places(map, goal)) do
+            if number > WAYS or tries == TRIES then break end
             local way = place.goal == nil and {} or find_way(place, place.goal, FARTHEST + map.step)
             if way then
                 local y = check(place, goal)
                 if y then return settle(place, y, way) end
                 tries = tries + 1
-                if tries == TRIES then break end
             end
         end
     end
