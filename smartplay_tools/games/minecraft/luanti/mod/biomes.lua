@@ -21,6 +21,9 @@ local LAND = {
     icesheet = 140, -- stands in for Ice Plains Spikes, though it has no spikes
 }
 
+-- The ids of those with more trees than meadows.
+biomes.WOODS = {[4] = true, [21] = true, [23] = true, [30] = true}
+
 local COLD = {icesheet = true, tundra = true, taiga = true, snowy_grassland = true}
 
 -- The id for the biome of the ground and the depth of the water on it. Knee-deep water is neither sea nor beach.

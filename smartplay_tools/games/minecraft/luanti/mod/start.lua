@@ -11,6 +11,7 @@ local MAPS = {{step = 32, points = 40}, {step = 64, points = 70}} -- tried in tu
 local WAYS, TRIES = 200, 6 -- places to look for a way from, and to look at on the ground, before a map is given up
 local ROOM = 32 -- who can walk this far in three of the four directions is not walled in
 
+local WOODS = 12 -- at most so many places of a way, 16 blocks apart, may lie in woods, which are slow to get through
 local STEPS = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}}
 
 local random
@@ -97,6 +98,14 @@ local function stand(x, z, from, lowest)
     end
 end
 
+local function is_easy(way)
+    local woods = 0
+    for _, stop in ipairs(way) do
+        if biomes.WOODS[biomes.likely(stop.x, stop.z)] then woods = woods + 1 end
+    end
+    return woods <= WOODS
+end
+
 -- In how many of the four directions one can walk away, climbing one block at a time and swimming.
 local function ways_out(x, y, z, lowest)
     local reached, queue, sides = {[x .. "," .. z] = true}, {{x, y, z}}, {}
@@ -156,7 +165,7 @@ function start.find(seed, goal)
         for number, place in ipairs(places(map, goal)) do
             if number > WAYS or tries == TRIES then break end
             local way = place.goal == nil and {} or find_way(place, place.goal, FARTHEST + map.step)
-            if way then
+            if way and is_easy(way) then
                 local y = check(place, goal)
                 if y then return settle(place, y, way) end
                 tries = tries + 1
