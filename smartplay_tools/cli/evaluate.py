@@ -22,6 +22,7 @@ from smartplay_tools.evaluation.plan import Plan, make_cells, plan_episodes, sui
 from smartplay_tools.evaluation.prices import Price, find_price
 from smartplay_tools.evaluation.runner import Run
 from smartplay_tools.evaluation.tables import summary_json
+from smartplay_tools.players import is_interactive
 
 _RUN = "The run"
 
@@ -118,6 +119,8 @@ def evaluate(
 def carry_out(plan: Plan, out: Path, *, quiet: bool, shard: tuple[int, int] | None, **how: Any) -> Run:
     """Play a plan, with its progress on the standard error."""
     part = plan if shard is None else plan.shard(*shard)
+    # A person plays on the terminal that the progress would be shown on.
+    quiet = quiet or any(is_interactive(cell.player) for cell in plan.cells)
     with showing(Console(stderr=True), part, quiet=quiet) as on_progress:
         return runner.run_plan(plan, out, shard=shard, on_progress=on_progress, **how)
 
