@@ -1,7 +1,7 @@
 """The documentation as a site: `make docs` builds it, with every warning an error.
 
-The pages are plain Markdown that reads as well on a code host: links lead to files, and what only the site can do stands
-in directives (`toctree`, `other-pages`, `include`, `public-names`).
+The pages are plain Markdown that reads as well on a code host: links lead to files, and what only the site can do
+stands in directives (`toctree`, `other-pages`, `include`, `public-names`).
 """
 
 from __future__ import annotations
