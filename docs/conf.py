@@ -1,12 +1,11 @@
 """The documentation as a site: `make docs` builds it, with every warning an error.
 
 The pages are plain Markdown that reads as well on a code host: links lead to files, and what only the site can do
-stands in directives (`toctree`, `other-pages`, `include`, `public-names`).
+stands in directives, such as `toctree` and those in `_extensions`.
 """
 
 from __future__ import annotations
 
-import importlib
 import sys
 from importlib.metadata import version as installed_version
 from pathlib import Path
@@ -14,16 +13,13 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "_extensions"), str(HERE.parent), str(HERE.parent / "adapters")]
 
-# The frameworks are imported before Sphinx looks at anything: some of their models cannot be built once it has.
-for adapter in sorted((HERE.parent / "adapters").glob("smartplay_*")):
-    importlib.import_module(adapter.name)
-
 project = "smartplay-tools"
 author = "the authors of smartplay-tools"
 project_copyright = "the authors of smartplay-tools"
 release = installed_version("smartplay-tools")
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_copybutton", "other_pages", "public_names"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_copybutton"]
+extensions += ["example_pages", "other_pages", "public_names"]  # of our own, in `_extensions`
 exclude_patterns = ["_build"]
 nitpicky = True
 add_module_names = False

@@ -1,7 +1,7 @@
-"""The directive `public-names`: everything that a module offers, documented from its docstrings.
+"""The directives `public-names` and `all-adapters`: everything that a module offers, documented from its docstrings.
 
-The list is the module's `__all__`, read when the site is built, so a new public name appears by itself. Docstrings are
-written for people who read code: single backticks are code, not references.
+The list is the module's `__all__`, the adapters are the folders of `adapters/`, read when the site is built: what is
+new appears by itself. Docstrings are written for people who read code: single backticks are code, not references.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar
 
@@ -23,6 +24,8 @@ from sphinx.environment import BuildEnvironment
 from sphinx.ext.napoleon import Config, GoogleDocstring
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.docutils import SphinxDirective
+
+ADAPTERS = Path(__file__).parents[2] / "adapters"
 
 KINDS: dict[str, Callable[[Any], bool]] = {
     "functions": lambda thing: inspect.isroutine(thing),
@@ -48,6 +51,26 @@ class PublicNames(SphinxDirective):
         found = [name for name in public_names(module) if belongs(getattr(module, name))]
         text = "\n\n".join(_describe(module, name) for name in found)
         return self.parse_text_to_nodes(f"```{{eval-rst}}\n{text}\n```")
+
+
+class AllAdapters(SphinxDirective):
+    """A section for each adapter: what it says of itself first, and its public names."""
+
+    def run(self) -> list[nodes.Node]:
+        """Return the sections."""
+        text = "\n\n".join(
+            f"## {name}\n\n{_first_line(name)}\n\n```{{public-names}} {name}\n```" for name in adapters()
+        )
+        return self.parse_text_to_nodes(text, allow_section_headings=True)
+
+
+def adapters() -> list[str]:
+    """The packages of the adapters."""
+    return sorted(folder.name for folder in ADAPTERS.glob("smartplay_*"))
+
+
+def _first_line(module: str) -> str:
+    return (importlib.import_module(module).__doc__ or "").partition("\n")[0]
 
 
 def public_names(module: ModuleType) -> list[str]:
@@ -129,6 +152,9 @@ def _resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: no
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Called by Sphinx."""
+    for name in adapters():  # before Sphinx looks at anything: some frameworks' models cannot be built once it has
+        importlib.import_module(name)
+    app.add_directive("all-adapters", AllAdapters)
     app.add_directive("public-names", PublicNames)
     app.connect("autodoc-process-docstring", _process_docstring)
     app.connect("autodoc-process-signature", _process_signature)
