@@ -88,7 +88,7 @@ def _describe(module: ModuleType, name: str) -> str:
     if KINDS["classes"](thing):
         return f".. autoclass:: {module.__name__}.{name}\n   :members:\n   :undoc-members:{_inherited(thing)}"
     words = "\n".join(f"   {line}" for line in _as_restructured_text(_words_under(module.__name__, name)))
-    return f".. py:data:: {module.__name__}.{name}\n\n{words}"
+    return f".. py:data:: {name}\n   :module: {module.__name__}\n\n{words}"
 
 
 def _inherited(thing: type) -> str:
@@ -123,17 +123,13 @@ def _process_docstring(app: Sphinx, what: str, name: str, thing: Any, options: A
 
 def _process_signature(
     app: Sphinx, what: str, name: str, thing: Any, options: Any, signature: str | None, returns: str | None
-) -> tuple[str | None, str | None] | None:
+) -> tuple[str | None, str | None]:
     """A pydantic model is made of its fields, which follow with their words; a protocol is not made at all."""
-    if what != "class":
-        return None
-    return (
-        ("(**fields)", None)
-        if issubclass(thing, BaseModel)
-        else ("", None)
-        if getattr(thing, "_is_protocol", False)
-        else None
-    )
+    if what == "class" and issubclass(thing, BaseModel):
+        return "(**fields)", None
+    if what == "class" and getattr(thing, "_is_protocol", False):
+        return "", None
+    return signature and signature.replace("<factory>", "..."), returns  # which is no Python, and would not be laid out
 
 
 def _skip(app: Sphinx, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
