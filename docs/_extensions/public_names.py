@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, is_typeddict
 
 from docutils import nodes
 from docutils.parsers.rst import directives
@@ -86,9 +86,15 @@ def _describe(module: ModuleType, name: str) -> str:
     if KINDS["errors"](thing):
         return f".. autoexception:: {module.__name__}.{name}\n   :show-inheritance:"
     if KINDS["classes"](thing):
-        return f".. autoclass:: {module.__name__}.{name}\n   :members:\n   :undoc-members:{_inherited(thing)}"
+        return f".. autoclass:: {module.__name__}.{name}\n   :members:{_undocumented(thing)}{_inherited(thing)}"
     words = "\n".join(f"   {line}" for line in _as_restructured_text(_words_under(module.__name__, name)))
     return f".. py:data:: {name}\n   :module: {module.__name__}\n\n{words}"
+
+
+def _undocumented(thing: type) -> str:
+    """The option that lists fields without words of their own, where no signature does."""
+    is_made_of_fields = issubclass(thing, BaseModel) or is_typeddict(thing) or getattr(thing, "_is_protocol", False)
+    return "\n   :undoc-members:" if is_made_of_fields else ""
 
 
 def _inherited(thing: type) -> str:
