@@ -27,6 +27,12 @@ from sphinx.util.docutils import SphinxDirective
 
 ADAPTERS = Path(__file__).parents[2] / "adapters"
 
+LONGEST_TYPE = 100
+"""A type that is longer when it is spelled out (a union of a framework's messages) is shown as its author wrote it."""
+
+INHERITED_MACHINERY = ("metadata", "model_config", "model_post_init", "response_format")
+"""What Gymnasium, pydantic and LangChain put into a class for themselves."""
+
 KINDS: dict[str, Callable[[Any], bool]] = {
     "functions": lambda thing: inspect.isroutine(thing),
     "errors": lambda thing: inspect.isclass(thing) and issubclass(thing, Exception),
@@ -135,11 +141,13 @@ def _process_signature(
         return "(**fields)", None
     if what == "class" and getattr(thing, "_is_protocol", False):
         return "", None
+    if signature is not None and len(returns or "") > LONGEST_TYPE:
+        returns = str(inspect.signature(thing).return_annotation)
     return signature and signature.replace("<factory>", "..."), returns  # which is no Python, and would not be laid out
 
 
 def _skip(app: Sphinx, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
-    return True if name in ("model_config", "metadata") or name.startswith("_") else None
+    return True if name in INHERITED_MACHINERY or name.startswith("_") else None
 
 
 def _resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.Element) -> nodes.Node | None:
