@@ -20,6 +20,8 @@ from smartplay_tools.errors import (
     TranscriptError,
     UnknownNameError,
 )
+from smartplay_tools.evaluation.runner import Run, evaluate
+from smartplay_tools.evaluation.store import RunFolder
 from smartplay_tools.games.base import TextGame, with_action_list
 from smartplay_tools.messages import Message, MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.paper_protocol import PaperConversation
@@ -65,6 +67,8 @@ __all__ = [
     "Replay",
     "Reply",
     "ResolvedBudget",
+    "Run",
+    "RunFolder",
     "ScriptedPlayer",
     "SmartPlayError",
     "TextGame",
@@ -80,6 +84,7 @@ __all__ = [
     "aplay",
     "assistant_message",
     "calls_of",
+    "evaluate",
     "get_player",
     "get_spec",
     "get_tokenizer",

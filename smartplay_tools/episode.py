@@ -13,8 +13,9 @@ from __future__ import annotations
 import asyncio
 import operator
 import threading
+import time
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -78,8 +79,11 @@ class Episode:
         self.options = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
         self.counter = TokenCounter(tokenizer)
         self.game = _make_game(self.spec, budget, engine, self.options)
+        began = time.thread_time()
         self.game.reset(seed=self.seed)
+        reset_seconds = time.thread_time() - began
         self._play = Playthrough(self.spec, self.game, budget, self.counter, manual, context)
+        self._play.game_seconds = reset_seconds
         self.tally = self._play.tally
         self.budget = self._play.budget
         """The budget in numbers."""
@@ -91,7 +95,7 @@ class Episode:
         self._lock = threading.RLock()
         self._worker: ThreadPoolExecutor | None = None
         self._transcript = None if transcript is None else Transcript(transcript)
-        self._begun = False
+        self._begun = self._revealed = False
 
     # What the agent may do.
 
@@ -182,26 +186,52 @@ class Episode:
         """Whether there is a transcript."""
         return self._transcript is not None
 
+    @property
+    def game_seconds(self) -> float:
+        """Processor seconds spent in the game's reset and steps so far, in this process. In no record."""
+        return self._play.game_seconds
+
     def look_on(self, on_step: Callable[[TextGame], None]) -> None:
         """Have a function called with the game after every step, to draw it, say. It must not play."""
         self._play.on_step = on_step
+
+    def reveal(self) -> TextGame:
+        """Hand the game itself to a player that wants more than its messages; record and result say so."""
+        with self._lock:
+            self.begin()
+            if not self._revealed:
+                self._revealed = True
+                self.log("reveal")
+            return self.game
 
     def log(self, event: str, **fields: Any) -> None:
         """Append an event to the transcript, if there is one."""
         if self._transcript is not None:
             self._transcript.append(event, **fields)
 
-    def begin(self, *, player: str | None = None, protocol: str = "tools") -> None:
-        """Write the record's first event, with the player's name; the first call does it if nobody else did."""
+    def begin(
+        self, *, player: str | None = None, protocol: str = "tools", player_options: Mapping[str, Any] | None = None
+    ) -> None:
+        """Write the record's first event, with who plays and how; the first call does it if nobody else did."""
         if self._begun:
             return
         self._begun = True
+        self.log("start", **self.start_facts(player, protocol, player_options or {}), versions=versions())
+
+    def start_facts(
+        self, player: str | None, protocol: str, player_options: Mapping[str, Any], *, seed: int | None = None
+    ) -> dict[str, Any]:
+        """Return what the record's first event says beside the versions: everything that makes this episode this one.
+
+        With another `seed`, it is what another episode of the same make would say.
+        """
         setting = {"history": self.spec.history, "rollout": self.spec.rollout, "kwargs": dict(self.spec.kwargs)}
-        facts = {"game": self.spec.id, "setting": setting, "seed": self.seed}
+        facts = {"game": self.spec.id, "setting": setting, "seed": self.seed if seed is None else seed}
         facts |= {"engine": self.game.engine, "options": self.options}
         rules = {"manual": self.manual, "batch": self.batch, "context": self.context, "protocol": protocol}
-        names = {"player": player, "tokenizer": self.counter.tokenizer.name, "prompts": prompts.VERSION}
-        self.log("start", **facts, **rules, **names, budget=self.budget.model_dump(), versions=versions())
+        who = {"player": player, "player_options": dict(player_options)}
+        names = {"tokenizer": self.counter.tokenizer.name, "prompts": prompts.VERSION}
+        return {**facts, **rules, **who, **names, "budget": self.budget.model_dump()}
 
     def end(self, reason: EndReason, error: BaseException | None = None) -> None:
         """End the episode, unless it is over; an error goes into the record with its traceback."""
@@ -279,6 +309,8 @@ class Episode:
             for name, value in played.items()
             if value != getattr(paper, name)
         }
+        if self._revealed:
+            changed["player"] = {"paper": "sees its prompts", "played": "privileged: sees the game's state"}
         return {**changed, **self.game.deviations()}
 
 

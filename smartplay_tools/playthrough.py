@@ -6,6 +6,7 @@ transports, records or prompts, which are `Episode`'s.
 
 from __future__ import annotations
 
+import time
 import traceback
 from collections.abc import Callable
 from dataclasses import replace
@@ -42,6 +43,7 @@ class Playthrough:
         self.end_reason: EndReason | None = None
         self.on_step: Callable[[TextGame], None] | None = None
         """Called after every step of the game, to look on."""
+        self.game_seconds = 0.0
         self.error: str | None = None
         self.traceback: str | None = None
         self.budget = self._resolve(asked)
@@ -109,12 +111,14 @@ class Playthrough:
         return self._show(prompts.MANUAL_IS_ABOVE if self.manual == "pinned" else prompts.NO_MANUAL)
 
     def _act(self, action: int) -> ToolResult:
+        began = time.thread_time()
         try:
             text, reward, terminated, truncated = self.game.advance(action)
         except Exception as error:
             # An engine that breaks ends this episode, on the record, and no other.
             self.end("game_error", error)
             return self.refuse("The game has failed; the episode is over.", "game_error")
+        self.game_seconds += time.thread_time() - began
         self.tally.steps += 1
         self.tally.reward += reward
         step = self.tally.steps

@@ -73,7 +73,7 @@ def _same_episode(start: Event, transcript: list[Event]) -> Episode:
     # The rules come from the setting that is registered here; the record may have changed its numbers.
     spec = replace(get_spec(start["game"]), **start["setting"])
     episode = Episode(spec, budget=budget, transcript=transcript, **settings, **start["options"])
-    episode.begin(player=start["player"], protocol=start["protocol"])
+    episode.begin(player=start["player"], protocol=start["protocol"], player_options=start["player_options"])
     return episode
 
 
@@ -91,6 +91,8 @@ def _converse(episode: Episode, recorded: list[Event]) -> None:
             case "message", "host":
                 assert isinstance(conversation, Conversation)
                 conversation.add(event["message"])
+            case "reveal", _:
+                episode.reveal()
             case "usage", _ if event["turn"] == episode.tally.turns:
                 conversation.spend(Usage(**event["provider"]))  # of a reply that never came
             case "end", _ if not episode.done:

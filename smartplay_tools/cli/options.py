@@ -51,6 +51,11 @@ GameOptions = Annotated[
     list[str] | None,
     typer.Option("--option", metavar="KEY=VALUE", help="A game's own option; repeatable.", rich_help_panel=_PANEL),
 ]
+PlayerOptions = Annotated[
+    list[str] | None,
+    typer.Option("--player-option", metavar="KEY=VALUE", help="An option of the player; repeatable."),
+]
+BaseUrl = Annotated[str | None, typer.Option(help="Where the model of openai:MODEL is served.")]
 TranscriptFile = Annotated[Path | None, typer.Option("--transcript", help="Write the record to this new file.")]
 
 
@@ -62,6 +67,11 @@ def budget(**numbers: Any) -> Budget:
         first = error.errors()[0]
         option = "--" + str(first["loc"][0]).replace("_", "-")
         raise InvalidArgumentError(f"{option} {first['input']}: {first['msg']}.") from None
+
+
+def names(text: str | None) -> list[str]:
+    """Return the parts of a list that is written with commas."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
 def game_options(pairs: list[str] | None) -> dict[str, Any]:

@@ -69,3 +69,11 @@ def compact_table(*headings: str) -> Table:
     for heading in headings:
         table.add_column(heading, no_wrap=True, justify="left" if heading == headings[0] else "right")
     return table
+
+
+def short(number: int) -> str:
+    """Return a large number in four characters or so: 1234567 is 1.2M."""
+    for unit, size in (("G", 1_000_000_000), ("M", 1_000_000), ("k", 1_000)):
+        if number >= size:
+            return f"{number / size:.1f}{unit}"
+    return str(number)
