@@ -22,6 +22,12 @@ def blocks(language: str) -> list[str]:
     return fence.findall(PAGE.read_text(encoding="utf-8"))
 
 
+def commands(under: str) -> list[str]:
+    """The commands of a section of the page."""
+    _, section = PAGE.read_text(encoding="utf-8").split(f"\n## {under}\n")
+    return [line for line in section.partition("\n## ")[0].splitlines() if line.startswith("smartplay-tools ")]
+
+
 COMMANDS = """
 import json, sys
 from typer.testing import CliRunner
@@ -80,14 +86,23 @@ def test_the_page_keeps_its_promise_of_a_short_game():
 
 
 def test_the_page_s_commands_work(installed, tmp_path):
-    lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("smartplay-tools")]
-    assert [shlex.split(line)[1] for line in lines] == ["games", "manual", "play", "replay"]
-    results = installed.commands(*lines, cwd=tmp_path)
-    assert [code for code, _ in results] == [0] * len(lines), results
-    games, manual, play, _ = [output for _, output in results]
+    results = installed.commands(*commands(under="A package"), cwd=tmp_path)
+    assert [code for code, _ in results] == [0, 0, 0, 0], results
+    games, manual, play, replay = [output for _, output in results]
     assert "HigherOrLower-v0" in games
     assert "1. Guess 1" in manual
     assert "terminated" in play
+    assert "identical" in replay
+
+
+@pytest.mark.slow
+def test_it_is_evaluated_by_its_name(installed, tmp_path):
+    results = installed.commands(*commands(under="Evaluate"), cwd=tmp_path)
+    assert {code for code, _ in results} == {0}, results
+    rows = (tmp_path / "runs" / "players" / "results.jsonl").read_text(encoding="utf-8").splitlines()
+    assert [(row["player"], row["trial"]) for row in map(json.loads, rows)] == [
+        (player, trial) for player in ("binary-search", "random") for trial in range(5)
+    ]
 
 
 def test_its_results_are_like_those_of_any_game(installed):
@@ -128,6 +143,7 @@ if __name__ == "__main__":
     assert installed.python("-c", script) == "20\n"
 
 
+@pytest.mark.slow
 def test_it_holds_what_every_game_promises(installed):
     contract = TESTS / "games" / "test_contract.py"
     shown = installed.python("-m", "pytest", "-q", "-p", "no:cacheprovider", str(contract), "-k", "HigherOrLower")
