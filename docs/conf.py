@@ -20,7 +20,7 @@ release = installed_version("smartplay-tools")
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_copybutton"]
 extensions += ["example_pages", "other_pages", "public_names"]  # of our own, in `_extensions`
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "jupyter_execute"]
 nitpicky = True
 add_module_names = False
 
