@@ -1,10 +1,11 @@
-"""The directive `other-pages`: a table of contents of the pages that no other one on the page names.
+"""The directive `other-pages`: a table of contents that ends with the pages that none on its page names.
 
 A page that is written tomorrow is in the site tomorrow, without an edit here.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,14 @@ from sphinx.directives.other import TocTree
 
 
 class OtherPages(TocTree):
-    """`toctree`, which finds its pages by itself."""
-
-    has_content = False
+    """`toctree`: what it lists, and then what nobody does."""
 
     def run(self) -> list[nodes.Node]:
         """Return the table of contents."""
-        named = Path(self.env.doc2path(self.env.docname)).read_text(encoding="utf-8").splitlines()
-        self.content = StringList(sorted(self.env.found_docs - {self.env.docname, *named}), source=self.env.docname)
+        text = Path(self.env.doc2path(self.env.docname)).read_text(encoding="utf-8")
+        named = re.findall(r"^(?:.+ <)?([\w-]+)>?$", text, flags=re.MULTILINE)
+        others = sorted(self.env.found_docs - {self.env.docname, *named})
+        self.content = StringList([*self.content, *others], source=self.env.docname)
         self.env.note_reread()  # what there is can change while the page does not
         return super().run()
 
