@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import options
+from smartplay_tools.cli.show import wide_console
 from smartplay_tools.evaluation.display import standing_table, summary_tables
 from smartplay_tools.evaluation.metrics import summarize
 from smartplay_tools.evaluation.standing import standing
@@ -41,7 +41,7 @@ def results(
     if as_json:
         print(json.dumps({**counts, **summary_json(summary)}, indent=2))
         return
-    console = Console()
+    console = wide_console()
     failed = f", {now.failed_attempts} failed attempts" if now.failed_attempts else ""
     said = f"{folder}: {now.finished} of {now.planned} episodes finished{failed}\n"
     console.print(said, highlight=False, markup=False, soft_wrap=True)
