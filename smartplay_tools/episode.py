@@ -268,7 +268,9 @@ class Episode:
         if self._transcript is not None:
             sent = {"name": call.name, "arguments": as_text(call.arguments)}
             answer = {"text": result.text, "is_error": result.is_error, "done": result.done, "data": dict(result.data)}
-            self.log("call", turn=turn, position=position, **sent, **answer)
+            # Keys of a transport outlive this process; where the window is ours, a key only repeats turn and position.
+            key = {"call_id": call.call_id} if call.call_id and self.context == "host" else {}
+            self.log("call", turn=turn, position=position, **sent, **answer, **key)
 
     def _finish_if_over(self) -> None:
         reason = self.end_reason
