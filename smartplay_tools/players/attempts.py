@@ -1,0 +1,110 @@
+"""Attempts: how often and how fast a model is asked again. Each attempt is billed, so each is counted.
+
+Nothing here knows a client library. An error of one may have `status_code`, `code`, `response.headers` and `usage`, as
+those of OpenAI's, Anthropic's and most other clients do; what it has is read, what it lacks is not missed.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Mapping
+from email.utils import parsedate_to_datetime
+from typing import Any
+
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.records import Usage
+
+LONGEST_PAUSE = 8.0
+"""Seconds at which the pauses stop doubling."""
+
+LONGEST_WISH = 60.0
+"""A server that wants a longer pause than this is taken at its word: it is not asked again."""
+
+RETRIED = (408, 409, 429)
+"""Statuses that may be better a moment later, beside all from 500 on."""
+
+
+class ModelCallError(SmartPlayError):
+    """A model gave no reply. The message says in how many attempts, and why; `usage` is what they cost."""
+
+    def __init__(self, usage: Usage, error: Exception) -> None:
+        times = "1 attempt" if usage.requests == 1 else f"{usage.requests} attempts"
+        super().__init__(f"No reply from the model in {times}: {type(error).__name__}: {error}")
+        self.usage = usage
+
+
+class BrokenAnswerError(Exception):
+    """A server answered, but not with a reply: no choices, a stream that stops half-way, something else entirely."""
+
+    def __init__(self, problem: str, usage: Usage | None = None) -> None:
+        super().__init__(problem)
+        self.usage = usage
+        """What the provider charged for it, where it says so."""
+
+
+class Attempts:
+    """The attempts at one reply. Pauses begin at `first_pause` seconds and double; a quarter is left to chance."""
+
+    def __init__(self, retries: int, first_pause: float, jitter: random.Random) -> None:
+        self._retries, self._first_pause, self._jitter = retries, first_pause, jitter
+        self._made = 0
+        self._spent = Usage(requests=0)
+
+    def begin(self) -> None:
+        """Count an attempt, whatever becomes of it."""
+        self._made += 1
+
+    def usage(self, last: Usage | None) -> Usage:
+        """What all attempts took together; `last` is what the provider says of the one that succeeded."""
+        spent = self._spent if last is None else self._spent + last
+        return spent.model_copy(update={"requests": self._made})
+
+    def pause(self, error: Exception) -> float:
+        """Return the seconds to wait before asking again; raise `ModelCallError` if that is pointless."""
+        charged = getattr(error, "usage", None)
+        if isinstance(charged, Usage):
+            self._spent += charged
+        wish = _wish(error)
+        if self._made > self._retries or not _may_pass(error) or (wish or 0) > LONGEST_WISH:
+            raise ModelCallError(self.usage(None), error) from error
+        pause = min(self._first_pause * 2 ** (self._made - 1), LONGEST_PAUSE) * (1 - self._jitter.random() / 4)
+        return pause if wish is None else max(wish, 0.0)
+
+
+def status_of(error: Exception) -> int | None:
+    """Return the HTTP status that a server refused a request with; None for a line that failed, or a broken answer."""
+    status = getattr(error, "status_code", None)
+    return status if isinstance(status, int) and status >= 400 else None
+
+
+def _may_pass(error: Exception) -> bool:
+    """Whether the same request may succeed a moment later."""
+    status = status_of(error)
+    if status is None:
+        return True
+    advice = _headers(error).get("x-should-retry")
+    if advice in ("true", "false"):
+        return bool(advice == "true")
+    if getattr(error, "code", None) == "insufficient_quota":
+        return False
+    return status in RETRIED or status >= 500
+
+
+def _wish(error: Exception) -> float | None:
+    """The seconds that a server asks to wait, if it does."""
+    headers = _headers(error)
+    for header, unit in (("retry-after-ms", 0.001), ("retry-after", 1.0)):
+        try:
+            return float(headers[header]) * unit
+        except (KeyError, ValueError):
+            continue
+    try:
+        return parsedate_to_datetime(headers["retry-after"]).timestamp() - time.time()
+    except (KeyError, ValueError):
+        return None
+
+
+def _headers(error: Exception) -> Mapping[str, Any]:
+    headers = getattr(getattr(error, "response", None), "headers", None)
+    return headers if isinstance(headers, Mapping) else {}
