@@ -150,13 +150,13 @@ class Episode:
         """Return the tools as plain annotated, documented functions: observe, act, read_manual."""
 
         def observe() -> str:
-            return self.call("observe").text
+            return self.call("observe", {}).text
 
         def act(action: str) -> str:
             return self.call("act", {"action": action}).text
 
         def read_manual() -> str:
-            return self.call("read_manual").text
+            return self.call("read_manual", {}).text
 
         for function, tool in zip((observe, act, read_manual), self.tools, strict=True):
             arguments = [f"    {name}: {p['description']}" for name, p in tool.parameters["properties"].items()]
