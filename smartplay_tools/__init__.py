@@ -26,6 +26,8 @@ from smartplay_tools.games.base import TextGame, with_action_list
 from smartplay_tools.messages import Message, MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.paper_protocol import PaperConversation
 from smartplay_tools.players import get_player, player_names
+from smartplay_tools.players.attempts import BrokenAnswerError, ModelCallError
+from smartplay_tools.players.model import ModelPlayer
 from smartplay_tools.players.scripted import ScriptedPlayer
 from smartplay_tools.playing import aplay, play
 from smartplay_tools.records import (
@@ -51,6 +53,7 @@ __all__ = [
     "GAMES",
     "PAPER_RESULTS",
     "AsyncPlayer",
+    "BrokenAnswerError",
     "Budget",
     "ContextWindow",
     "Conversation",
@@ -61,6 +64,8 @@ __all__ = [
     "Message",
     "MessageToolCall",
     "MissingExtraError",
+    "ModelCallError",
+    "ModelPlayer",
     "PaperConversation",
     "Player",
     "Prompt",
