@@ -6,10 +6,11 @@ prompts, the running sums) is left to it, which is what keeps ten thousand steps
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import paper_protocol, prompts
+from smartplay_tools.evaluation.store import FAILURES, UNFINISHED
 from smartplay_tools.rebuild import sent_prompts
 from smartplay_tools.specs import GAMES
 from smartplay_tools.transcript import Event
@@ -18,8 +19,6 @@ FACTS = (
     "game", "player", "seed", "engine", "options", "manual", "batch", "context", "protocol", "tokenizer", "budget",
 )  # fmt: skip
 """What a start event says that the page shows."""
-
-FAILED = ("player_error", "game_error")
 
 MOST_REBUILT = 2_000_000
 """So many turns, over all prompts of an episode, are rebuilt to check them; more would take minutes."""
@@ -35,35 +34,38 @@ WORDS = {
 """The fixed words that prompts are put together from."""
 
 
-def episode_data(key: str, events: Sequence[Event], row: dict[str, Any]) -> dict[str, Any]:
-    """Return an episode as the page's script reads it; its drawing is added by `drawings`."""
+def episode_data(key: str, events: Sequence[Event], facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an episode as the page's script reads it; `facts` are what its run knows of it."""
     start = events[0]
     head = next((event for event in events if event["event"] == "head"), {})
     end = next((event for event in events if event["event"] == "end"), {})
+    exception = next((event for event in events if event["event"] == "exception"), {})
     spec = GAMES.get(start["game"])
     return {
         "key": key,
         **{name: start.get(name) for name in FACTS},
         "family": spec.family if spec else None,
         "rollout": start["setting"]["rollout"],
-        "trial": row.get("trial"),
-        "cost": row.get("cost"),
-        "status": status(end),
+        "trial": facts.get("trial"),
+        "cost": facts.get("cost"),
+        "status": status(end, exception),
         "head": head.get("messages", []),
         "tools": head.get("tools", []),
         "first_observation": head.get("observation"),
         "turns": turns(events),
         "result": end.get("result"),
-        "traceback": end.get("traceback"),
+        "error": exception.get("error") or end.get("result", {}).get("error"),
+        "traceback": exception.get("traceback") or end.get("traceback"),
         "check": check(events),
     }
 
 
-def status(end: Event) -> str:
-    """Say how an episode stands: finished, failed, or unfinished if its record has no end."""
-    if not end:
-        return "unfinished"
-    return "failed" if end["result"]["end_reason"] in FAILED else "finished"
+def status(end: Event, exception: Event) -> str:
+    """Say how an episode stands: finished, failed, or unfinished if it was stopped from outside or still runs."""
+    reason = end["result"]["end_reason"] if end else None
+    if exception or reason in FAILURES:
+        return "failed"
+    return "unfinished" if reason is None or reason in UNFINISHED else "finished"
 
 
 def turns(events: Sequence[Event]) -> list[dict[str, Any]]:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError, TranscriptError
 from smartplay_tools.evaluation.report.drawings import draw
 from smartplay_tools.evaluation.report.episodes import WORDS, episode_data
-from smartplay_tools.evaluation.report.sources import Source, find_episodes, read_manifest
+from smartplay_tools.evaluation.report.sources import Source, Sources, find_sources
 from smartplay_tools.evaluation.report.summary import rules, summarize
 from smartplay_tools.evaluation.report.textures import sheet
 from smartplay_tools.transcript import read_transcript
@@ -40,7 +40,7 @@ def write_report(run: str | Path, out: str | Path, *, title: str | None = None) 
     """
     environment = _environment()
     run, out = Path(run), Path(out)
-    sources = find_episodes(run)
+    sources = find_sources(run)
     if out.suffix != ".html":
         raise InvalidArgumentError(f"A page is an .html file; {out} is not named like one.")
     page = environment.get_template("page.html.j2").render(_contents(run, sources, title))
@@ -66,10 +66,10 @@ def _environment() -> Environment:
     return environment
 
 
-def _contents(run: Path, sources: list[Source], title: str | None) -> dict[str, Any]:
+def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
     """Return everything that the templates ask for."""
     episodes, packed = [], {}
-    for source in sources:
+    for source in sources.episodes:
         data = _read(source)
         packed[source.key] = pack(data)
         # The turns are packed now, and of a long episode they are what takes the room.
@@ -84,7 +84,9 @@ def _contents(run: Path, sources: list[Source], title: str | None) -> dict[str, 
         "lines": summarize(episodes),
         "episodes": [{**episode, "rules": rules(episode)} for episode in episodes],
         "figures": list(_figures(run)),
-        "manifest": read_manifest(run),
+        "manifest": sources.manifest,
+        "lost": sources.lost,
+        "waiting": sources.waiting,
         "style": style,
         "scripts": scripts,
         "policy": _policy(style, scripts),
@@ -97,7 +99,7 @@ def _contents(run: Path, sources: list[Source], title: str | None) -> dict[str, 
 def _read(source: Source) -> dict[str, Any]:
     events = read_transcript(source.transcript)
     try:
-        return {**episode_data(source.key, events, source.row), "drawing": draw(events)}
+        return {**episode_data(source.key, events, source.facts), "drawing": draw(events)}
     except (KeyError, TypeError, IndexError, StopIteration) as error:
         raise TranscriptError(f"{source.transcript} cannot be shown: {type(error).__name__}: {error}.") from error
 

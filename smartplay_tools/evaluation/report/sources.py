@@ -1,61 +1,78 @@
 """Sources: which episodes a page shows. A run folder, a folder of transcripts, or one transcript.
 
-What is shown comes from the transcripts, which exist from an episode's first event on; `results.jsonl` adds what only
-the run knows: the order of the plan, the trial, the price.
+What is shown comes from the records themselves, which exist from an episode's first event on; the run adds what only
+it knows: the order of the plan, the trial, the price. Of a run the attempts that came to nothing are shown as well.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
-
-ROWS, EPISODES, MANIFEST = "results.jsonl", "episodes", "manifest.json"
+from smartplay_tools.evaluation.store import RunFolder
 
 
 @dataclass(frozen=True)
 class Source:
-    """An episode: its key in the page, its transcript, and its row if the run has one."""
+    """An episode: its key in the page, its record, and what its run knows of it."""
 
     key: str
     transcript: Path
-    row: dict[str, Any] = field(default_factory=dict)
+    facts: dict[str, Any] = field(default_factory=dict)
 
 
-def find_episodes(path: Path) -> list[Source]:
-    """Return the episodes of a run folder, of a folder of transcripts or of one file, in their order."""
+@dataclass(frozen=True)
+class Sources:
+    """The episodes of a page, in their order, and what there is beside them."""
+
+    episodes: Sequence[Source]
+    manifest: dict[str, Any] = field(default_factory=dict)
+    lost: Sequence[dict[str, Any]] = ()
+    """Attempts that broke before their episode began: key, attempt, error."""
+    waiting: int = 0
+    """Planned episodes that nobody has attempted yet."""
+
+
+def find_sources(path: Path) -> Sources:
+    """Return what there is to show in a run folder, a folder of transcripts or one transcript."""
     if path.is_file():
-        return [Source(path.stem, path)]
+        return Sources([Source(path.stem, path)])
     if not path.exists():
         raise InvalidArgumentError(f"There is no {path}; name a run folder or a transcript.")
-    folder = path / EPISODES if (path / EPISODES).is_dir() else path
-    rows = {row["key"]: row for row in _rows(path / ROWS)}
-    files = {file.stem: file for file in sorted(folder.glob("*.jsonl")) if file != path / ROWS}
-    # Rows first, in the order of the plan; what failed or is still under way has none and comes after them.
-    keys = [key for key in rows if key in files] + [key for key in files if key not in rows]
-    sources = [Source(key, files[key], rows.get(key, {})) for key in keys if files[key].stat().st_size]
-    if not sources:
-        raise InvalidArgumentError(f"{path} holds no transcripts; name a run folder or a transcript.")
-    return sources
+    if (path / "manifest.json").exists():
+        return _run(RunFolder(path))
+    episodes = [Source(file.stem, file) for file in sorted(path.glob("*.jsonl")) if _has_begun(file)]
+    if not episodes:
+        raise InvalidArgumentError(f"{path} holds no run and no transcripts; name a folder that does.")
+    return Sources(episodes)
 
 
-def read_manifest(path: Path) -> dict[str, Any]:
-    """Return the manifest of a run folder; empty where there is none."""
-    file = path / MANIFEST
-    manifest: dict[str, Any] = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
-    return manifest
+def _run(folder: RunFolder) -> Sources:
+    manifest, rows = folder.manifest(), {row["key"]: row for row in folder.rows()}
+    found: list[Source] = []
+    waiting = 0
+    for planned in manifest["episodes"]:
+        key = planned["key"]
+        finished = [folder.transcript(key)] if folder.transcript(key).exists() else []
+        attempts = [file for name in ("attempts", "running") for file in sorted((folder.path / name).glob(f"{key}.*"))]
+        waiting += not finished and not attempts
+        facts = {"trial": planned["trial"], "cost": rows.get(key, {}).get("cost")}
+        found += [Source(file.stem, file, facts) for file in (*finished, *attempts) if _has_begun(file)]
+    lost = [failure for failure in folder.failures() if failure["game"] is None]
+    if not found:
+        raise InvalidArgumentError(f"{folder.path} holds no episode yet; there is nothing to show.")
+    return Sources(found, manifest, lost, waiting)
 
 
-def _rows(file: Path) -> list[dict[str, Any]]:
-    if not file.is_file():
-        return []
-    rows = []
-    for line in file.read_text(encoding="utf-8").splitlines():
+def _has_begun(file: Path) -> bool:
+    """Whether a file is the record of an episode, from its first event on."""
+    with file.open(encoding="utf-8", errors="replace") as lines:
         try:
-            rows.append(json.loads(line))
+            first = json.loads(lines.readline())
         except json.JSONDecodeError:
-            continue  # torn by whatever ended the run; the transcript says how far the episode came
-    return rows
+            return False
+    return isinstance(first, dict) and first.get("event") == "start"

@@ -57,9 +57,11 @@ def draw_walk(spec: GameSpec, events: Sequence[Event]) -> dict[str, Any]:
 
 def _positions(events: Sequence[Event]) -> dict[int, tuple[float, float, float, str]]:
     """Return x, y, z and the heading by observation, as far as the texts tell."""
-    texts = {0: event["observation"] for event in events if event["event"] == "head" and "observation" in event}
+    texts: dict[int, str] = {}
     for event in events:
-        if event["event"] == "call" and event["data"].get("observation") is not None:
+        if event["event"] == "head" and "observation" in event:
+            texts[0] = event["observation"]
+        elif event["event"] == "call" and event["data"].get("observation") is not None:
             texts[event["data"]["observation"]] = event["text"]
     # Where the host owns the context, a text tells past observations first: the last one counts.
     found = {step: _COORDINATES.findall(text) for step, text in texts.items()}

@@ -49,7 +49,7 @@ function describeEpisode(episode) {
   const result = episode.result;
   $("episode-title").replaceChildren(`${episode.game} `, element("span", { class: "by" }, `played by ${episode.player ?? "an unnamed player"}`));
   document.title = `${episode.game}, ${episode.player ?? "unnamed"}, seed ${episode.seed}`;
-  const end = result ? result.end_reason.replaceAll("_", " ") : "the record stops before the end";
+  const end = result ? result.end_reason.replaceAll("_", " ") : (episode.error ?? "the record stops before the end");
   const mistakes = result ? result.illegal_actions + result.malformed_calls + result.idle_replies : null;
   const chips = [
     [episode.status, end, `status ${episode.status}`],
@@ -86,7 +86,7 @@ function describeRules(episode) {
     versions: Object.entries(episode.result?.versions ?? {}).map((pair) => pair.join(" ")).join(", "),
   };
   const rows = Object.entries(facts).map(([name, value]) => element("div", {}, element("dt", {}, name), element("dd", {}, value)));
-  const failure = episode.result?.error ? [element("p", { class: "caption bad" }, episode.result.error), episode.traceback ? element("pre", {}, episode.traceback) : null] : [];
+  const failure = episode.error ? [element("p", { class: "caption bad" }, episode.error), episode.traceback ? element("pre", {}, episode.traceback) : null] : [];
   $("rules").replaceChildren(element("dl", { class: "facts" }, rows), ...failure.filter(Boolean));
 }
 
