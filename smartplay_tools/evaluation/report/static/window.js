@@ -111,38 +111,47 @@ function hasManual(episode, number) {
 }
 
 // The whole episode at a glance: a column for each prompt, a row for each turn, filled where that turn was seen.
+// The picture is painted once for a width and a theme; what moves is the line over it.
 function windowMap(canvas, episode, turn) {
-  const [width, height] = [Math.max(320, canvas.parentElement.clientWidth), 150];
-  const sharp = window.devicePixelRatio || 1;
+  const [width, height, sharp] = [Math.max(320, canvas.parentElement.clientWidth), 150, window.devicePixelRatio || 1];
+  const style = getComputedStyle(canvas);
+  const paints = ["dropped", "seen", "marked"].map((name) => style.getPropertyValue(`--${name}`));
+  const x = turnScale(width, episode.turns.length);
+  const made = [width, sharp, ...paints].join();
+  if (episode.map?.made !== made) {
+    episode.map = { made, canvas: element("canvas", { width: width * sharp, height: height * sharp }) };
+    paintMap(episode, episode.map.canvas.getContext("2d"), x, height, sharp, paints);
+  }
   [canvas.width, canvas.height] = [width * sharp, height * sharp];
   const pen = canvas.getContext("2d");
-  pen.scale(sharp, sharp);
-  const paint = (name) => getComputedStyle(canvas).getPropertyValue(`--${name}`).trim();
-  const x = turnScale(width, episode.turns.length);
-  const [bottom, top] = [height - 4, 4];
-  const units = episode.protocol === "paper" ? episode.observations.length : episode.turns.length;
-  const each = (bottom - top) / Math.max(1, units);
+  pen.drawImage(episode.map.canvas, 0, 0);
+  pen.fillStyle = style.getPropertyValue("--ink");
+  pen.fillRect((x.middle(turn) - 0.75) * sharp, 0, 1.5 * sharp, height * sharp);
+  const unit = episode.protocol === "paper" ? "observation" : "turn";
+  const name = `What each prompt could see: a column for each prompt, a row for each earlier ${unit}`;
+  canvas.setAttribute("aria-label", `${name}. ${episode.turns[turn]?.view ? sentence(episode, turn) : ""}`);
+  return x;
+}
+
+function paintMap(episode, pen, x, height, sharp, [dropped, seen, marked]) {
+  const [top, bottom] = [4, height - 4];
+  const paper = episode.protocol === "paper";
+  const each = (bottom - top) / Math.max(1, paper ? episode.observations.length : episode.turns.length);
   // Whole pixels, so that neighbours neither overlap nor leave a seam.
   const box = (at, first, last) => {
-    const [left, right] = [x.start(at), x.start(at + 1)].map((edge) => Math.round(edge * sharp) / sharp);
-    const [high, low] = [last + 1, first].map((unit) => Math.round((bottom - unit * each) * sharp) / sharp);
-    const gap = x.each > 8 ? 1 : 0;
-    pen.fillRect(left, high, Math.max(right - left - gap, 1 / sharp), Math.max(low - high, 1 / sharp));
+    const [left, right] = [x.start(at), x.start(at + 1)].map((edge) => Math.round(edge * sharp));
+    const [high, low] = [last + 1, first].map((unit) => Math.round((bottom - unit * each) * sharp));
+    const gap = x.each > 8 ? Math.round(sharp) : 0;
+    pen.fillRect(left, high, Math.max(right - left - gap, 1), Math.max(low - high, 1));
   };
-  episode.turns.forEach((_, at) => {
-    const view = episode.turns[at].view;
+  episode.turns.forEach(({ view }, at) => {
     if (!view) return;
-    const paper = episode.protocol === "paper";
-    const ranges = paper ? [[view.first, view.step]] : view.turns;
-    pen.fillStyle = paint("dropped");
-    if (paper ? view.step : at) box(at, 0, paper ? view.step : at - 1);
-    pen.fillStyle = paint("seen");
-    for (const [first, last] of ranges) box(at, first, last);
-    pen.fillStyle = paint("marked");
-    for (const [markedTurn] of view.marked ?? []) box(at, markedTurn, markedTurn);
+    const units = paper ? view.step : at;
+    pen.fillStyle = dropped;
+    if (units) box(at, 0, units - 1);
+    pen.fillStyle = seen;
+    for (const [first, last] of paper ? [[view.first, view.step]] : view.turns) box(at, first, last);
+    pen.fillStyle = marked;
+    for (const [turn] of view.marked ?? []) box(at, turn, turn);
   });
-  pen.fillStyle = paint("ink");
-  pen.fillRect(x.middle(turn) - 0.75, 0, 1.5, height);
-  canvas.setAttribute("aria-label", "What each prompt could see: a column for each prompt, a row for each turn before it.");
-  return x;
 }

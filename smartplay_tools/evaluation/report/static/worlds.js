@@ -63,12 +63,12 @@ const LAND = {
 };
 
 // What the player sees, in Crafter's own textures, and the land it has seen so far.
-function crafter({ states }, step, textures) {
-  const state = states[step];
+function crafter(drawing, step, textures) {
+  const state = drawing.states[step];
   const view = element("canvas", { class: "pixels", role: "img", width: 9 * textures.side, height: 9 * textures.side, "aria-label": inventory(state, textures) });
   const map = element("canvas", { class: "pixels", role: "img", "aria-label": `The land seen so far; the player is at ${state.at.join(", ")}` });
   paintView(view.getContext("2d"), state, textures);
-  paintLand(map, states, step, textures);
+  paintLand(map, drawing, step, textures);
   const vitals = textures.vitals.map((name, at) => bar(name, state.carried[at] / textures.most, `${state.carried[at]}`, state.carried[at] > 2 ? "seen" : "other"));
   return [
     element("div", { class: "crafter" }, view, element("div", {}, map, element("div", { class: "vitals" }, vitals))),
@@ -113,25 +113,38 @@ function materialOf(letter, textures) {
   return textures.materials[letter.charCodeAt(0) - 97];
 }
 
-// The map shows what the whole episode gets to see, so that it does not jump while one plays.
-function paintLand(canvas, states, step, textures) {
+// The land seen so far. It is painted step by step and kept, so that going on costs one step and not all of them.
+function paintLand(canvas, drawing, step, textures) {
+  if (!drawing.land || drawing.land.step > step) drawing.land = unseenLand(drawing.states);
+  const { land, states } = drawing;
+  while (land.step < step) {
+    land.step += 1;
+    paintSeen(land, states[land.step], textures);
+  }
+  canvas.width = canvas.height = land.canvas.width;
+  const pen = canvas.getContext("2d");
+  pen.drawImage(land.canvas, 0, 0);
+  pen.fillStyle = "#ffffff";
+  pen.fillRect(states[step].at[0] + land.x, states[step].at[1] + land.y, 1, 1);
+}
+
+// Large enough for what the whole episode gets to see, so that the map does not jump while one plays.
+function unseenLand(states) {
   const [west, east] = extent(states.map(({ at }) => at[0]));
   const [north, south] = extent(states.map(({ at }) => at[1]));
-  canvas.width = canvas.height = Math.max(east - west, south - north) + VIEW.columns + 4;
-  const pen = canvas.getContext("2d");
-  pen.translate(...[west + east, north + south].map((sum) => Math.floor((canvas.width - 1 - sum) / 2)));
-  for (let past = 0; past <= step; past += 1) {
-    const { ground, at } = states[past];
-    const same = past > 0 && ground === states[past - 1].ground && at === states[past - 1].at;
-    if (same) continue;
-    for (let cell = 0; cell < ground.length; cell += 1) {
-      if (ground[cell] === ".") continue;
-      pen.fillStyle = LAND[materialOf(ground[cell], textures)];
-      pen.fillRect(at[0] - 4 + (cell % VIEW.columns), at[1] - 3 + Math.floor(cell / VIEW.columns), 1, 1);
-    }
+  const side = Math.max(east - west, south - north) + VIEW.columns + 4;
+  const [x, y] = [west + east, north + south].map((sum) => Math.floor((side - 1 - sum) / 2));
+  return { canvas: element("canvas", { width: side, height: side }), x, y, step: -1 };
+}
+
+function paintSeen(land, { ground, at }, textures) {
+  const pen = land.canvas.getContext("2d");
+  for (let cell = 0; cell < ground.length; cell += 1) {
+    if (ground[cell] === ".") continue;
+    pen.fillStyle = LAND[materialOf(ground[cell], textures)];
+    const [column, row] = [cell % VIEW.columns, Math.floor(cell / VIEW.columns)];
+    pen.fillRect(at[0] - 4 + column + land.x, at[1] - 3 + row + land.y, 1, 1);
   }
-  pen.fillStyle = "#ffffff";
-  pen.fillRect(...states[step].at, 1, 1);
 }
 
 // --- Minecraft -------------------------------------------------------------------------------------------------------
