@@ -12,13 +12,17 @@ from rich.console import Console
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.progress import showing
-from smartplay_tools.cli.show import compact_table, short
+from smartplay_tools.cli.show import compact_table, short, wide_console
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation import estimate, runner
+from smartplay_tools.evaluation.display import summary_tables
 from smartplay_tools.evaluation.meter import Caps
+from smartplay_tools.evaluation.metrics import summarize
 from smartplay_tools.evaluation.plan import Plan, make_cells, plan_episodes, suite_games
 from smartplay_tools.evaluation.prices import Price, find_price
 from smartplay_tools.evaluation.runner import Run
+from smartplay_tools.evaluation.tables import summary_json
+from smartplay_tools.players import is_interactive
 
 _RUN = "The run"
 
@@ -92,7 +96,7 @@ def evaluate(
         slack=slack,
     )
     rules: dict[str, Any] = {"engine": engine, "manual": manual, "batch": batch, "protocol": protocol}
-    rules |= {"tokenizer": tokenizer, "options": options.game_options(option)}
+    rules |= {"tokenizer": tokenizer, "options": options.key_values(option)}
     rules["player_options"] = player_options(base_url, player_option)
     cells = make_cells(suite_games(suite, options.names(games)), options.names(players), [budget], **rules)
     plan = plan_episodes(cells, trials=trials, seed=seed)
@@ -115,12 +119,20 @@ def evaluate(
 def carry_out(plan: Plan, out: Path, *, quiet: bool, shard: tuple[int, int] | None, **how: Any) -> Run:
     """Play a plan, with its progress on the standard error."""
     part = plan if shard is None else plan.shard(*shard)
+    # A person plays on the terminal that the progress would be shown on.
+    quiet = quiet or any(is_interactive(cell.player) for cell in plan.cells)
     with showing(Console(stderr=True), part, quiet=quiet) as on_progress:
         return runner.run_plan(plan, out, shard=shard, on_progress=on_progress, **how)
 
 
 def print_run(run: Run, *, as_json: bool) -> None:
     """Print what a run has come to; the exit code is 0 only if every planned episode is finished."""
+    summary = summarize(run.rows, run.failures)
+    if as_json:
+        counts = {"planned": run.planned, "finished": len(run.rows), "stopped": run.stopped}
+        print(json.dumps({**counts, **summary_json(summary)}, indent=2))
+    else:
+        wide_console().print(summary_tables(summary), end="")
     console = Console(stderr=True)
     if run.stopped is not None:
         console.print(f"Stopped by {run.stopped}. The same command goes on from here.", soft_wrap=True)
@@ -165,7 +177,7 @@ def _amounts(episodes: int, calls: int, prompts: int, replies: int, cost: float 
 
 def player_options(base_url: str | None, pairs: list[str] | None) -> dict[str, Any]:
     """Return the options of the players; a key does not belong there, since everything there goes on record."""
-    found = options.game_options(pairs) | ({} if base_url is None else {"base_url": base_url})
+    found = options.key_values(pairs, "--player-option") | ({} if base_url is None else {"base_url": base_url})
     if "api_key" in found:
         raise InvalidArgumentError("A key would stand in the records; give it in the environment, as OPENAI_API_KEY.")
     return found

@@ -105,6 +105,11 @@ class RockPaperScissors(TextGame):
         table = {"odds": list(self._table.probabilities), "scores": list(self._table.scores), "best": self._best}
         return {"hands": self._hands, **table}
 
+    @property
+    def optimal_action(self) -> int:
+        """The hand with the largest expected reward against the true opponent."""
+        return self._best
+
     def _reset(self) -> str:
         self._hands: list[int] = []
         self._table = shuffle(self._setting, self.np_random)
