@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from smartplay_tools.evaluation.cells import Cell, Row, by_cell
+from smartplay_tools.evaluation.cells import PlayedCell, Row, by_cell
 from smartplay_tools.evaluation.intervals import Estimate
 from smartplay_tools.evaluation.pairs import MEASURES, estimate, paired_difference
 from smartplay_tools.evaluation.pareto import pareto_front
@@ -33,9 +33,9 @@ _FOLLOWS_FROM_WINDOW = ("result_tokens", "manual_tokens")
 class Comparison:
     """One cell beside the full context of its family."""
 
-    cell: Cell
+    cell: PlayedCell
     episodes: int
-    full: Cell
+    full: PlayedCell
     """The cell that it is compared with; itself, if it is the one that shows most."""
     means: Mapping[str, Estimate]
     """By the names of `pairs.MEASURES`, those that the episodes have."""
@@ -76,7 +76,7 @@ def compare(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> list[Compa
     ]
 
 
-def width(cell: Cell) -> tuple[float, float, float]:
+def width(cell: PlayedCell) -> tuple[float, float, float]:
     """How much a cell's window shows: a key that is larger for the one that shows more."""
     history, prompt_tokens = (
         float("inf") if cell.budget[name] is None else float(cell.budget[name]) for name in WINDOW[:2]
@@ -90,7 +90,7 @@ def is_widest_but(comparison: Comparison, field: str) -> bool:
     return all(comparison.cell.budget[name] == comparison.full.budget[name] for name in others)
 
 
-def family(cell: Cell, along: Sequence[str] = WINDOW) -> str:
+def family(cell: PlayedCell, along: Sequence[str] = WINDOW) -> str:
     """A key for everything about a cell but its window, or but those fields of it that are named."""
     facts = asdict(cell)
     left_out = (*along, *_FOLLOWS_FROM_WINDOW)
@@ -98,7 +98,7 @@ def family(cell: Cell, along: Sequence[str] = WINDOW) -> str:
     return json.dumps(facts, sort_keys=True)
 
 
-def _full_contexts(groups: Sequence[tuple[Cell, list[Row]]], along: Sequence[str]) -> list[int]:
+def _full_contexts(groups: Sequence[tuple[PlayedCell, list[Row]]], along: Sequence[str]) -> list[int]:
     """For every group the index of the one that shows most in its family."""
     families = [family(cell, along) for cell, _ in groups]
     widest: dict[str, int] = {}
@@ -120,7 +120,7 @@ def _differences(rows: Sequence[Row], reference: Sequence[Row]) -> dict[str, Est
 
 
 def _fronts(
-    groups: Sequence[tuple[Cell, list[Row]]], means: Sequence[Mapping[str, Estimate]], price: str
+    groups: Sequence[tuple[PlayedCell, list[Row]]], means: Sequence[Mapping[str, Estimate]], price: str
 ) -> list[bool | None]:
     """For every group whether it is on its game's front of score against a price; None where prices are missing."""
     games: dict[str, list[int]] = {}

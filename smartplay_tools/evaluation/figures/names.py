@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from smartplay_tools.evaluation.cells import Cell
+from smartplay_tools.evaluation.cells import PlayedCell
 from smartplay_tools.evaluation.comparison import Comparison
 
 
@@ -18,7 +18,7 @@ def series_name(comparison: Comparison, among: Sequence[Comparison]) -> str:
     return ", ".join(said)
 
 
-def window_name(cell: Cell) -> str:
+def window_name(cell: PlayedCell) -> str:
     """Return what a cell's window shows: 5 steps, 1,000 tokens, slack 0.5."""
     history, tokens, slack = (cell.budget[name] for name in ("history", "prompt_tokens", "slack"))
     said = ["all steps" if history is None else f"{history} step{'' if history == 1 else 's'}"]
