@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import openai
 
@@ -55,6 +55,9 @@ class OpenAIPlayer:
     It serves threads and event loops, many conversations at a time. `close` and `aclose`, or `with` and `async with`,
     give its connections back.
     """
+
+    serves_many: ClassVar[bool] = True
+    """One object serves all episodes of a run on an event loop."""
 
     _registered = "openai"
     _interface: _Interface = chat

@@ -12,13 +12,16 @@ from rich.console import Console
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.progress import showing
-from smartplay_tools.cli.show import compact_table, short
+from smartplay_tools.cli.show import compact_table, short, wide_console
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation import estimate, runner
+from smartplay_tools.evaluation.display import summary_tables
 from smartplay_tools.evaluation.meter import Caps
+from smartplay_tools.evaluation.metrics import summarize
 from smartplay_tools.evaluation.plan import Plan, make_cells, plan_episodes, suite_games
 from smartplay_tools.evaluation.prices import Price, find_price
 from smartplay_tools.evaluation.runner import Run
+from smartplay_tools.evaluation.tables import summary_json
 
 _RUN = "The run"
 
@@ -121,6 +124,12 @@ def carry_out(plan: Plan, out: Path, *, quiet: bool, shard: tuple[int, int] | No
 
 def print_run(run: Run, *, as_json: bool) -> None:
     """Print what a run has come to; the exit code is 0 only if every planned episode is finished."""
+    summary = summarize(run.rows, run.failures)
+    if as_json:
+        counts = {"planned": run.planned, "finished": len(run.rows), "stopped": run.stopped}
+        print(json.dumps({**counts, **summary_json(summary)}, indent=2))
+    else:
+        wide_console().print(summary_tables(summary), end="")
     console = Console(stderr=True)
     if run.stopped is not None:
         console.print(f"Stopped by {run.stopped}. The same command goes on from here.", soft_wrap=True)

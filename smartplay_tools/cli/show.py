@@ -11,6 +11,10 @@ from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.records import EpisodeResult
 
 
+PAPER_WIDTH = 140
+"""Columns for tables that go into a file."""
+
+
 class TurnPrinter:
     """Prints every turn: what the prompt took of its cap, what was dropped, what was called, what came of it."""
 
@@ -61,6 +65,12 @@ def print_result(console: Console, result: EpisodeResult) -> None:
     for name, values in result.deviations.items():
         table.add_row("deviation", f"{name}: {values['played']} instead of the paper's {values['paper']}")
     console.print(table)
+
+
+def wide_console() -> Console:
+    """Return a console for tables: as wide as the terminal, and wide enough for all columns in a file or a pipe."""
+    console = Console()
+    return console if console.is_terminal else Console(width=PAPER_WIDTH)
 
 
 def compact_table(*headings: str) -> Table:

@@ -7,4 +7,9 @@ meter, prices caps on what a whole run may spend
 store         the run's folder
 work, runner  what is left to be played; `evaluate`
 merging       shards put together
+cells         which episodes may be put into one figure
+metrics       rows into figures: intervals, capabilities, bracket
+standing      how far a run is
+display       figures as tables for a terminal
+tables        rows as CSV and Parquet, figures as JSON
 """

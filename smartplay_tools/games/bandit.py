@@ -81,6 +81,11 @@ class Bandit(TextGame):
             longest_observation=max(map(len, [START, *texts])), characters="".join([START, *texts]), **options
         )
 
+    @property
+    def optimal_action(self) -> int:
+        """The machine with the larger expected reward."""
+        return self._best
+
     def _reset(self) -> str:
         self._order = shuffle(self._arms, self.np_random)
         self._best = best(self._order)

@@ -122,6 +122,11 @@ class TextGame(gymnasium.Env[str, Any]):
     def _state(self) -> Any:
         """The whole state of the game's rules as JSON, or as bytes; the random stream is added by `state_hash`."""
 
+    @property
+    def optimal_action(self) -> int | None:
+        """The best action now for one who knows the whole state; None where no optimum is known, or none is left."""
+        return None
+
     def deviations(self) -> dict[str, Any]:
         """What this game's options make differ from the paper: name -> {"paper": ..., "played": ...}."""
         return {}

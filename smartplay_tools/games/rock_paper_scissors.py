@@ -100,6 +100,11 @@ class RockPaperScissors(TextGame):
         texts = [describe(hand, other, score) for hand, other in pairs for score in [0, *rewards]]
         super().__init__(longest_observation=max(map(len, texts)), characters="".join(texts), **options)
 
+    @property
+    def optimal_action(self) -> int:
+        """The hand with the largest expected reward against the true opponent."""
+        return self._best
+
     def _reset(self) -> str:
         self._table = shuffle(self._setting, self.np_random)
         self._best = best(self._table)

@@ -15,9 +15,12 @@ from smartplay_tools.records import AsyncPlayer, Player
 
 PLAYERS: dict[str, str] = {
     "anthropic": "smartplay_anthropic:AnthropicPlayer",
+    "first": "smartplay_tools.players.first:FirstPlayer",
+    "human": "smartplay_tools.players.human:HumanPlayer",
     "langchain": "smartplay_langchain:LangChainPlayer",
     "openai": "smartplay_openai:OpenAIPlayer",
     "openai-responses": "smartplay_openai:ResponsesPlayer",
+    "oracle": "smartplay_tools.players.oracle:OraclePlayer",
     "random": "smartplay_tools.players.random:RandomPlayer",
     "rule": "smartplay_tools.players.rule:RulePlayer",
     "rule-notes": "smartplay_tools.players.rule:RuleNotesPlayer",
