@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import re
 import shutil
+import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -104,6 +105,9 @@ def _ask(name: str, asked: argparse.Namespace) -> Sweep:
     played = sweep(
         **arguments, out=asked.out / name, seed=asked.seed, workers=asked.workers, run_tokens=asked.run_tokens
     )
+    if not played.run.complete:
+        left = played.run.planned - len(played.rows)
+        sys.exit(f"{left} episodes of {asked.out / name} are not finished; the same command goes on with them.")
     played.write()
     return played
 

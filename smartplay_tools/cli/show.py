@@ -10,7 +10,6 @@ from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.records import EpisodeResult
 
-
 PAPER_WIDTH = 140
 """Columns for tables that go into a file."""
 

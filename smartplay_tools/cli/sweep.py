@@ -24,10 +24,10 @@ from smartplay_tools.cli.evaluate import (
     Trials,
     Workers,
     carry_out,
+    conclude,
     player_options,
     prices,
     print_estimate,
-    print_run,
     read_shard,
 )
 from smartplay_tools.cli.show import compact_table, short
@@ -115,7 +115,7 @@ def sweep(
         prices=prices(price),
     )
     _show(Sweep(run), as_json=as_json)
-    print_run(run, as_json=as_json)
+    conclude(run)
 
 
 def _named(option: str, text: str) -> list[str]:

@@ -5,7 +5,8 @@ the one of its family that shows most: **full context**. That is the cell with t
 the highest cap on prompts, among those with the least slack; None is no limit, and longest. In a grid this is the
 largest history with the largest cap at slack 0, with the manual as it is in the cell.
 
-Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each by itself: with twenty
+An episode that the cap of the whole run cut short (`run_budget`) says when the money was gone, not what a window is
+worth: it is in no comparison. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each by itself: with twenty
 cells, one is expected to miss. The Pareto fronts are of the means, among all cells of one game: players, manuals and
 protocols included, for they have a price too.
 """
@@ -58,7 +59,7 @@ def compare(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> list[Compa
     `along` are the fields of the budget in which a family may differ. `("slack",)` asks what slack alone does: every
     cell is compared with the one of the same history and the same cap that has the least.
     """
-    groups = by_cell(rows)
+    groups = by_cell(row for row in rows if row["end_reason"] != "run_budget")
     full = _full_contexts(groups, along)
     means = [_estimates(members) for _, members in groups]
     token_fronts, cost_fronts = _fronts(groups, means, "tokens"), _fronts(groups, means, "cost")

@@ -93,5 +93,13 @@ def test_a_flat_row_is_plain_data_with_the_same_columns_everywhere():
     assert (full["cost"], full["on_cost_front"]) == (None, None)
 
 
+def test_an_episode_that_the_run_could_not_pay_for_is_not_compared():
+    rows = cell([30, 41], history=1) + cell([40, 44], history=50)
+    rows[1]["end_reason"] = "run_budget"
+    small, full = compare(rows)
+    assert (small.episodes, small.differences["score"].mean, small.differences["score"].episodes) == (1, -10, 1)
+    assert full.episodes == 2
+
+
 def test_nothing_played_is_nothing_compared():
     assert compare([]) == []

@@ -38,5 +38,6 @@ def row(seed: int = 0, score: float = 0.0, *, tokens: int = 100, cost: float | N
         "normalized_score": score / 45,
         "tokens": {"prompt": tokens, "reply": 0, "prefix": tokens // 2, "overruns": 0, "provider": None},
         "cost": cost,
+        "end_reason": "rollout",
     }
     return usual | measured | {"budget": BUDGET | window} | facts

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from smartplay_tools.evaluation.cells import by_cell
@@ -52,21 +52,28 @@ def _varies(comparisons: Sequence[Comparison], field: str) -> bool:
 def _profiles(rows: Sequence[Row], comparisons: Sequence[Comparison]) -> dict[str, Scores]:
     """The normalised scores of every player in full context; none, if the players have no setting in common."""
     profiles: dict[str, dict[str, list[float]]] = {}
-    for comparison, (cell, members) in zip(comparisons, by_cell(rows), strict=True):
+    for comparison, members in _with_rows(comparisons, rows):
         normalized = [row["normalized_score"] for row in members if row["normalized_score"] is not None]
         if comparison.is_full:
             profiles.setdefault(series_name(comparison, comparisons), {})
             if normalized:
-                profiles[series_name(comparison, comparisons)][cell.game] = normalized
+                profiles[series_name(comparison, comparisons)][comparison.cell.game] = normalized
     common = set.intersection(*(set(profile) for profile in profiles.values()))
     return dict(profiles) if common else {}
+
+
+def _with_rows(comparisons: Sequence[Comparison], rows: Sequence[Row]) -> Iterator[tuple[Comparison, list[Row]]]:
+    """Every comparison with the episodes of its cell."""
+    members = by_cell(rows)
+    for comparison in comparisons:
+        yield comparison, next(own for cell, own in members if cell == comparison.cell)
 
 
 def _walks(folder: RunFolder, rows: Sequence[Row], comparisons: Sequence[Comparison]) -> dict[str, list[list[float]]]:
     """Crafter's walks under every history, with the other limits as wide as they are."""
     walks: dict[str, list[list[float]]] = {}
-    for comparison, (cell, members) in zip(comparisons, by_cell(rows), strict=True):
-        if cell.spec.family == "crafter" and is_widest_but(comparison, "history"):
-            name = f"{series_name(comparison, comparisons)}, {window_name(cell)}"
+    for comparison, members in _with_rows(comparisons, rows):
+        if comparison.cell.spec.family == "crafter" and is_widest_but(comparison, "history"):
+            name = f"{series_name(comparison, comparisons)}, {window_name(comparison.cell)}"
             walks[name] = [walk_of(folder.transcript(row["key"])) for row in members]
     return walks
