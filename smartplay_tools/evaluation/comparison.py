@@ -6,9 +6,9 @@ the highest cap on prompts, among those with the least slack; None is no limit, 
 largest history with the largest cap at slack 0, with the manual as it is in the cell.
 
 An episode that the cap of the whole run cut short (`run_budget`) says when the money was gone, not what a window is
-worth: it is in no comparison. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each by itself: with twenty
-cells, one is expected to miss. The Pareto fronts are of the means, among all cells of one game: players, manuals and
-protocols included, for they have a price too.
+worth: it is in no comparison. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`),
+each by itself: with twenty cells, one is expected to miss. The Pareto fronts are of the means, among all cells of one
+game: players, manuals and protocols included, for they have a price too.
 """
 
 from __future__ import annotations
