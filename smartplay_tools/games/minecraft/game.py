@@ -9,7 +9,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
 from smartplay_tools.games.minecraft.engines import ENGINES, Engine, load_engine
 from smartplay_tools.games.minecraft.observation import Observation, TextMode
-from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, strides, turn
+from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, Goal, strides, turn
 from smartplay_tools.games.minecraft.text import CHARACTERS, LONGEST, describe
 
 PAPER_ENGINE = "minedojo"
@@ -66,6 +66,16 @@ class Minecraft(TextGame):
     def versions(self) -> Mapping[str, str]:
         """The versions of the engine's programs."""
         return self._world.versions
+
+    @property
+    def goal(self) -> Goal:
+        """What is looked for."""
+        return self._goal
+
+    @property
+    def world(self) -> Engine:
+        """The engine, with the world that is played in it."""
+        return self._world
 
     def _state(self) -> bytes:
         return self._world.state()

@@ -7,9 +7,10 @@ local world = {}
 world.SEA_LEVEL = 63 -- the first layer of air above the sea
 world.UP = 61
 local UP = world.UP
-local EDGE = 16 * tonumber(minetest.settings:get("chunksize"))
-local FIRST = -16 * math.floor(tonumber(minetest.settings:get("chunksize")) / 2)
+
 -- A chunk, the piece in which the map is made, has EDGE nodes a side; one of them begins at FIRST.
+local CHUNK = tonumber(minetest.settings:get("chunksize")) -- in pieces of 16
+local EDGE, FIRST = 16 * CHUNK, -16 * math.floor(CHUNK / 2)
 
 local floor = math.floor
 local origin_x, origin_z = 0, 0
@@ -26,8 +27,8 @@ function world.point(x, y, z) return {x = x - 0.5 + origin_x, y = y - 0.5 - UP, 
 -- What matters of a kind of node, by its name.
 local kinds = {}
 
+-- Thin layers, of snow for example, hinder nobody.
 local function is_low(definition)
-    -- Thin layers, of snow for example, hinder nobody.
     local box = definition.collision_box or definition.node_box
     local fixed = box and box.fixed
     if type(fixed) ~= "table" then return false end
