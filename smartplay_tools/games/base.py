@@ -131,17 +131,16 @@ class TextGame(gymnasium.Env[str, Any]):
         """What this game's options make differ from the paper: name -> {"paper": ..., "played": ...}."""
         return {}
 
-<<<<<<< HEAD
     def versions(self) -> Mapping[str, str]:
         """Name to version of the programs outside of Python that run the game; they stand in the result."""
-=======
+        return {}
+
     def drawing(self) -> dict[str, Any]:
         """The state as a person would draw it, as JSON: what a replay page draws, hidden facts included.
 
         Empty where there is nothing to draw. A game that has no drawing of its own on the page may give
         `{"text": ...}`, a picture made of characters.
         """
->>>>>>> origin/main
         return {}
 
     # What every game has.
