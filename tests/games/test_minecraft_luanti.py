@@ -93,19 +93,23 @@ def test_every_task_starts_outside_of_its_goal_and_is_told_in_the_contracts_word
 
 @needs_server
 @pytest.mark.slow
-def test_who_is_told_the_way_finds_the_plains():
-    game = sp.GAMES["MinedojoCreative0-v0"].make(engine="luanti")
-    game.reset(seed=1)
-    guide = Guide(game._world, seed=1)
-    for _ in range(150):
-        *_, terminated, _, _ = game.step(guide.best_action())
-        if terminated:
-            break
-    ground = set(game._seen.blocks[:, : FEET + 1, :].ravel().tolist())
-    game.close()
-    assert game.completed
-    assert game.score == 1
-    assert ground & {"grass block", "snowy grass block", "snow block"}
+def test_who_is_told_the_way_nearly_always_gets_there(folders):
+    # `benchmarks/minecraft.py` asks the same of more seeds.
+    found = []
+    for task in CORRECTED_GOALS:
+        game = sp.GAMES[f"MinedojoCreative{task}-v0"].make(engine="luanti")
+        game.reset(seed=1)
+        guide = Guide(game.world, seed=1)
+        for _ in range(150):
+            *_, terminated, _, _ = game.step(guide.best_action())
+            if terminated:
+                assert (game.completed, game.score) == (True, 1)
+                assert game._seen.biome in CORRECTED_GOALS[task].biomes
+                found.append(task)
+                break
+        game.close()
+    assert len(found) >= 6
+    assert list(folders.iterdir()) == []
 
 
 @needs_server
@@ -123,19 +127,21 @@ def test_biomes_are_told_by_the_ground(folders):
         35: {"savanna dirt with savanna grass"},
         140: {"snow block", "ice"},
     }
-    seen: dict[int, set[str]] = {}
+    trunks = re.compile("air|.* (wood|leaves)")
+    agree: list[bool] = []
+    seen: set[int] = set()
     engine = LuantiEngine(text="corrected")
     for seed, task in enumerate((0, 5, 7, 8)):
         engine.reset(seed, CORRECTED_GOALS[task])
         for number in range(6):
             observation = walk(engine, (0, 0, 1, 2, 2, 3)[number], number, task=task)
             below = str(observation.blocks[FEET, FEET - 1, FEET])
-            seen.setdefault(observation.biome, set()).add(below)
+            if observation.biome in ground and not trunks.fullmatch(below):
+                seen.add(observation.biome)
+                agree.append(below in ground[observation.biome])
     engine.close()
-    known = set(ground) & set(seen)
-    assert len(known) >= 3
-    for biome in known:
-        assert seen[biome] & ground[biome], (biome, seen[biome])
+    assert len(seen) >= 3
+    assert np.mean(agree) > 0.8
 
 
 @needs_server
@@ -246,6 +252,18 @@ def test_two_processes_see_the_same_bit_for_bit():
     one, other = (run.communicate(timeout=240)[0] for run in runs)
     assert one == other
     assert len(one.splitlines()) == 12
+
+
+@needs_server
+def test_every_server_decorates_alike():
+    """The engine numbers the decorations that have no name anew at every start."""
+    seen = set()
+    for _ in range(4):
+        started = server.Server(find_installation(), seed=1)
+        seen.add(started.decorations)
+        started.close()
+    assert len(seen) == 1
+    assert re.fullmatch("[0-9a-f]{40}", *seen)
 
 
 @needs_server
@@ -400,8 +418,10 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     return install
 
 
-SAY = 'say() { echo "$1" > /dev/fd/$(sed -n "s/smartplay_answers = //p" "$4"); }\n'
-READY = """exec 9> /dev/fd/$(sed -n 's/smartplay_answers = //p' "$4"); echo '{"version":"0"}' >&9; read line"""
+READY = (
+    """exec 9> /dev/fd/$(sed -n 's/smartplay_answers = //p' "$4"); """
+    """echo '{"version":"0","decorations":""}' >&9; read line"""
+)
 
 
 def failure(folders: Path) -> str:

@@ -51,8 +51,11 @@ class Server:
             os.close(commands)
             os.close(answers)
         self._finalizer = weakref.finalize(self, _stop, self._guard, self._commands, self._answers)
-        self.version: str = self._read("start", START_SECONDS)["version"]
+        facts = self._read("start", START_SECONDS)
+        self.version: str = facts["version"]
         """The engine's version."""
+        self.decorations: str = facts["decorations"]
+        """A digest of what the map is decorated with, in its order: the same in every run, or worlds are not."""
 
     @property
     def process(self) -> int:

@@ -13,7 +13,7 @@ local function part(name, ...)
     return assert(loadfile(minetest.get_modpath("smartplay") .. "/" .. name .. ".lua"))(...)
 end
 
-part("decorations")
+local decorations = part("decorations")
 local world = part("world")
 local terrain = part("terrain", world)
 local biomes = part("biomes", world, terrain)
@@ -103,5 +103,5 @@ minetest.register_globalstep(function()
 end)
 
 minetest.register_on_mods_loaded(function()
-    answer(minetest.write_json({version = minetest.get_version().string}))
+    answer(minetest.write_json({version = minetest.get_version().string, decorations = decorations.digest}))
 end)
