@@ -36,6 +36,6 @@ app = typer.Typer(
 for command in (games.games, games.manual, games.schema, play.play, replay.replay, demo.demo):
     app.command(no_args_is_help=False)(command)
 app.command("eval", no_args_is_help=True)(evaluate.evaluate)
-for command in (sweep.sweep, results.results, report.report, merge.merge):
-    app.command(no_args_is_help=True)(command)
+for of_runs in (sweep.sweep, results.results, report.report, merge.merge):
+    app.command(no_args_is_help=True)(of_runs)
 app.add_typer(serve.app, name="serve")
