@@ -65,13 +65,18 @@ def weighted_estimate(samples: Sequence[Sequence[float]], weights: Sequence[floa
     pairs = [(sample, weight) for sample, weight in pairs if weight]
     if any(len(sample) == 1 for sample, _ in pairs):
         return Estimate(mean, None, None, episodes, ONE_EPISODE)
-    if all(sample[0] == sample[-1] for sample, _ in pairs):
+    if all(sample[-1] - sample[0] <= _rounding(mean) for sample, _ in pairs):
         return Estimate(mean, mean, mean, episodes, ALL_EQUAL)
     totals = np.zeros(RESAMPLES)
     for stream, (sample, weight) in enumerate(pairs):
         totals += weight * _resampled_means(sample, stream)
     low, high = _bca(totals, mean, _acceleration(pairs))
     return Estimate(mean, low, high, episodes)
+
+
+def _rounding(mean: float) -> float:
+    """What sums of floats may differ by: rewards that are added up in another order are equal all the same."""
+    return 1e-9 * max(1.0, abs(mean))
 
 
 @functools.lru_cache(maxsize=64)
@@ -103,7 +108,7 @@ def _bca(totals: Values, mean: float, acceleration: float) -> tuple[float, float
     """The two percentiles of the resampled figures that bias and skewness ask for."""
     normal = NormalDist()
     # Scores are discrete, so many resamples tie with the mean (up to rounding): they count half on either side.
-    tolerance = 1e-9 * max(1.0, abs(mean))
+    tolerance = _rounding(mean)
     below = float((totals < mean - tolerance).mean() + (np.abs(totals - mean) <= tolerance).mean() / 2)
     bias = normal.inv_cdf(min(max(below, 1 / RESAMPLES), 1 - 1 / RESAMPLES))
 

@@ -51,6 +51,10 @@ def test_where_the_bootstrap_knows_nothing_it_says_so(values, expected):
     assert mean_estimate(values) == expected
 
 
+def test_what_differs_by_rounding_only_is_equal():
+    assert mean_estimate([0.1 + 0.2, 0.3]).note == mean_estimate([0.3, 0.3]).note != mean_estimate([0.3, 0.31]).note
+
+
 def test_two_episodes_bound_their_own_mean():
     estimate = mean_estimate([0.0, 1.0])
     assert (estimate.low, estimate.high) == (0, 1)
