@@ -4,6 +4,7 @@
     ├── InvalidArgumentError  an argument or a budget that cannot be; also a ValueError
     ├── UnknownNameError      no game, player or tokenizer of that name; the message lists near ones
     ├── MissingExtraError     a feature whose optional dependency is not installed; the message is the remedy
+    ├── EngineError           a game's engine cannot be started here, or has broken down
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
     └── TranscriptError       a file that is not a transcript, or not one that can be written, read or replayed
 
@@ -45,6 +46,10 @@ class MissingExtraError(SmartPlayError, ImportError):
 
     def __init__(self, feature: str, extra: str) -> None:
         super().__init__(f"{feature} needs an optional dependency: pip install 'smartplay-tools[{extra}]'")
+
+
+class EngineError(SmartPlayError, RuntimeError):
+    """An engine, a program of its own, that cannot be started or has broken down; the message says in what."""
 
 
 class PromptOverflowError(SmartPlayError):

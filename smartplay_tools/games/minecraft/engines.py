@@ -44,6 +44,7 @@ class Engine(Protocol):
 ENGINES: Mapping[str, str] = MappingProxyType(
     {
         "voxel": "smartplay_tools.games.minecraft.voxel.engine:VoxelEngine",
+        "minedojo": "smartplay_tools.games.minecraft.minedojo.engine:MineDojoEngine",
     }
 )
 """Name to class, imported when a game asks for it."""

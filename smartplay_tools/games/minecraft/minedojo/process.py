@@ -1,0 +1,150 @@
+"""WorkerProcess: a worker as its parent sees it, a program that answers calls in time or is ended."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+import selectors
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+import weakref
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO, Any, cast
+
+from smartplay_tools.errors import EngineError, InvalidArgumentError
+from smartplay_tools.games.minecraft.minedojo.worker import FAMILY, end_family
+
+CLOSE_SECONDS = 20.0
+"""How long an orderly close may take: MineDojo gives its client a few seconds."""
+
+LEAVE_SECONDS = 3.0
+"""How long a worker that has been told to end may take to do so."""
+
+LOG_LINES = 40
+"""How much of a broken worker's log goes into the record."""
+
+_UNWANTED = ("PYTHONPATH", "PYTHONHOME", "PYTHONSTARTUP", "VIRTUAL_ENV")
+"""What would lead another interpreter to the modules of this one."""
+
+
+class WorkerProcess:
+    """A child process that answers lines of JSON. It has a directory of its own, which goes when it goes.
+
+    Whatever happens, nothing is left: a call that fails or is late ends the worker with all that it has started, and
+    so does the end of this object or of this process.
+    """
+
+    def __init__(self, command: Sequence[str], **environment: str) -> None:
+        folder = Path(tempfile.mkdtemp(prefix="smartplay-minedojo-"))
+        mark = secrets.token_hex(16)
+        inherited = {name: value for name, value in os.environ.items() if name not in _UNWANTED}
+        inside = {FAMILY: mark, "TMPDIR": str(folder), **environment}
+        self._log = folder / "worker.log"
+        try:
+            with self._log.open("wb") as log:
+                self._process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=log,
+                    cwd=folder,
+                    env=inherited | inside,
+                    bufsize=0,
+                    start_new_session=True,  # a Ctrl-C is meant for this process, which closes what it has opened
+                )
+        except OSError as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise InvalidArgumentError(f"{command[0]} cannot be run: {error.strerror}.") from None
+        self.end = weakref.finalize(self, _end, self._process, mark, folder, os.getpid())
+        """End it, now; more than once is allowed."""
+
+    @property
+    def alive(self) -> bool:
+        """Whether it can be called."""
+        return bool(self.end.alive) and self._process.poll() is None
+
+    def call(self, name: str, *, seconds: float, **arguments: Any) -> Any:
+        """Return the answer to a call. One that fails, or takes longer, ends the worker and is an EngineError."""
+        try:
+            self._send({"call": name, **arguments})
+            answer = self._receive(time.monotonic() + seconds)
+            if answer is None:
+                raise EngineError(f"MineDojo has not answered {name!r} within {seconds:g} seconds; it was ended.")
+            if "error" in answer:
+                raise EngineError(f"MineDojo has failed in {name!r}: {answer['error']}.")
+            return answer["ok"]
+        except BaseException as error:  # an interrupt, too, leaves an answer behind that nobody waits for
+            error.add_note(f"The end of the worker's log:\n{self._log_tail()}")
+            self.end()
+            raise
+
+    def close(self) -> None:
+        """Let it end in good order if it can, and end it if not."""
+        if self.alive:
+            with contextlib.suppress(EngineError):
+                self.call("close", seconds=CLOSE_SECONDS)
+        self.end()
+
+    def _send(self, request: dict[str, Any]) -> None:
+        try:
+            cast(IO[bytes], self._process.stdin).write(json.dumps(request).encode() + b"\n")
+        except (BrokenPipeError, ValueError):
+            raise self._gone() from None
+
+    def _receive(self, deadline: float) -> dict[str, Any] | None:
+        """The next line, or None if the time is over."""
+        source, data = cast(IO[bytes], self._process.stdout), bytearray()
+        with selectors.DefaultSelector() as selector:
+            selector.register(source, selectors.EVENT_READ)
+            while not data.endswith(b"\n"):
+                if not selector.select(max(0.0, deadline - time.monotonic())):
+                    return None
+                more = source.read(1 << 20)
+                if not more:
+                    raise self._gone()
+                data += more
+        try:
+            answer = json.loads(data)
+        except ValueError:
+            answer = None
+        if not isinstance(answer, dict) or not answer.keys() & {"ok", "error"}:
+            raise EngineError(f"MineDojo's worker has answered something else than an answer: {bytes(data[:80])!r}.")
+        return answer
+
+    def _gone(self) -> EngineError:
+        """What to say of a worker that has closed its pipes."""
+        try:
+            code: int | str = self._process.wait(LEAVE_SECONDS)
+        except subprocess.TimeoutExpired:
+            code = "unknown"
+        return EngineError(f"MineDojo's worker is gone (exit code {code}).")
+
+    def _log_tail(self) -> str:
+        try:
+            lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
+        except OSError:
+            return ""
+        return "\n".join(lines[-LOG_LINES:])
+
+
+def _end(process: subprocess.Popen[bytes], mark: str, folder: Path, owner: int) -> None:
+    """Close the pipes, which ends a worker that is well; kill one that is not, its family, and remove its directory."""
+    if os.getpid() != owner:  # a fork's copy of the object is not the object
+        return
+    for pipe in (process.stdin, process.stdout):
+        with contextlib.suppress(OSError):
+            cast(IO[bytes], pipe).close()
+    try:
+        process.wait(LEAVE_SECONDS)
+    except subprocess.TimeoutExpired:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    end_family(mark)
+    shutil.rmtree(folder, ignore_errors=True)
