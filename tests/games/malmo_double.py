@@ -97,21 +97,15 @@ class Client:
         player, world = self._player, self._world
         x, y, z = math.floor(player.x), math.floor(player.y), math.floor(player.z)
         world.prepare(x, z)
-        slots = [
-            {"name": "air", "inventory": "inventory", "variant": 0, "quantity": 0}
-            | {"max_durability": -1, "cur_durability": -1}
-        ] * 41
-        told = {
-            **{"life": 20.0, "armor": 0, "food": 20, "saturation": 5.0, "xp": 0, "air": 300, "is_sleeping": False},
-            **{"xpos": player.x, "ypos": player.y, "zpos": player.z, "yaw": self._yaw, "pitch": 0.0},
-            **{"biome_id": world.biome_at(x, z), "biome_temperature": 0.5, "biome_rainfall": 0.5, "sea_level": 63},
-            **{"light_level": 15, "is_raining": False, "can_see_sky": True},
-            **{"sun_brightness": 1.0, "sky_light_level": 1.0},
-            **{"inventory": slots, "nearby_crafting_table": False, "nearby_furnace": False},
-            **self._statistics,
-            "voxels": self._voxels(x, y, z),
-            "rays": self._rays(x, z),
-        }
+        slot = {"name": "air", "variant": 0, "quantity": 0, "max_durability": -1, "cur_durability": -1}
+        body = {"life": 20.0, "armor": 0, "food": 20, "saturation": 5.0, "xp": 0, "air": 300, "is_sleeping": False}
+        place = {"xpos": player.x, "ypos": player.y, "zpos": player.z, "yaw": self._yaw, "pitch": 0.0}
+        climate = {"biome_id": world.biome_at(x, z), "biome_temperature": 0.5, "biome_rainfall": 0.5, "sea_level": 63}
+        sky = {"is_raining": False, "can_see_sky": True, "sun_brightness": 1.0, "sky_light_level": 1.0}
+        about = {"light_level": 15, "nearby_crafting_table": False, "nearby_furnace": False}
+        told = body | place | climate | sky | about | self._statistics
+        told["inventory"] = [{"inventory": "inventory", **slot}] * 41
+        told["voxels"], told["rays"] = self._voxels(x, y, z), self._rays(x, z)
         return json.dumps(told).encode()
 
     def _voxels(self, x: int, y: int, z: int) -> list:

@@ -58,15 +58,15 @@ class MineDojoEngine:
         self._text = text
         self._worker: WorkerProcess | None = None
         self._seen: Observation | None = None
+        self.versions: dict[str, str] = {}
+        """What plays, once it does: the versions of Python, MineDojo, gym and NumPy there."""
 
     def reset(self, seed: int, goal: Goal) -> Observation:
         """Make the world of that seed, in the client that is there or a new one."""
         self._seen = None
         if self._worker is None or not self._worker.alive:
-            self._worker = start()
-            self._worker.call(
-                "make", seconds=_seconds(START_SECONDS), task=_TASKS[goal.name], settings=_settings(seed)
-            )
+            self._worker = start(_interpreter())
+            self.versions = _make(self._worker, _TASKS[goal.name], seed)
         # To Minecraft a seed of 0 is none at all.
         answer = self._worker.call("reset", seconds=_seconds(START_SECONDS), world_seed=str(seed or 2**32))
         self._seen = _observation(answer)
@@ -76,9 +76,7 @@ class MineDojoEngine:
         """Turn for one tick, then walk."""
         assert self._worker is not None, "reset comes before act"
         actions = [_turned(degrees), *map(_walked, strides)]
-        answer = self._worker.call(
-            "act", seconds=_seconds(CALL_SECONDS), actions=actions, goal=sorted(goal.biomes)
-        )
+        answer = self._worker.call("act", seconds=_seconds(CALL_SECONDS), actions=actions, goal=sorted(goal.biomes))
         self._seen = _observation(answer)
         return self._seen
 
@@ -97,18 +95,38 @@ class MineDojoEngine:
             self._worker = None
 
 
-def start() -> WorkerProcess:
-    """Start a worker in the interpreter that the environment names."""
+def start(python: str) -> WorkerProcess:
+    """Start a worker in the interpreter of that path."""
+    # -I: no module of this process's, nor of the working directory, is taken for one of MineDojo's.
+    command = [python, "-I", str(Path(worker.__file__))]
+    # MineDojo then prints what the client prints, so that a log tells why one does not start.
+    return WorkerProcess(command, MINEDOJO_DEBUG_LOG=os.environ.get("MINEDOJO_DEBUG_LOG", "1"))
+
+
+def check_package(python: str) -> dict[str, str]:
+    """Import MineDojo in that interpreter and make a task, which starts no client yet; return the versions."""
+    process = start(python)
+    try:
+        return _make(process, task=0, seed=0)
+    finally:
+        process.close()
+
+
+def _interpreter() -> str:
     python = os.environ.get(INTERPRETER)
     if not python:
         raise InvalidArgumentError(
             "The engine minedojo needs an environment of its own: `smartplay-tools minedojo install --venv DIR` makes "
             f"it, and {INTERPRETER} has to name its Python."
         )
-    # -I: no module of this process's, nor of the working directory, is taken for one of MineDojo's.
-    command = [python, "-I", str(Path(worker.__file__))]
-    # MineDojo then prints what the client prints, so that a log tells why one does not start.
-    return WorkerProcess(command, MINEDOJO_DEBUG_LOG=os.environ.get("MINEDOJO_DEBUG_LOG", "1"))
+    return python
+
+
+def _make(process: WorkerProcess, task: int, seed: int) -> dict[str, str]:
+    versions: dict[str, str] = process.call(
+        "make", seconds=_seconds(START_SECONDS), task=task, settings=_settings(seed)
+    )
+    return versions
 
 
 def _seconds(variable: str) -> float:

@@ -13,7 +13,7 @@ import subprocess
 import tempfile
 import time
 import weakref
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -23,14 +23,19 @@ from smartplay_tools.games.minecraft.minedojo.worker import FAMILY, end_family
 CLOSE_SECONDS = 20.0
 """How long an orderly close may take: MineDojo gives its client a few seconds."""
 
-LEAVE_SECONDS = 3.0
-"""How long a worker that has been told to end may take to do so."""
+EXIT_SECONDS = 3.0
+"""How long is waited for the exit code of a worker that has closed its pipes."""
 
 LOG_LINES = 40
 """How much of a broken worker's log goes into the record."""
 
 _UNWANTED = ("PYTHONPATH", "PYTHONHOME", "PYTHONSTARTUP", "VIRTUAL_ENV")
 """What would lead another interpreter to the modules of this one."""
+
+
+def foreign_environment(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables that another interpreter may have."""
+    return {name: value for name, value in environment.items() if name not in _UNWANTED}
 
 
 class WorkerProcess:
@@ -43,7 +48,6 @@ class WorkerProcess:
     def __init__(self, command: Sequence[str], **environment: str) -> None:
         folder = Path(tempfile.mkdtemp(prefix="smartplay-minedojo-"))
         mark = secrets.token_hex(16)
-        inherited = {name: value for name, value in os.environ.items() if name not in _UNWANTED}
         inside = {FAMILY: mark, "TMPDIR": str(folder), **environment}
         self._log = folder / "worker.log"
         try:
@@ -54,7 +58,7 @@ class WorkerProcess:
                     stdout=subprocess.PIPE,
                     stderr=log,
                     cwd=folder,
-                    env=inherited | inside,
+                    env=foreign_environment(os.environ) | inside,
                     bufsize=0,
                     start_new_session=True,  # a Ctrl-C is meant for this process, which closes what it has opened
                 )
@@ -120,7 +124,7 @@ class WorkerProcess:
     def _gone(self) -> EngineError:
         """What to say of a worker that has closed its pipes."""
         try:
-            code: int | str = self._process.wait(LEAVE_SECONDS)
+            code: int | str = self._process.wait(EXIT_SECONDS)
         except subprocess.TimeoutExpired:
             code = "unknown"
         return EngineError(f"MineDojo's worker is gone (exit code {code}).")
@@ -134,17 +138,14 @@ class WorkerProcess:
 
 
 def _end(process: subprocess.Popen[bytes], mark: str, folder: Path, owner: int) -> None:
-    """Close the pipes, which ends a worker that is well; kill one that is not, its family, and remove its directory."""
+    """Kill the worker and its family, and remove its directory; who wants a good end asks for it before."""
     if os.getpid() != owner:  # a fork's copy of the object is not the object
         return
+    if process.poll() is None:  # else its number may be another's by now
+        os.killpg(process.pid, signal.SIGKILL)
+    end_family(mark)
+    process.wait()
     for pipe in (process.stdin, process.stdout):
         with contextlib.suppress(OSError):
             cast(IO[bytes], pipe).close()
-    try:
-        process.wait(LEAVE_SECONDS)
-    except subprocess.TimeoutExpired:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-    end_family(mark)
     shutil.rmtree(folder, ignore_errors=True)
