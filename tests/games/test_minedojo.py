@@ -385,17 +385,23 @@ def assert_same(seen: Observation, expected: Observation) -> None:
 
 @pytest.mark.slow
 def test_through_the_real_package_everything_is_as_the_voxel_engine_sees_it(client, temporary):
-    """Make, reset, 20 actions, a second reset, and the end, with nothing left."""
-    random = np.random.default_rng(0)
+    """Make, reset, 20 actions, a second reset, a walk that ends on a beach, and the end, with nothing left."""
     engine, expected = MineDojoEngine(text="paper"), VoxelEngine(text="paper")
+    beach = Goal("beach", frozenset({16}))
+    entities: set[str] = set()
     try:
-        for seed, actions in ((7, 20), (8, 2)):
+        looks = [(number % 4, 4) for number in range(19)]
+        for seed, goal, walks in ((24, PLAINS, [(0, 50), *looks]), (4, beach, [(1, 50)])):
+            random = np.random.default_rng(seed)
             seen = expected.reset(seed, PLAINS)
             assert_same(engine.reset(seed, PLAINS), seen)
-            for number in range(actions):
-                degrees, keys = turn(number % 4, seen.yaw), strides(random)[: 50 if number == 0 else 4]
-                seen = expected.act(degrees, keys, PLAINS)
-                assert_same(engine.act(degrees, keys, PLAINS), seen)
+            for action, ticks in walks:
+                degrees, keys = turn(action, seen.yaw), strides(random)[:ticks]
+                seen = expected.act(degrees, keys, goal)
+                assert_same(engine.act(degrees, keys, goal), seen)
+                entities |= set(seen.ray_entities.tolist())
+        assert seen.biome in beach.biomes
+        assert entities - {"null"}
         assert engine.versions["minedojo"] == "0.1"
         pid = engine._worker._process.pid
     finally:
@@ -404,23 +410,26 @@ def test_through_the_real_package_everything_is_as_the_voxel_engine_sees_it(clie
     assert not list(temporary.iterdir())
 
 
+KILLED_IN_THE_GAME = """
+import smartplay_tools as sp, time
+episode = sp.Episode("MinedojoCreative0-v0", seed=1, engine="minedojo")
+print(episode.game._world._worker._process.pid, flush=True)
+time.sleep(60)
+"""
+
+
 @pytest.mark.slow
-def test_through_the_real_package_a_game_is_the_voxel_engine_s_word_for_word(client):
-    """Up to the tick on which the goal is reached: here a beach, two actions to the east of the start."""
-    beach = Goal("plains", frozenset({16}))
-    games = [sp.GAMES[GAME].make(engine=engine, text="paper") for engine in ("minedojo", "voxel")]
-    try:
-        assert len({game.reset(seed=25)[0] for game in games}) == 1
-        for game in games:
-            game._goal = beach
-        for steps in (1, 2):
-            played = [game.step(1) for game in games]
-            assert played[0] == played[1]
-            assert played[0][2] == (steps == 2)
-        assert [(game.score, game.completed) for game in games] == [(1, True)] * 2
-    finally:
-        for game in games:
-            game.close()
+def test_the_game_ends_when_the_player_s_program_is_killed(client, temporary):
+    environment = {**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", KILLED_IN_THE_GAME]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as parent:
+        mark = worker._environment(int(parent.stdout.readline()))
+        (family,) = (item for item in mark if item.startswith(worker.FAMILY.encode()))
+        started = [pid for pid in worker._processes() if family in worker._environment(pid)]
+        assert len(started) >= 3  # the worker, MineDojo's watchdog, and the client with its launcher
+        parent.kill()
+    assert is_soon(lambda: not any(map(is_running, started)))
+    assert is_soon(lambda: not list(temporary.iterdir()))
 
 
 @pytest.mark.slow
@@ -432,7 +441,10 @@ def test_through_the_real_package_a_game_is_the_voxel_engine_s_word_for_word(cli
 def test_a_client_that_breaks_down_ends_the_episode(fault, sentence, client, monkeypatch, temporary):
     client(fault)
     monkeypatch.setenv(CALL_SECONDS, "6")
+    with sp.Episode(GAME, seed=7, engine="voxel", text="paper") as episode:
+        expected = episode.call("observe").text
     with sp.Episode(GAME, seed=7, engine="minedojo") as episode:
+        assert episode.call("observe").text == expected
         assert episode.call("act", {"action": "Move North"}).is_error
         assert not list(temporary.iterdir())
     assert episode.result.end_reason == "game_error"
