@@ -266,8 +266,10 @@ def test_without_an_interpreter_the_sentence_names_the_remedy(monkeypatch):
     [
         (INTERPRETER, "/nowhere/python", "/nowhere/python cannot be run: No such file or directory"),
         (INTERPRETER, "/", "/ cannot be run: Permission denied"),
-        (START_SECONDS, "soon", f"{START_SECONDS} must be a number of seconds above 0, not 'soon'"),
-        (START_SECONDS, "nan", f"{START_SECONDS} must be a number of seconds above 0, not 'nan'"),
+        *(
+            (START_SECONDS, value, f"{START_SECONDS} must be a number .* not '{value}'")
+            for value in ("soon", "0", "inf")
+        ),
     ],
 )
 def test_a_wrong_variable_is_one_sentence(variable, value, sentence, monkeypatch, temporary):
@@ -275,7 +277,7 @@ def test_a_wrong_variable_is_one_sentence(variable, value, sentence, monkeypatch
     monkeypatch.setenv(variable, value)
     with pytest.raises(sp.InvalidArgumentError, match=sentence):
         sp.Episode(GAME, seed=1, engine="minedojo")
-    assert is_soon(lambda: not list(temporary.iterdir()))
+    assert not list(temporary.iterdir())
 
 
 def test_an_interpreter_without_minedojo_is_one_sentence(monkeypatch):

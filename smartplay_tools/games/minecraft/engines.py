@@ -25,7 +25,7 @@ class Engine(Protocol):
     def __init__(self, *, text: TextMode) -> None: ...
 
     def reset(self, seed: int, goal: Goal) -> Observation:
-        """Make the world of that seed and put the player into it, outside the goal."""
+        """Make the world of that seed and put the player into it, outside the goal if the engine can choose."""
         ...
 
     def act(self, degrees: int, strides: Sequence[Stride], goal: Goal) -> Observation:

@@ -31,6 +31,9 @@ START_SECONDS, CALL_SECONDS = "SMARTPLAY_MINEDOJO_START_SECONDS", "SMARTPLAY_MIN
 SECONDS: Mapping[str, float] = {START_SECONDS: 900.0, CALL_SECONDS: 300.0}
 """How long a start with its new world may take, in which the client may be built, and an action."""
 
+A_DAY = 86_400.0
+"""The longest that can be waited."""
+
 IMAGE = (160, 256)
 """Rows and columns of the picture that the original asks for, and does not look at."""
 
@@ -55,7 +58,7 @@ class MineDojoEngine:
     default_text: ClassVar[TextMode] = "paper"
 
     def __init__(self, *, text: TextMode) -> None:
-        self._text = text
+        # The client's rays and names are what they are, whatever is made of them in words.
         self._worker: WorkerProcess | None = None
         self._seen: Observation | None = None
         self.versions: dict[str, str] = {}
@@ -64,11 +67,12 @@ class MineDojoEngine:
     def reset(self, seed: int, goal: Goal) -> Observation:
         """Make the world of that seed, in the client that is there or a new one."""
         self._seen = None
+        seconds = _seconds(START_SECONDS)
         if self._worker is None or not self._worker.alive:
             self._worker = start(_interpreter())
-            self.versions = _make(self._worker, _TASKS[goal.name], seed)
+            self.versions = _make(self._worker, seconds, task=_TASKS[goal.name], seed=seed)
         # To Minecraft a seed of 0 is none at all.
-        answer = self._worker.call("reset", seconds=_seconds(START_SECONDS), world_seed=str(seed or 2**32))
+        answer = self._worker.call("reset", seconds=seconds, world_seed=str(seed or 2**32))
         self._seen = _observation(answer)
         return self._seen
 
@@ -105,9 +109,10 @@ def start(python: str) -> WorkerProcess:
 
 def check_package(python: str) -> dict[str, str]:
     """Import MineDojo in that interpreter and make a task, which starts no client yet; return the versions."""
+    seconds = _seconds(START_SECONDS)
     process = start(python)
     try:
-        return _make(process, task=0, seed=0)
+        return _make(process, seconds, task=0, seed=0)
     finally:
         process.close()
 
@@ -122,10 +127,8 @@ def _interpreter() -> str:
     return python
 
 
-def _make(process: WorkerProcess, task: int, seed: int) -> dict[str, str]:
-    versions: dict[str, str] = process.call(
-        "make", seconds=_seconds(START_SECONDS), task=task, settings=_settings(seed)
-    )
+def _make(process: WorkerProcess, seconds: float, *, task: int, seed: int) -> dict[str, str]:
+    versions: dict[str, str] = process.call("make", seconds=seconds, task=task, settings=_settings(seed))
     return versions
 
 
@@ -135,8 +138,8 @@ def _seconds(variable: str) -> float:
         seconds = SECONDS[variable] if text is None else float(text)
     except ValueError:
         seconds = 0.0
-    if not seconds > 0:
-        raise InvalidArgumentError(f"{variable} must be a number of seconds above 0, not {text!r}.")
+    if not 0 < seconds <= A_DAY:
+        raise InvalidArgumentError(f"{variable} must be a number of seconds, above 0 and at most a day, not {text!r}.")
     return seconds
 
 
