@@ -95,7 +95,7 @@ class Episode:
         self._lock = threading.RLock()
         self._worker: ThreadPoolExecutor | None = None
         self._transcript = None if transcript is None else Transcript(transcript)
-        self._begun = False
+        self._begun = self._revealed = False
 
     # What the agent may do.
 
@@ -150,13 +150,13 @@ class Episode:
         """Return the tools as plain annotated, documented functions: observe, act, read_manual."""
 
         def observe() -> str:
-            return self.call("observe").text
+            return self.call("observe", {}).text
 
         def act(action: str) -> str:
             return self.call("act", {"action": action}).text
 
         def read_manual() -> str:
-            return self.call("read_manual").text
+            return self.call("read_manual", {}).text
 
         for function, tool in zip((observe, act, read_manual), self.tools, strict=True):
             arguments = [f"    {name}: {p['description']}" for name, p in tool.parameters["properties"].items()]
@@ -194,6 +194,15 @@ class Episode:
     def look_on(self, on_step: Callable[[TextGame], None]) -> None:
         """Have a function called with the game after every step, to draw it, say. It must not play."""
         self._play.on_step = on_step
+
+    def reveal(self) -> TextGame:
+        """Hand the game itself to a player that wants more than its messages; record and result say so."""
+        with self._lock:
+            self.begin()
+            if not self._revealed:
+                self._revealed = True
+                self.log("reveal")
+            return self.game
 
     def log(self, event: str, **fields: Any) -> None:
         """Append an event to the transcript, if there is one."""
@@ -268,7 +277,9 @@ class Episode:
         if self._transcript is not None:
             sent = {"name": call.name, "arguments": as_text(call.arguments)}
             answer = {"text": result.text, "is_error": result.is_error, "done": result.done, "data": dict(result.data)}
-            self.log("call", turn=turn, position=position, **sent, **answer)
+            # Keys of a transport outlive this process; where the window is ours, a key only repeats turn and position.
+            key = {"call_id": call.call_id} if call.call_id and self.context == "host" else {}
+            self.log("call", turn=turn, position=position, **sent, **answer, **key)
 
     def _finish_if_over(self) -> None:
         reason = self.end_reason
@@ -300,6 +311,8 @@ class Episode:
             for name, value in played.items()
             if value != getattr(paper, name)
         }
+        if self._revealed:
+            changed["player"] = {"paper": "sees its prompts", "played": "privileged: sees the game's state"}
         return {**changed, **self.game.deviations()}
 
 

@@ -3,9 +3,11 @@
     SmartPlayError
     ├── InvalidArgumentError  an argument or a budget that cannot be; also a ValueError
     ├── UnknownNameError      no game, player or tokenizer of that name; the message lists near ones
+    ├── EngineError           a game's engine, a program of its own, does not start or has stopped
     ├── MissingExtraError     a feature whose optional dependency is not installed; the message is the remedy
-    ├── EngineError           a game's engine cannot be started here, or has broken down
+    ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
+    ├── ModelCallError        a model gave no reply (in `players.attempts`); ends an episode as player_error
     └── TranscriptError       a file that is not a transcript, or not one that can be written, read or replayed
 
 What a *model* does wrong never raises: it is a `ToolResult` with `is_error`. What a *user* does wrong raises one
@@ -41,6 +43,10 @@ class UnknownNameError(SmartPlayError, KeyError):
         return self.message
 
 
+class EngineError(SmartPlayError, RuntimeError):
+    """An engine that runs outside of this process does not start, does not answer or has stopped."""
+
+
 class MissingExtraError(SmartPlayError, ImportError):
     """An optional dependency is missing."""
 
@@ -48,8 +54,8 @@ class MissingExtraError(SmartPlayError, ImportError):
         super().__init__(f"{feature} needs an optional dependency: pip install 'smartplay-tools[{extra}]'")
 
 
-class EngineError(SmartPlayError, RuntimeError):
-    """An engine, a program of its own, that cannot be started or has broken down; the message says in what."""
+class PlayerLeftError(SmartPlayError):
+    """Whoever plays will not go on: no fault of the player, and no result of the game."""
 
 
 class PromptOverflowError(SmartPlayError):

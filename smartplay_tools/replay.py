@@ -91,6 +91,8 @@ def _converse(episode: Episode, recorded: list[Event]) -> None:
             case "message", "host":
                 assert isinstance(conversation, Conversation)
                 conversation.add(event["message"])
+            case "reveal", _:
+                episode.reveal()
             case "usage", _ if event["turn"] == episode.tally.turns:
                 conversation.spend(Usage(**event["provider"]))  # of a reply that never came
             case "end", _ if not episode.done:
@@ -110,7 +112,7 @@ def _same_conversation(episode: Episode, protocol: str, head: Event) -> Dialogue
 def _call(episode: Episode, recorded: list[Event]) -> None:
     calls = (event for event in recorded if event["event"] == "call")
     for _, batch in groupby(calls, key=lambda event: event["turn"]):
-        episode.call_batch([ToolCall(event["name"], event["arguments"]) for event in batch])
+        episode.call_batch([ToolCall(e["name"], e["arguments"], e.get("call_id")) for e in batch])
     for event in recorded:
         if event["event"] == "end":
             _end(episode, event["result"])
