@@ -17,7 +17,7 @@ class Check:
     engine: str
     works: bool
     detail: str
-    """How long a new world took, or what went wrong and what to do about it."""
+    """How long a new world took and which program made it, or what went wrong and the remedy."""
 
 
 def check_engines() -> list[Check]:
@@ -31,13 +31,11 @@ def _check(name: str) -> Check:
         engine = load_engine(name)(text="corrected")
         try:
             engine.reset(0, CORRECTED_GOALS[0])
-            # An engine that is a program of its own says which.
-            versions = getattr(engine, "versions", {})
+            programs = "".join(f" ({program} {version})" for program, version in engine.versions.items())
         finally:
             engine.close()
     except SmartPlayError as error:
         return Check(name, False, str(error))
     except Exception as error:  # whatever is wrong with an engine is what this function is to tell
         return Check(name, False, f"{type(error).__name__}: {error}")
-    programs = "".join(f", {program} {version}" for program, version in versions.items())
     return Check(name, True, f"a new world in {time.perf_counter() - start:.2f} s{programs}")

@@ -24,6 +24,11 @@ class Engine(Protocol):
 
     def __init__(self, *, text: TextMode) -> None: ...
 
+    @property
+    def versions(self) -> Mapping[str, str]:
+        """Name to version of the programs that play, where they are not this package; they stand in the result."""
+        ...
+
     def reset(self, seed: int, goal: Goal) -> Observation:
         """Make the world of that seed and put the player into it, outside the goal if the engine can choose."""
         ...

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
@@ -61,8 +61,11 @@ class MineDojoEngine:
         # The client's rays and names are what they are, whatever is made of them in words.
         self._worker: WorkerProcess | None = None
         self._seen: Observation | None = None
-        self.versions: dict[str, str] = {}
-        """What plays, once it does: the versions of Python, MineDojo, gym and NumPy there."""
+        self.versions: Mapping[str, str] = {}
+        """MineDojo's and gym's, once they play."""
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("A MineDojo engine is a process and cannot be copied: play its actions again on a new one.")
 
     def reset(self, seed: int, goal: Goal) -> Observation:
         """Make the world of that seed, in the client that is there or a new one."""

@@ -15,7 +15,6 @@ import contextlib
 import importlib
 import json
 import os
-import platform
 import queue
 import select
 import shutil
@@ -70,8 +69,7 @@ class Minedojo:
         minedojo = importlib.import_module("minedojo")
         self._environment = minedojo.make(f"creative:{task}", **settings)
         metadata = importlib.import_module("importlib.metadata")
-        versions = {name: metadata.version(name) for name in ("minedojo", "gym", "numpy")}
-        return {"python": platform.python_version(), **versions}
+        return {name: metadata.version(name) for name in ("minedojo", "gym")}
 
     def reset(self, world_seed: str) -> dict[str, Any]:
         """Start the client, the first time, and a new world of that seed."""
