@@ -21,7 +21,13 @@ import smartplay_tools as sp
 from smartplay_tools.errors import EngineError
 from smartplay_tools.games.minecraft.doctor import check_engines
 from smartplay_tools.games.minecraft.minedojo import worker
-from smartplay_tools.games.minecraft.minedojo.engine import CALL_SECONDS, INTERPRETER, START_SECONDS, MineDojoEngine
+from smartplay_tools.games.minecraft.minedojo.engine import (
+    CALL_SECONDS,
+    INTERPRETER,
+    LOG,
+    START_SECONDS,
+    MineDojoEngine,
+)
 from smartplay_tools.games.minecraft.minedojo.install import install
 from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
 from smartplay_tools.games.minecraft.observation import Observation
@@ -134,6 +140,16 @@ def test_what_a_worker_has_started_ends_with_it(tmp_path):
     assert is_running(child)
     process.end()
     assert is_soon(lambda: not is_running(child))
+
+
+def test_a_log_can_be_kept(tmp_path, temporary):
+    log = tmp_path / "kept.log"
+    log.write_text("before\n")
+    process = WorkerProcess(script(tmp_path, "answer('1')"), log=log)
+    process.call("reset", seconds=30)
+    process.close()
+    assert log.read_text() == "before\nready\n"
+    assert not list(temporary.iterdir())
 
 
 def test_a_forgotten_worker_ends(tmp_path, temporary):
@@ -268,6 +284,7 @@ def test_without_an_interpreter_the_sentence_names_the_remedy(monkeypatch):
     [
         (INTERPRETER, "/nowhere/python", "/nowhere/python cannot be run: No such file or directory"),
         (INTERPRETER, "/", "/ cannot be run: Permission denied"),
+        (LOG, "/nowhere/game.log", "/nowhere/game.log cannot be written: No such file or directory"),
         *(
             (START_SECONDS, value, f"{START_SECONDS} must be a number .* not '{value}'")
             for value in ("soon", "0", "inf")
@@ -466,4 +483,5 @@ def test_a_client_that_does_not_start_is_one_sentence_and_its_own_words_are_in_t
     client("start")
     with pytest.raises(EngineError, match="'reset': EOFError: Minecraft process finished unexpectedly") as caught:
         sp.Episode(GAME, seed=7, engine="minedojo")
-    assert "the game could not be started" in caught.value.__notes__[0]
+    assert "needs Java 8" in str(caught.value)
+    assert "the game could not be started" in caught.value.__cause__.__notes__[0]

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import EngineError, InvalidArgumentError
 from smartplay_tools.games.minecraft.minedojo import worker
 from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
 from smartplay_tools.games.minecraft.observation import (
@@ -24,6 +24,9 @@ from smartplay_tools.games.minecraft.tasks import PAPER_GOALS, TURN_STEP, Goal, 
 
 INTERPRETER = "SMARTPLAY_MINEDOJO_PYTHON"
 """The variable that names the Python in which MineDojo is installed."""
+
+LOG = "SMARTPLAY_MINEDOJO_LOG"
+"""The variable that names a file for what MineDojo and the client say; without it their log goes with them."""
 
 START_SECONDS, CALL_SECONDS = "SMARTPLAY_MINEDOJO_START_SECONDS", "SMARTPLAY_MINEDOJO_CALL_SECONDS"
 """The variables that change how long is waited."""
@@ -74,8 +77,11 @@ class MineDojoEngine:
         if self._worker is None or not self._worker.alive:
             self._worker = start(_interpreter())
             self.versions = _make(self._worker, seconds, task=_TASKS[goal.name], seed=seed)
-        # To Minecraft a seed of 0 is none at all.
-        answer = self._worker.call("reset", seconds=seconds, world_seed=str(seed or 2**32))
+        try:
+            # To Minecraft a seed of 0 is none at all.
+            answer = self._worker.call("reset", seconds=seconds, world_seed=str(seed or 2**32))
+        except EngineError as error:
+            raise EngineError(f"{error} The game's client needs Java 8; {LOG}=FILE keeps what it says.") from error
         self._seen = _observation(answer)
         return self._seen
 
@@ -106,8 +112,10 @@ def start(python: str) -> WorkerProcess:
     """Start a worker in the interpreter of that path."""
     # -I: no module of this process's, nor of the working directory, is taken for one of MineDojo's.
     command = [python, "-I", str(Path(worker.__file__))]
+    log = os.environ.get(LOG)
     # MineDojo then prints what the client prints, so that a log tells why one does not start.
-    return WorkerProcess(command, MINEDOJO_DEBUG_LOG=os.environ.get("MINEDOJO_DEBUG_LOG", "1"))
+    verbose = os.environ.get("MINEDOJO_DEBUG_LOG", "1")
+    return WorkerProcess(command, log=Path(log).absolute() if log else None, MINEDOJO_DEBUG_LOG=verbose)
 
 
 def check_package(python: str) -> dict[str, str]:

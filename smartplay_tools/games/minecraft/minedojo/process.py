@@ -45,18 +45,19 @@ class WorkerProcess:
     so does the end of this object or of this process.
     """
 
-    def __init__(self, command: Sequence[str], **environment: str) -> None:
+    def __init__(self, command: Sequence[str], *, log: Path | None = None, **environment: str) -> None:
+        """Start the command with these variables more; its log is appended to the file `log`, or goes with it."""
         folder = Path(tempfile.mkdtemp(prefix="smartplay-minedojo-"))
         mark = secrets.token_hex(16)
         inside = {FAMILY: mark, "TMPDIR": str(folder), **environment}
-        self._log = folder / "worker.log"
+        self._log = log or folder / "worker.log"
         try:
-            with self._log.open("wb") as log:
+            with self._log.open("ab") as log_file:
                 self._process = subprocess.Popen(
                     command,
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
-                    stderr=log,
+                    stderr=log_file,
                     cwd=folder,
                     env=foreign_environment(os.environ) | inside,
                     bufsize=0,
@@ -64,7 +65,8 @@ class WorkerProcess:
                 )
         except OSError as error:
             shutil.rmtree(folder, ignore_errors=True)
-            raise InvalidArgumentError(f"{command[0]} cannot be run: {error.strerror}.") from None
+            what = "written" if str(error.filename) == str(self._log) else "run"
+            raise InvalidArgumentError(f"{error.filename} cannot be {what}: {error.strerror}.") from None
         self.end = weakref.finalize(self, _end, self._process, mark, folder, os.getpid())
         """End it, now; more than once is allowed."""
 
@@ -81,7 +83,7 @@ class WorkerProcess:
             if answer is None:
                 raise EngineError(f"MineDojo has not answered {name!r} within {seconds:g} seconds; it was ended.")
             if "error" in answer:
-                raise EngineError(f"MineDojo has failed in {name!r}: {answer['error']}.")
+                raise EngineError(f"MineDojo has failed in {name!r}: {str(answer['error']).rstrip('.')}.")
             return answer["ok"]
         except BaseException as error:  # an interrupt, too, leaves an answer behind that nobody waits for
             error.add_note(f"The end of the worker's log:\n{self._log_tail()}")
