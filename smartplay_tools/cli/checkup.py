@@ -7,6 +7,7 @@ metadata and imported in a process of its own, so that a library that crashes or
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -135,15 +136,13 @@ def check_games() -> Finding:
     """Play a step of a setting of every family."""
     families = {spec.family: spec for spec in GAMES.values()}
     for spec in families.values():
-        game = spec.make()
         try:
-            game.reset(seed=0)
-            game.step(0)
+            with contextlib.closing(spec.make()) as game:
+                game.reset(seed=0)
+                game.step(0)
         except Exception as error:  # whatever is wrong is what is to be told
             detail = f"{spec.id}: {type(error).__name__}: {error}; pip install --force-reinstall {PACKAGE}"
             return Finding("core", "games", False, detail)
-        finally:
-            game.close()
     return Finding("core", "games", True, f"{len(GAMES)} settings of {len(families)} games")
 
 

@@ -23,6 +23,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Iterable
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -65,10 +66,9 @@ class Minedojo:
         self._environment: Any = None
 
     def make(self, task: int, settings: dict[str, Any]) -> dict[str, str]:
-        """Make the environment of a creative task, which starts nothing yet; return what it consists of."""
+        """Make the environment of a creative task, which starts nothing yet; return the versions."""
         minedojo = importlib.import_module("minedojo")
         self._environment = minedojo.make(f"creative:{task}", **settings)
-        metadata = importlib.import_module("importlib.metadata")
         return {name: metadata.version(name) for name in ("minedojo", "gym")}
 
     def reset(self, world_seed: str) -> dict[str, Any]:
