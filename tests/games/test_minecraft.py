@@ -13,6 +13,12 @@ from smartplay_tools.games.minecraft.tasks import CORRECTED_GOALS, PAPER_GOALS, 
 TASKS = (0, 1, 2, 4, 5, 7, 8, 9)
 
 
+@pytest.fixture(autouse=True)
+def without_minedojo(monkeypatch):
+    """Its client takes minutes to start; its own tests know better."""
+    monkeypatch.delenv("SMARTPLAY_MINEDOJO_PYTHON", raising=False)
+
+
 def test_the_eight_settings_have_the_papers_numbers():
     specs = [spec for spec in sp.GAMES.values() if spec.family == "minecraft"]
     assert [spec.id for spec in specs] == [f"MinedojoCreative{task}-v0" for task in TASKS]

@@ -30,7 +30,7 @@ class Engine(Protocol):
         ...
 
     def reset(self, seed: int, goal: Goal) -> Observation:
-        """Make the world of that seed and put the player into it, outside the goal."""
+        """Make the world of that seed and put the player into it, outside the goal if the engine can choose."""
         ...
 
     def act(self, degrees: int, strides: Sequence[Stride], goal: Goal) -> Observation:
@@ -50,6 +50,7 @@ ENGINES: Mapping[str, str] = MappingProxyType(
     {
         "voxel": "smartplay_tools.games.minecraft.voxel.engine:VoxelEngine",
         "luanti": "smartplay_tools.games.minecraft.luanti.engine:LuantiEngine",
+        "minedojo": "smartplay_tools.games.minecraft.minedojo.engine:MineDojoEngine",
     }
 )
 """Name to class, imported when a game asks for it."""
