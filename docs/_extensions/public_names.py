@@ -25,6 +25,8 @@ from sphinx.ext.napoleon import Config, GoogleDocstring
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.docutils import SphinxDirective
 
+import smartplay_tools
+
 ADAPTERS = Path(__file__).parents[2] / "adapters"
 
 LONGEST_TYPE = 100
@@ -87,6 +89,12 @@ def public_names(module: ModuleType) -> list[str]:
 
 def _describe(module: ModuleType, name: str) -> str:
     thing = getattr(module, name)
+    if (
+        name in public_names(smartplay_tools)
+        and thing is getattr(smartplay_tools, name)
+        and module is not smartplay_tools
+    ):
+        return f":py:obj:`smartplay_tools.{name}`, under this name too."
     if KINDS["functions"](thing):
         return f".. autofunction:: {module.__name__}.{name}"
     if KINDS["errors"](thing):
