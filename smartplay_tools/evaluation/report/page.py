@@ -19,9 +19,9 @@ from smartplay_tools.errors import InvalidArgumentError, MissingExtraError, Tran
 from smartplay_tools.evaluation.report.drawings import draw
 from smartplay_tools.evaluation.report.episodes import WORDS, episode_data
 from smartplay_tools.evaluation.report.sources import Source, Sources, find_sources
-from smartplay_tools.evaluation.report.summary import rules, summarize
+from smartplay_tools.evaluation.report.summary import failed_row, interval, lines, result_row, rules, summarize_rows
 from smartplay_tools.evaluation.report.textures import sheet
-from smartplay_tools.transcript import read_transcript
+from smartplay_tools.transcript import Event, read_transcript
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -63,17 +63,25 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["number"] = number
+    environment.filters["interval"] = interval
     return environment
 
 
 def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
     """Return everything that the templates ask for."""
-    episodes, packed = [], {}
+    episodes, packed, rows = [], {}, []
     for source in sources.episodes:
-        data = _read(source)
+        events = read_transcript(source.transcript)
+        data = _read(source, events)
         packed[source.key] = pack(data)
+        if data["status"] == "finished":
+            rows.append(result_row(source.key, events[0], data["result"], source.facts))
         # The turns are packed now, and of a long episode they are what takes the room.
         episodes.append({name: value for name, value in data.items() if name not in ("turns", "drawing", "head")})
+    failures = sources.failures
+    if failures is None:
+        failures = [failed_row(episode["key"], episode) for episode in episodes if episode["status"] == "failed"]
+    summary = summarize_rows(rows, failures)
     index = {"words": WORDS, "episodes": [_listed(episode) for episode in episodes]}
     if any(episode["family"] == "crafter" for episode in episodes):
         index["textures"] = sheet()
@@ -81,11 +89,14 @@ def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
     style = _static("page.css")
     return {
         "title": title or run.resolve().name.removesuffix(".jsonl"),
-        "lines": summarize(episodes),
+        "summary": summary,
+        "lines": list(lines(summary)),
+        "profiles": [profile for profile in summary.profiles if profile.capabilities.settings],
+        "privileged": any(cell.privileged for cell in summary.cells),
+        "left_out": len(rows) - sum(cell.episodes for cell in summary.cells),
         "episodes": [{**episode, "rules": rules(episode)} for episode in episodes],
         "figures": list(_figures(run)),
         "manifest": sources.manifest,
-        "lost": sources.lost,
         "waiting": sources.waiting,
         "style": style,
         "scripts": scripts,
@@ -96,8 +107,7 @@ def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
     }
 
 
-def _read(source: Source) -> dict[str, Any]:
-    events = read_transcript(source.transcript)
+def _read(source: Source, events: list[Event]) -> dict[str, Any]:
     try:
         return {**episode_data(source.key, events, source.facts), "drawing": draw(events)}
     except (KeyError, TypeError, IndexError, StopIteration) as error:

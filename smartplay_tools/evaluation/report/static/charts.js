@@ -4,10 +4,10 @@
 
 const EDGE = { left: 52, right: 14, top: 10, bottom: 20 };
 
-// Round numbers from 0 to at least the highest, four or five of them.
-function ticks(low, most) {
+// Round numbers from at most the lowest to at least the highest, about as many as asked for.
+function ticks(low, most, about = 4) {
   const high = most > low ? most : low + 1;
-  const rough = (high - low) / 4;
+  const rough = (high - low) / about;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((factor) => factor * power).find((size) => size >= rough);
   const found = [];
@@ -82,7 +82,7 @@ function extent(list) {
 }
 
 function turnTicks(x, count, height) {
-  return ticks(0, Math.max(1, count - 1))
+  return ticks(0, Math.max(1, count - 1), 10)
     .filter((turn) => turn < count && Number.isInteger(turn))
     .map((turn) => label(x.middle(turn), height - 4, number(turn), { class: "tick", "text-anchor": "middle" }));
 }
