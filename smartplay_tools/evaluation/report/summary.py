@@ -7,10 +7,14 @@ from dataclasses import asdict
 from typing import Any
 
 from smartplay_tools.evaluation.intervals import ALL_EQUAL, Estimate
-from smartplay_tools.evaluation.metrics import Summary, summarize
+from smartplay_tools.evaluation.metrics import CellSummary, Summary, summarize
 from smartplay_tools.evaluation.store import COPIED, Row
-from smartplay_tools.specs import GAMES
+from smartplay_tools.specs import GAMES, PAPER_RESULTS
 from smartplay_tools.transcript import Event
+
+AXIS, MARGIN = 150, 6
+AXIS_SCORES = (0.0, 1.2)
+"""The normalised scores at the two ends of the axis."""
 
 MISTAKES = ("illegal_actions", "malformed_calls", "idle_replies", "fallback_actions")
 """What a model did wrong; a refused call is the policy's doing."""
@@ -49,8 +53,29 @@ def lines(summary: Summary) -> Iterator[dict[str, Any]]:
             "prompt_tokens": cell.tokens.prompt / cell.episodes,
             "stable": cell.tokens.prefix_share,
             "mistakes": sum(counted[name] for name in MISTAKES),
-            "cost": cell.cost,
+            "bracket": bracket(cell),
         }
+
+
+def bracket(cell: CellSummary) -> dict[str, Any] | None:
+    """Return where a score stands between the paper's, as places on an axis; None where they do not compare."""
+    if cell.normalized_score is None:
+        return None
+    game, ends = cell.cell.game, interval(cell.normalized_score)
+    human, *models = [paper.normalized[game] for paper in PAPER_RESULTS]
+    return {
+        "human": _place(human),
+        "models": models,
+        "places": [_place(model) for model in models],
+        "ends": None if ends is None else [_place(end) for end in ends],
+        "here": _place(cell.normalized_score.mean),
+    }
+
+
+def _place(normalized: float) -> float:
+    """A normalised score on an axis of `AXIS` pixels, which is cut off where it ends."""
+    low, high = AXIS_SCORES
+    return round(MARGIN + (min(max(normalized, low), high) - low) / (high - low) * (AXIS - 2 * MARGIN), 1)
 
 
 def interval(estimate: Estimate) -> tuple[float, float] | None:
