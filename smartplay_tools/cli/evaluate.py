@@ -133,6 +133,11 @@ def print_run(run: Run, *, as_json: bool) -> None:
         print(json.dumps({**counts, **summary_json(summary)}, indent=2))
     else:
         wide_console().print(summary_tables(summary), end="")
+    conclude(run)
+
+
+def conclude(run: Run) -> None:
+    """Say what is left of a run, if anything is, and exit with 1 then."""
     console = Console(stderr=True)
     if run.stopped is not None:
         console.print(f"Stopped by {run.stopped}. The same command goes on from here.", soft_wrap=True)

@@ -208,7 +208,9 @@ def _capabilities_table(profiles: Sequence[Profile]) -> RenderableType:
         table.add_row(capability, *(_plain(estimate) for estimate in scores))
     reasons = [score.reason for profile in profiles for score in profile.capabilities.scores if score.reason]
     left_out = [
-        f"{', '.join(p.capabilities.left_out)}: no normalised score" for p in profiles if p.capabilities.left_out
+        f"{', '.join(p.capabilities.left_out)}: no normalised score, or no ratings"
+        for p in profiles
+        if p.capabilities.left_out
     ]
     privileged = [PRIVILEGED] if any(profile.privileged for profile in profiles) else []
     notes = dict.fromkeys([*left_out, *(f"{NOTHING}: {why}" for why in reasons), *privileged])
