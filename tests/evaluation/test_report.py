@@ -185,8 +185,8 @@ def test_a_host_s_episode_has_calls_and_no_prompts(tmp_path):
     assert len(data["drawing"]["changes"]) == 2
 
 
-def test_figures_of_a_run_are_pictures_that_cannot_run_anything(tmp_path):
-    record(tmp_path / "run" / "hanoi.jsonl", HANOI)
+def test_figures_that_lie_in_the_run_are_pictures_that_cannot_run_anything(tmp_path):
+    sp.evaluate([HANOI], ["rule"], out=tmp_path / "run", trials=1, executor="inline")
     (tmp_path / "run" / "figures").mkdir()
     svg = '<svg xmlns="http://www.w3.org/2000/svg"><script>alert(1)</script></svg>'
     (tmp_path / "run" / "figures" / "score-by-history.svg").write_text(svg)
@@ -194,6 +194,13 @@ def test_figures_of_a_run_are_pictures_that_cannot_run_anything(tmp_path):
     [image] = [attributes for tag, attributes in page.elements if tag == "img"]
     assert base64.b64decode(image["src"].removeprefix("data:image/svg+xml;base64,")).decode() == svg
     assert image["alt"] == "Figure: score by history"
+
+
+def test_figures_that_nobody_has_drawn_are_drawn_for_the_page(tmp_path):
+    sp.evaluate([HANOI, BANDIT], ["rule", "random"], out=tmp_path / "run", trials=2, executor="inline")
+    page = page_of(tmp_path / "run")
+    assert "Figure: capabilities" in [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
+    assert not (tmp_path / "run" / "figures").exists(), "a report writes its page and nothing else"
 
 
 # What is checked when a page is made.

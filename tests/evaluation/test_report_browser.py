@@ -32,6 +32,7 @@ FLAGS = (
 if CHROMIUM is None:
     pytest.skip("there is no chromium on this machine", allow_module_level=True)
 sync_api = pytest.importorskip("playwright.sync_api")
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -422,7 +423,6 @@ class Undying(Crafter):
         return text, reward, False, truncated
 
 
-@pytest.mark.slow
 def test_an_episode_of_ten_thousand_steps_is_made_opened_and_moved_through(show, tmp_path, monkeypatch):
     spec = replace(sp.get_spec("Crafter-v0"), id="Undying-v0", entry_point=f"{__name__}:Undying")
     monkeypatch.setitem(sp.GAMES, "Undying-v0", spec)

@@ -10,7 +10,6 @@ import base64
 import gzip
 import hashlib
 import json
-from collections.abc import Iterator
 from importlib import metadata, resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError, TranscriptError
 from smartplay_tools.evaluation.report.drawings import draw
 from smartplay_tools.evaluation.report.episodes import WORDS, episode_data
+from smartplay_tools.evaluation.report.pictures import figures
 from smartplay_tools.evaluation.report.sources import Source, Sources, find_sources
 from smartplay_tools.evaluation.report.summary import failed_row, interval, lines, result_row, rules, summarize_rows
 from smartplay_tools.evaluation.report.textures import sheet
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 
 SCRIPTS = ("basics.js", "prompts.js", "charts.js", "window.js", "worlds.js", "drawings.js", "player.js", "page.js")
 """The page's scripts, in the order in which they build on each other."""
-
-FIGURES = "figures"
-"""The folder of a run in which its figures lie, as SVG."""
 
 
 def write_report(run: str | Path, out: str | Path, *, title: str | None = None) -> Path:
@@ -95,7 +92,7 @@ def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
         "privileged": any(cell.privileged for cell in summary.cells),
         "left_out": len(rows) - sum(cell.episodes for cell in summary.cells),
         "episodes": [{**episode, "rules": rules(episode)} for episode in episodes],
-        "figures": list(_figures(run)),
+        "figures": list(figures(run)),
         "manifest": sources.manifest,
         "waiting": sources.waiting,
         "style": style,
@@ -140,13 +137,6 @@ def _policy(style: str, scripts: list[str]) -> str:
 def _hash(text: str) -> str:
     # A template puts the text between tags exactly as it is: the browser hashes what stands there.
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
-
-
-def _figures(run: Path) -> Iterator[dict[str, str]]:
-    """Yield the run's figures as pictures, which cannot run anything, whatever stands in them."""
-    for file in sorted((run / FIGURES).glob("*.svg")) if run.is_dir() else ():
-        image = base64.b64encode(file.read_bytes()).decode("ascii")
-        yield {"name": file.stem.replace("-", " ").replace("_", " "), "image": f"data:image/svg+xml;base64,{image}"}
 
 
 def number(value: float | None, digits: int = 2) -> str:

@@ -95,6 +95,6 @@ def rules(facts: Mapping[str, Any]) -> str:
     words += [f"manual {facts['manual']}"] if facts["manual"] != "tool" else []
     words += [f"{facts['protocol']} protocol"] if facts["protocol"] != "tools" else []
     words += ["host's context"] if facts.get("context") == "host" else []
-    words += [facts["engine"]] if facts["engine"] else []
+    words += [f"engine {facts['engine']}"] if facts["engine"] else []
     words += [f"{name} {value}" for name, value in sorted((facts["options"] or {}).items())]
     return ", ".join(words)
