@@ -22,7 +22,18 @@ from smartplay_tools.evaluation.report.drawings import draw
 from smartplay_tools.evaluation.report.episodes import check
 from smartplay_tools.games.base import TextGame
 from tests.evaluation.players import Broken, FirstMoves
-from tests.evaluation.report_runs import BANDIT, HANOI, HOSTILE, RPS, act, converse, hostile, record, reply
+from tests.evaluation.report_runs import (
+    BANDIT,
+    HANOI,
+    HOSTILE,
+    RPS,
+    act,
+    converse,
+    hostile,
+    known_for_now,
+    record,
+    reply,
+)
 
 OPENS_NOTHING = {"meta", "link", "style", "script", "img"}
 """Elements that could load something, and that the page may have; their addresses are looked at."""
@@ -276,7 +287,7 @@ def test_a_game_of_somebody_else_s_is_drawn_in_characters(tmp_path, monkeypatch)
         trials=1,
         challenges={},
     )
-    monkeypatch.setitem(sp.GAMES, "Ladder-v0", spec)
+    known_for_now(monkeypatch, spec)
     path = converse(tmp_path / "ladder.jsonl", "Ladder-v0", [reply(act("1"))] * 5)
     drawing = page_of(path).episode("ladder")["drawing"]
     assert drawing["kind"] == "text"

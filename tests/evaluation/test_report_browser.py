@@ -21,7 +21,18 @@ from smartplay_tools.evaluation.report import write_report
 from smartplay_tools.games.crafter.game import Crafter
 from smartplay_tools.rebuild import sent_prompts
 from tests import scripts
-from tests.evaluation.report_runs import BANDIT, HANOI, HOSTILE, RPS, act, converse, hostile, record, reply
+from tests.evaluation.report_runs import (
+    BANDIT,
+    HANOI,
+    HOSTILE,
+    RPS,
+    act,
+    converse,
+    hostile,
+    known_for_now,
+    record,
+    reply,
+)
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = (
@@ -425,7 +436,7 @@ class Undying(Crafter):
 
 def test_an_episode_of_ten_thousand_steps_is_made_opened_and_moved_through(show, tmp_path, monkeypatch):
     spec = replace(sp.get_spec("Crafter-v0"), id="Undying-v0", entry_point=f"{__name__}:Undying")
-    monkeypatch.setitem(sp.GAMES, "Undying-v0", spec)
+    known_for_now(monkeypatch, spec)
     path = record(tmp_path / "long.jsonl", "Undying-v0", "random")
     began = time.monotonic()
     out = write_report(path, tmp_path / "page.html")

@@ -9,7 +9,7 @@ from typing import Any
 from smartplay_tools.evaluation.intervals import ALL_EQUAL, Estimate
 from smartplay_tools.evaluation.metrics import CellSummary, Summary, summarize
 from smartplay_tools.evaluation.store import COPIED, Row
-from smartplay_tools.specs import GAMES, PAPER_RESULTS
+from smartplay_tools.specs import GAMES, HUMAN_SCORES, PAPER_RESULTS
 from smartplay_tools.transcript import Event
 
 AXIS, MARGIN = 150, 6
@@ -59,7 +59,7 @@ def lines(summary: Summary) -> Iterator[dict[str, Any]]:
 
 def bracket(cell: CellSummary) -> dict[str, Any] | None:
     """Return where a score stands between the paper's, as places on an axis; None where they do not compare."""
-    if cell.normalized_score is None:
+    if cell.normalized_score is None or cell.cell.game not in HUMAN_SCORES:
         return None
     game, ends = cell.cell.game, interval(cell.normalized_score)
     human, *models = [paper.normalized[game] for paper in PAPER_RESULTS]
