@@ -19,7 +19,15 @@ from smartplay_tools.evaluation.report.drawings import draw
 from smartplay_tools.evaluation.report.episodes import WORDS, episode_data
 from smartplay_tools.evaluation.report.pictures import figures
 from smartplay_tools.evaluation.report.sources import Source, Sources, find_sources
-from smartplay_tools.evaluation.report.summary import failed_row, interval, lines, result_row, rules, summarize_rows
+from smartplay_tools.evaluation.report.summary import (
+    MISTAKES,
+    failed_row,
+    interval,
+    lines,
+    result_row,
+    rules,
+    summarize_rows,
+)
 from smartplay_tools.evaluation.report.textures import sheet
 from smartplay_tools.transcript import Event, read_transcript
 
@@ -61,6 +69,7 @@ def _environment() -> Environment:
     )
     environment.filters["number"] = number
     environment.filters["interval"] = interval
+    environment.filters["mistakes"] = lambda result: sum(result[name] for name in MISTAKES)
     return environment
 
 
@@ -79,7 +88,7 @@ def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
     if failures is None:
         failures = [failed_row(episode["key"], episode) for episode in episodes if episode["status"] == "failed"]
     summary = summarize_rows(rows, failures)
-    index = {"words": WORDS, "episodes": [_listed(episode) for episode in episodes]}
+    index = {"words": WORDS, "mistakes": MISTAKES, "episodes": [_listed(episode) for episode in episodes]}
     if any(episode["family"] == "crafter" for episode in episodes):
         index["textures"] = sheet()
     scripts = [_static(name) for name in SCRIPTS]

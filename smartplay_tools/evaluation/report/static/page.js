@@ -1,7 +1,7 @@
 "use strict";
 // The page: which part of it is shown, the keys, the table of episodes, light and dark.
 
-const page = { words: null, episodes: [], textures: null };
+const page = { words: null, episodes: [], mistakes: [], textures: null };
 
 async function start() {
   Object.assign(page, await unpack("index"));
@@ -129,4 +129,7 @@ function toggleTheme() {
   again();
 }
 
-start();
+start().catch((error) => {
+  const words = `The episodes cannot be unpacked here: ${error.message}. A current Chrome, Edge, Firefox or Safari can.`;
+  document.querySelector("main").prepend(element("p", { class: "notice", role: "alert" }, words));
+});

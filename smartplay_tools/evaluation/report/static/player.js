@@ -50,7 +50,7 @@ function describeEpisode(episode) {
   $("episode-title").replaceChildren(`${episode.game} `, element("span", { class: "by" }, `played by ${episode.player ?? "an unnamed player"}`));
   document.title = `${episode.game}, ${episode.player ?? "unnamed"}, seed ${episode.seed}`;
   const end = result ? result.end_reason.replaceAll("_", " ") : (episode.error ?? "the record stops before the end");
-  const mistakes = result ? result.illegal_actions + result.malformed_calls + result.idle_replies : null;
+  const wrong = result && page.mistakes.reduce((sum, name) => sum + result[name], 0);
   const chips = [
     [episode.status, end, `status ${episode.status}`],
     ["score", result ? number(result.score) + (result.normalized_score === null ? "" : ` (${percent(result.normalized_score)} of a human's)`) : "–"],
@@ -58,7 +58,7 @@ function describeEpisode(episode) {
     ["turns", number(episode.turns.length)],
     ["prompt tokens", result ? number(result.tokens.prompt) : "–"],
     ["prefix-stable", result?.tokens.prompt ? percent(result.tokens.prefix / result.tokens.prompt) : "–"],
-    ["mistakes", number(mistakes)],
+    ["mistakes", number(wrong)],
     ["seed", String(episode.seed)],
     ...(episode.trial === null ? [] : [["trial", number(episode.trial)]]),
     ...(episode.cost === null ? [] : [["cost", `$${number(episode.cost, 4)}`]]),

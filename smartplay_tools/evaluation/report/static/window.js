@@ -54,7 +54,7 @@ function gauge(episode, number) {
   const parts = [
     ["stable", view.prefix_tokens, "unchanged since the prompt before"],
     ["new", view.tokens - view.prefix_tokens, "new"],
-    ["free", most - view.tokens, cap === null ? "less than the largest prompt" : "free"],
+    ["free", most - view.tokens, cap === null ? "below the largest prompt" : "free"],
   ];
   const bar = element("div", { class: "gauge", role: "img", "aria-label": full });
   for (const [kind, count] of parts) {
