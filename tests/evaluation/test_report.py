@@ -345,12 +345,14 @@ def test_the_command_writes_the_page_and_says_where(tmp_path):
         ("empty", "p.html", "holds no run and no transcripts"),
         ("hanoi.jsonl", "p.pdf", r"is an \.html file"),
         ("torn.jsonl", "p.html", "is not a transcript"),
+        ("foreign.jsonl", "p.html", "cannot be shown: KeyError: 'setting'"),
     ],
 )
 def test_what_cannot_be_shown_is_said_in_a_sentence(tmp_path, name, out, remedy):
     record(tmp_path / "hanoi.jsonl", HANOI)
     (tmp_path / "empty").mkdir()
     (tmp_path / "torn.jsonl").write_text("{}\n")
+    (tmp_path / "foreign.jsonl").write_text('{"event": "start", "game": "Chess-v0"}\n')
     with pytest.raises(sp.SmartPlayError, match=remedy):
         write_report(tmp_path / name, tmp_path / out)
 

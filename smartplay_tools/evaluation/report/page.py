@@ -29,12 +29,16 @@ from smartplay_tools.evaluation.report.summary import (
     summarize_rows,
 )
 from smartplay_tools.evaluation.report.textures import sheet
-from smartplay_tools.transcript import Event, read_transcript
+from smartplay_tools.evaluation.store import Row
+from smartplay_tools.transcript import read_transcript
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-SCRIPTS = ("basics.js", "prompts.js", "charts.js", "window.js", "worlds.js", "drawings.js", "player.js", "page.js")
+SCRIPTS = (
+    "basics.js", "prompts.js", "charts.js", "window.js", "worlds.js", "drawings.js", "episode.js", "turn.js", "player.js",
+    "page.js",
+)  # fmt: skip
 """The page's scripts, in the order in which they build on each other."""
 
 
@@ -77,11 +81,9 @@ def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
     """Return everything that the templates ask for."""
     episodes, packed, rows = [], {}, []
     for source in sources.episodes:
-        events = read_transcript(source.transcript)
-        data = _read(source, events)
+        data, row = _read(source)
         packed[source.key] = pack(data)
-        if data["status"] == "finished":
-            rows.append(result_row(source.key, events[0], data["result"], source.facts))
+        rows += [] if row is None else [row]
         # The turns are packed now, and of a long episode they are what takes the room.
         episodes.append({name: value for name, value in data.items() if name not in ("turns", "drawing", "head")})
     failures = sources.failures
@@ -113,9 +115,13 @@ def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
     }
 
 
-def _read(source: Source, events: list[Event]) -> dict[str, Any]:
+def _read(source: Source) -> tuple[dict[str, Any], Row | None]:
+    """Return an episode for the page and, if it is finished, its row for the figures."""
+    events = read_transcript(source.transcript)
     try:
-        return {**episode_data(source.key, events, source.facts), "drawing": draw(events)}
+        data = {**episode_data(source.key, events, source.facts), "drawing": draw(events)}
+        finished = data["status"] == "finished"
+        return data, result_row(source.key, events[0], data["result"], source.facts) if finished else None
     except (KeyError, TypeError, IndexError, StopIteration) as error:
         raise TranscriptError(f"{source.transcript} cannot be shown: {type(error).__name__}: {error}.") from error
 

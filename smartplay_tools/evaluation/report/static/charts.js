@@ -63,7 +63,9 @@ function curve(box, { name, values, cap = null, stepped = false, kind, turn }) {
     ]),
     points.length ? shape("path", { class: `area ${kind}`, d: `${path}V${y(0)}H${points[0][0]}Z` }) : null,
     shape("path", { class: `curve ${kind}`, d: path }),
-    cap === null ? null : shape("line", { class: "cap", x1: EDGE.left, x2: width - EDGE.right, y1: y(cap), y2: y(cap) }),
+    cap === null
+      ? null
+      : shape("line", { class: "cap", x1: EDGE.left, x2: width - EDGE.right, y1: y(cap), y2: y(cap) }),
     shape("line", { class: "moment", x1: x.middle(turn), x2: x.middle(turn), y1: EDGE.top, y2: height - EDGE.bottom }),
     here === null || here === undefined
       ? null

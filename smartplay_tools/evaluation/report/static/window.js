@@ -42,7 +42,8 @@ function sentence(episode, number) {
   if (dropped) parts.push(`nothing of ${dropped}`);
   const limit = episode.budget.history;
   const reach = `The view reached back ${plural(view.shown_steps, "observation")}, the current one included`;
-  return `${parts.join("; ")}. ${reach}; ${limit === null ? "history was not limited" : `the limit is ${limit} past ones`}.`;
+  const history = limit === null ? "history was not limited" : `the limit is ${limit} past ones`;
+  return `${parts.join("; ")}. ${reach}; ${history}.`;
 }
 
 // How full the prompt was: what stood unchanged since the prompt before, what was new, what was left free.
@@ -50,7 +51,10 @@ function gauge(episode, number) {
   const view = episode.turns[number].view;
   const cap = episode.budget.prompt_tokens;
   const [most, tokens] = [cap ?? episode.mostTokens, (count) => count.toLocaleString("en")];
-  const full = cap === null ? `${tokens(view.tokens)} tokens; no cap` : `${tokens(view.tokens)} of ${tokens(cap)} tokens, ${percent(view.tokens / cap)} full`;
+  const full =
+    cap === null
+      ? `${tokens(view.tokens)} tokens; no cap`
+      : `${tokens(view.tokens)} of ${tokens(cap)} tokens, ${percent(view.tokens / cap)} full`;
   const parts = [
     ["stable", view.prefix_tokens, "unchanged since the prompt before"],
     ["new", view.tokens - view.prefix_tokens, "new"],
@@ -62,7 +66,9 @@ function gauge(episode, number) {
     part.style.flexGrow = count;
     bar.append(part);
   }
-  const legend = parts.map(([kind, count, meaning]) => element("li", {}, element("span", { class: `swatch ${kind}` }), `${tokens(count)} ${meaning}`));
+  const legend = parts.map(([kind, count, meaning]) =>
+    element("li", {}, element("span", { class: `swatch ${kind}` }), `${tokens(count)} ${meaning}`),
+  );
   return [bar, element("ul", { class: "legend" }, element("li", { class: "full" }, full), legend)];
 }
 
@@ -104,7 +110,10 @@ function band(box, episode, number, go) {
 
 function block(kind, x, width, words) {
   const middle = { class: `inside ${kind}`, "text-anchor": "middle" };
-  return [shape("rect", { class: `block ${kind}`, x, y: 4, width, height: 26, rx: 3 }), label(x + width / 2, 21, words, middle)];
+  return [
+    shape("rect", { class: `block ${kind}`, x, y: 4, width, height: 26, rx: 3 }),
+    label(x + width / 2, 21, words, middle),
+  ];
 }
 
 // Cells of their own where they are wide enough to be told apart, else one for each run of equal neighbours.
