@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 SCRIPTS = (
-    "basics.js", "prompts.js", "charts.js", "window.js", "worlds.js", "drawings.js", "episode.js", "turn.js", "player.js",
-    "page.js",
-)  # fmt: skip
+    *("basics.js", "prompts.js", "charts.js", "window.js", "worlds.js", "drawings.js"),
+    *("episode.js", "turn.js", "player.js", "page.js"),
+)
 """The page's scripts, in the order in which they build on each other."""
 
 
