@@ -1,12 +1,15 @@
 "use strict";
 // The player: one episode, turn by turn. `shown` is what stands on the page; everything else follows from it.
 
-const shown = { episode: null, turn: 0, step: null, timer: null };
+const shown = { episode: null, asked: null, turn: 0, step: null, timer: null };
 
 async function showEpisode(key, turn) {
   stop();
+  shown.asked = key;
   if (shown.episode?.key !== key) {
-    shown.episode = await openEpisode(key);
+    const episode = await openEpisode(key);
+    if (shown.asked !== key) return; // somebody has gone on meanwhile
+    shown.episode = episode;
     const tokens = shown.episode.turns.map(({ view }) => view?.tokens ?? 0);
     shown.episode.mostTokens = extent([0, ...tokens])[1];
     describeEpisode(shown.episode);
@@ -24,7 +27,11 @@ function lastTurn() {
 function goTo(turn, step = null) {
   shown.turn = between(0, turn, lastTurn());
   shown.step = step;
-  history.replaceState(null, "", `#episode=${encodeURIComponent(shown.episode.key)}&turn=${shown.turn}`);
+  try {
+    history.replaceState(null, "", `#episode=${encodeURIComponent(shown.episode.key)}&turn=${shown.turn}`);
+  } catch {
+    // Safari refuses more than a hundred of these in half a minute; the address then lags behind.
+  }
   render();
 }
 
