@@ -10,8 +10,6 @@ Importing this registers every setting with Gymnasium as `smartplay/<id>`.
 
 from __future__ import annotations
 
-import gymnasium as _gymnasium
-
 from smartplay_tools.context import ContextWindow, View
 from smartplay_tools.conversation import Conversation
 from smartplay_tools.episode import Episode
@@ -24,10 +22,12 @@ from smartplay_tools.errors import (
 )
 from smartplay_tools.evaluation.runner import Run, evaluate
 from smartplay_tools.evaluation.store import RunFolder
-from smartplay_tools.games.base import TextGame
+from smartplay_tools.games.base import TextGame, with_action_list
 from smartplay_tools.messages import Message, MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.paper_protocol import PaperConversation
 from smartplay_tools.players import get_player, player_names
+from smartplay_tools.players.attempts import BrokenAnswerError, ModelCallError
+from smartplay_tools.players.model import ModelPlayer
 from smartplay_tools.players.scripted import ScriptedPlayer
 from smartplay_tools.playing import aplay, play
 from smartplay_tools.records import (
@@ -44,7 +44,7 @@ from smartplay_tools.records import (
     Usage,
 )
 from smartplay_tools.replay import Replay, replay
-from smartplay_tools.specs import GAMES, PAPER_RESULTS, GameSpec, get_spec
+from smartplay_tools.specs import GAMES, PAPER_RESULTS, GameSpec, get_spec, register
 from smartplay_tools.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.tools import schema
 from smartplay_tools.transcript import read_transcript
@@ -53,6 +53,7 @@ __all__ = [
     "GAMES",
     "PAPER_RESULTS",
     "AsyncPlayer",
+    "BrokenAnswerError",
     "Budget",
     "ContextWindow",
     "Conversation",
@@ -63,6 +64,8 @@ __all__ = [
     "Message",
     "MessageToolCall",
     "MissingExtraError",
+    "ModelCallError",
+    "ModelPlayer",
     "PaperConversation",
     "Player",
     "Prompt",
@@ -93,15 +96,9 @@ __all__ = [
     "play",
     "player_names",
     "read_transcript",
+    "register",
     "replay",
     "schema",
     "text_of",
+    "with_action_list",
 ]
-
-for _spec in GAMES.values():
-    _gymnasium.register(
-        id=f"smartplay/{_spec.id}",
-        entry_point=_spec.entry_point,
-        kwargs={"history": _spec.history, **_spec.kwargs},
-        max_episode_steps=_spec.rollout,
-    )

@@ -150,13 +150,13 @@ class Episode:
         """Return the tools as plain annotated, documented functions: observe, act, read_manual."""
 
         def observe() -> str:
-            return self.call("observe").text
+            return self.call("observe", {}).text
 
         def act(action: str) -> str:
             return self.call("act", {"action": action}).text
 
         def read_manual() -> str:
-            return self.call("read_manual").text
+            return self.call("read_manual", {}).text
 
         for function, tool in zip((observe, act, read_manual), self.tools, strict=True):
             arguments = [f"    {name}: {p['description']}" for name, p in tool.parameters["properties"].items()]
@@ -277,7 +277,9 @@ class Episode:
         if self._transcript is not None:
             sent = {"name": call.name, "arguments": as_text(call.arguments)}
             answer = {"text": result.text, "is_error": result.is_error, "done": result.done, "data": dict(result.data)}
-            self.log("call", turn=turn, position=position, **sent, **answer)
+            # Keys of a transport outlive this process; where the window is ours, a key only repeats turn and position.
+            key = {"call_id": call.call_id} if call.call_id and self.context == "host" else {}
+            self.log("call", turn=turn, position=position, **sent, **answer, **key)
 
     def _finish_if_over(self) -> None:
         reason = self.end_reason

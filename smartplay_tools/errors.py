@@ -6,6 +6,7 @@
     ├── MissingExtraError     a feature whose optional dependency is not installed; the message is the remedy
     ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
+    ├── ModelCallError        a model gave no reply (in `players.attempts`); ends an episode as player_error
     └── TranscriptError       a file that is not a transcript, or not one that can be written, read or replayed
 
 What a *model* does wrong never raises: it is a `ToolResult` with `is_error`. What a *user* does wrong raises one

@@ -112,7 +112,7 @@ def _same_conversation(episode: Episode, protocol: str, head: Event) -> Dialogue
 def _call(episode: Episode, recorded: list[Event]) -> None:
     calls = (event for event in recorded if event["event"] == "call")
     for _, batch in groupby(calls, key=lambda event: event["turn"]):
-        episode.call_batch([ToolCall(event["name"], event["arguments"]) for event in batch])
+        episode.call_batch([ToolCall(e["name"], e["arguments"], e.get("call_id")) for e in batch])
     for event in recorded:
         if event["event"] == "end":
             _end(episode, event["result"])

@@ -6,7 +6,8 @@
     message  an assistant message, or one that the host or this library put after it, verbatim, with its turn
     usage    the tokens of a reply: our count, and the provider's beside it
     choice   in the paper's protocol: the action that an answer chose, or fell back to
-    call     a tool call and its answer: turn, position, name, raw arguments, text, is_error, data
+    call     a tool call and its answer: turn, position, name, raw arguments, text, is_error, data; where the host owns
+             the context also `call_id`, its transport's idempotency key, if it sent one
     end      the EpisodeResult, with a traceback if something failed
 
 Two layers lie in it. What happened (`start`, `message`, `call`, `end`) replays on a fresh game; what was shown (`head`,

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from smartplay_tools import Message, Prompt, Reply, Usage, schema
+from smartplay_tools import BrokenAnswerError, Message, Prompt, Reply, Usage, schema
 
 ITEM = "anthropic_blocks"
 """The type of the provider item that holds an answer's blocks."""
@@ -52,9 +52,12 @@ def request(prompt: Prompt, *, limit: int = LIMIT) -> dict[str, Any]:
 
 
 def reply(answer: Any) -> Reply:
-    """Return the reply that an answer of the client holds."""
-    sent: Mapping[str, Any] = answer if isinstance(answer, Mapping) else answer.model_dump(exclude_unset=True)
-    blocks: Sequence[Mapping[str, Any]] = sent["content"]
+    """Return the reply that an answer of the client holds; one without content raises `BrokenAnswerError`."""
+    sent = _plain(answer)
+    usage = _usage(sent.get("usage"))
+    blocks = sent.get("content")
+    if not isinstance(blocks, list) or not all(isinstance(block, Mapping) and "type" in block for block in blocks):
+        raise BrokenAnswerError("The answer has no content blocks.", usage)
     message: Message = {"role": "assistant", "content": _joined(blocks, "text") or None}
     calls = [block for block in blocks if block["type"] == "tool_use"]
     if calls:
@@ -70,7 +73,7 @@ def reply(answer: Any) -> Reply:
         message["provider_items"] = [{"type": ITEM, "blocks": [dict(block) for block in blocks]}]
         if thinking := _joined(blocks, "thinking"):
             message["reasoning_content"] = thinking
-    return Reply(message, _usage(sent.get("usage")))
+    return Reply(message, usage)
 
 
 def _assistant(message: Message, ids: set[str]) -> tuple[list[dict[str, Any]], list[tuple[str, str]]]:
@@ -132,10 +135,21 @@ def _text(message: Message) -> str:
     return "".join(part["text"] for part in content)
 
 
-def _usage(usage: Mapping[str, Any] | None) -> Usage | None:
+def _plain(answer: Any) -> Mapping[str, Any]:
+    """The client's object as what was sent; it does not check that, and hands over as text what is not JSON."""
+    if isinstance(answer, Mapping):
+        return answer
+    if not hasattr(answer, "model_dump"):
+        raise BrokenAnswerError(f"The server sent {str(answer)[:80]!r}, which is not JSON.")
+    sent: Mapping[str, Any] = answer.model_dump(exclude_unset=True, warnings=False)
+    return sent
+
+
+def _usage(usage: Any) -> Usage | None:
     """The interface counts apart what was read from a cache and what was written to it; here they are the prompt."""
-    if usage is None:
+    if not isinstance(usage, Mapping):
         return None
-    cached = usage.get("cache_read_input_tokens") or 0
-    written = usage.get("cache_creation_input_tokens") or 0
-    return Usage(prompt=usage["input_tokens"] + cached + written, reply=usage["output_tokens"], cached=cached)
+    fresh, cached, written, reply = (
+        usage.get(f"{kind}_tokens") or 0 for kind in ("input", "cache_read_input", "cache_creation_input", "output")
+    )
+    return Usage(prompt=fresh + cached + written, reply=reply, cached=cached)

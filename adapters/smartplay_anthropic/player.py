@@ -1,107 +1,85 @@
 """The player `anthropic:MODEL`: a model behind Anthropic's interface.
 
-The client's own retries are switched off, because each attempt may be billed and it does not say how many it took.
+As everywhere, the environment's proxies are left out where the server is on this machine, and the client's own retries
+are switched off: `ModelPlayer` counts them.
 """
 
 from __future__ import annotations
 
-import asyncio
-import time
+import json
+import os
 from collections.abc import Mapping
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import anthropic
 
 from smartplay_anthropic import codec
-from smartplay_tools import InvalidArgumentError, Prompt, Reply
+from smartplay_tools import BrokenAnswerError, InvalidArgumentError, ModelPlayer, Prompt, Reply
 
-LONGEST_PAUSE = 8.0
-"""Seconds at which the pauses between attempts stop doubling."""
+LONGEST_CONNECT = 10.0
+"""Seconds that a server may take to accept a connection, however long its answers may take."""
 
 
-class AnthropicPlayer:
+class AnthropicPlayer(ModelPlayer):
     """A model that plays.
 
     Arguments:
         model: the model's name.
-        seed: unused; what a model draws is its own affair.
-        base_url, api_key: the environment's `ANTHROPIC_BASE_URL` and `ANTHROPIC_API_KEY` if not given.
+        base_url: where the server is; the environment's `ANTHROPIC_BASE_URL` if not given, then Anthropic's own.
+        api_key: the key; if not given, what the client finds in the environment or in the user's profile. A server on
+            this machine needs none.
         limit: the cap on a reply where the budget sets none.
-        retries: how many more attempts a reply may take where the server is busy or out of reach.
-        pause: seconds before the second attempt, doubled for each further one.
-        timeout: seconds that an attempt may take.
+        timeout: seconds that an attempt may take without a byte from the server.
         parameters: further arguments of every request, such as `{"temperature": 0}`.
+        options: `ModelPlayer`'s: `seed`, `retries`, `pause`, `at_once`.
     """
+
+    failures = (anthropic.APIError, BrokenAnswerError, json.JSONDecodeError)
 
     def __init__(
         self,
         model: str = "",
         *,
-        seed: int = 0,
         base_url: str | None = None,
         api_key: str | None = None,
         limit: int = codec.LIMIT,
-        retries: int = 4,
-        pause: float = 0.5,
         timeout: float = 300.0,
         parameters: Mapping[str, Any] | None = None,
+        **options: Any,
     ) -> None:
         if not model:
             raise InvalidArgumentError("This player needs a model: anthropic:MODEL.")
-        self.name = f"anthropic:{model}"
-        self._limit, self._retries, self._pause = limit, retries, pause
+        super().__init__(f"anthropic:{model}", **options)
+        self._is_here = self.is_local(base_url or os.environ.get("ANTHROPIC_BASE_URL") or "")
+        if self._is_here and not (os.environ.get("ANTHROPIC_API_KEY") or os.environ.get("ANTHROPIC_AUTH_TOKEN")):
+            api_key = api_key or "none"
+        self._settings: dict[str, Any] = {
+            "base_url": base_url,
+            "api_key": api_key,  # None: the client looks for a key, a token or a profile itself
+            "max_retries": 0,
+            "timeout": anthropic.Timeout(timeout, connect=min(timeout, LONGEST_CONNECT)),
+        }
+        self._limit = limit
         self._always = {"model": model, **(parameters or {})}
-        options: dict[str, Any] = {"base_url": base_url, "api_key": api_key, "timeout": timeout, "max_retries": 0}
-        self._client = anthropic.Anthropic(**options)
-        self._async_client = anthropic.AsyncAnthropic(**options)
 
-    def reply(self, prompt: Prompt) -> Reply:
-        """Ask the model; the client's error if it gives no reply."""
-        body = {**codec.request(prompt, limit=self._limit), **self._always}
-        for attempt in range(1, self._retries + 2):
-            try:
-                return _counted(codec.reply(self._client.messages.create(**body)), attempt)
-            except anthropic.APIError as error:
-                time.sleep(self._pause_after(error, attempt))
-        raise AssertionError("the last attempt raises")
+    def request(self, prompt: Prompt) -> dict[str, Any]:
+        """Return the arguments of the request that a prompt becomes."""
+        return {**codec.request(prompt, limit=self._limit), **self._always}
 
-    async def areply(self, prompt: Prompt) -> Reply:
-        """Ask the model without holding up the event loop."""
-        body = {**codec.request(prompt, limit=self._limit), **self._always}
-        for attempt in range(1, self._retries + 2):
-            try:
-                return _counted(codec.reply(await self._async_client.messages.create(**body)), attempt)
-            except anthropic.APIError as error:
-                await asyncio.sleep(self._pause_after(error, attempt))
-        raise AssertionError("the last attempt raises")
+    def new_client(self) -> anthropic.Anthropic:
+        """Return a client that blocks."""
+        http_client = anthropic.DefaultHttpxClient(trust_env=not self._is_here)
+        return anthropic.Anthropic(**self._settings, http_client=http_client)
 
-    def close(self) -> None:
-        """Close the connections of `reply`."""
-        self._client.close()
+    def new_async_client(self) -> anthropic.AsyncAnthropic:
+        """Return a client for one event loop."""
+        http_client = anthropic.DefaultAsyncHttpxClient(trust_env=not self._is_here)
+        return anthropic.AsyncAnthropic(**self._settings, http_client=http_client)
 
-    async def aclose(self) -> None:
-        """Close the connections of `areply`, and those of `reply`."""
-        self._client.close()
-        await self._async_client.close()
+    def send(self, client: anthropic.Anthropic, request: dict[str, Any]) -> Reply:
+        """Send a request and read the reply."""
+        return codec.reply(client.messages.create(**request))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def _pause_after(self, error: anthropic.APIError, attempt: int) -> float:
-        """Return the seconds to wait before the next attempt; raise the error where that is pointless."""
-        status = error.status_code if isinstance(error, anthropic.APIStatusError) else 503
-        if attempt > self._retries or not (status in (408, 409, 429) or status >= 500):
-            raise error
-        wish = error.response.headers.get("retry-after", "") if isinstance(error, anthropic.APIStatusError) else ""
-        return float(wish) if wish.isdigit() else min(self._pause * 2 ** (attempt - 1), LONGEST_PAUSE)
-
-
-def _counted(reply: Reply, attempts: int) -> Reply:
-    usage = reply.usage and reply.usage.model_copy(update={"requests": attempts})
-    return Reply(reply.message, usage)
+    async def asend(self, client: anthropic.AsyncAnthropic, request: dict[str, Any]) -> Reply:
+        """Do the same without holding up the event loop."""
+        return codec.reply(await client.messages.create(**request))

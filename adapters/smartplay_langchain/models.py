@@ -7,48 +7,89 @@ from typing import Any
 
 from langchain_core.callbacks import CallbackManagerForLLMRun
 from langchain_core.language_models import BaseChatModel, LanguageModelInput
-from langchain_core.messages import AIMessage, BaseMessage
+from langchain_core.messages import AIMessage, AnyMessage, BaseMessage
 from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.runnables import Runnable
 from langchain_core.utils.function_calling import convert_to_openai_tool
 from pydantic import ConfigDict, Field
 
 from smartplay_langchain.messages import from_langchain, to_langchain, usage_of
-from smartplay_tools import InvalidArgumentError, MissingExtraError, Player, Prompt, Reply, ToolSpec, schema
+from smartplay_tools import (
+    InvalidArgumentError,
+    MissingExtraError,
+    ModelPlayer,
+    Player,
+    Prompt,
+    Reply,
+    ToolSpec,
+    schema,
+)
+
+LINE_FAILURES = frozenset({"APIConnectionError", "ConnectionError", "TimeoutError", "TransportError"})
+"""What a failed line is called: by the clients of most providers, by Python, by httpx. No import knows them all."""
 
 
-class LangChainPlayer:
+class LangChainPlayer(ModelPlayer):
     """The player `langchain:MODEL`: any chat model that LangChain knows.
 
     Arguments:
         model: a name for LangChain's `init_chat_model`, such as "openai:gpt-4o-mini", or a chat model.
-        seed: unused; what a model draws is its own affair.
         limit_field: how the model calls the cap on a reply.
+        seed, retries, pause, at_once: see `ModelPlayer`. A model made here by its name makes no attempts of its own
+            (`max_retries=0`, where it has that field); one that is handed over does what it is set to, uncounted.
         parameters: further arguments of `init_chat_model`, such as `temperature=0`.
+
+    LangChain's models keep their connections themselves, some of them for all models of a process: `close` leaves
+    them alone.
     """
 
     def __init__(
-        self, model: str | BaseChatModel = "", *, seed: int = 0, limit_field: str = "max_tokens", **parameters: Any
+        self,
+        model: str | BaseChatModel = "",
+        *,
+        limit_field: str = "max_tokens",
+        seed: int = 0,
+        retries: int = 4,
+        pause: float = 0.5,
+        at_once: int | None = None,
+        **parameters: Any,
     ) -> None:
         if not model:
             raise InvalidArgumentError("This player needs a model: langchain:MODEL.")
+        name = f"langchain:{model if isinstance(model, str) else type(model).__name__}"
+        super().__init__(name, seed=seed, retries=retries, pause=pause, at_once=at_once)
         self._model = _chat_model(model, parameters) if isinstance(model, str) else model
         self._limit_field = limit_field
-        self.name = f"langchain:{model if isinstance(model, str) else type(model).__name__}"
 
-    def reply(self, prompt: Prompt) -> Reply:
-        """Ask the model."""
-        return _reply(self._bound(prompt).invoke(to_langchain(prompt.messages)))
-
-    async def areply(self, prompt: Prompt) -> Reply:
-        """Ask the model without holding up the event loop."""
-        return _reply(await self._bound(prompt).ainvoke(to_langchain(prompt.messages)))
-
-    def _bound(self, prompt: Prompt) -> Runnable[LanguageModelInput, AIMessage]:
+    def request(self, prompt: Prompt) -> tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]:
+        """Return the model, told of tools and cap, and the messages for it."""
         limit: dict[str, Any] = {} if prompt.max_tokens is None else {self._limit_field: prompt.max_tokens}
-        if not prompt.tools:
-            return self._model.bind(**limit)
-        return self._model.bind_tools([schema(tool, "openai") for tool in prompt.tools], **limit)
+        tools = [schema(tool, "openai") for tool in prompt.tools]
+        bound = self._model.bind_tools(tools, **limit) if tools else self._model.bind(**limit)
+        return bound, to_langchain(prompt.messages)
+
+    def new_client(self) -> None:
+        """LangChain's models are their own clients."""
+
+    def new_async_client(self) -> None:
+        """LangChain's models are their own clients."""
+
+    def send(self, client: None, request: tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]) -> Reply:
+        """Invoke the model."""
+        model, messages = request
+        return _reply(model.invoke(messages))
+
+    async def asend(
+        self, client: None, request: tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]
+    ) -> Reply:
+        """Do the same without holding up the event loop."""
+        model, messages = request
+        return _reply(await model.ainvoke(messages))
+
+    def failed(self, error: Exception) -> bool:
+        """Whether a provider refused, or the line to it failed: its own errors come through LangChain as they are."""
+        kinds = {kind.__name__ for kind in type(error).__mro__}
+        return isinstance(getattr(error, "status_code", None), int) or not kinds.isdisjoint(LINE_FAILURES)
 
 
 class PlayerChatModel(BaseChatModel):
@@ -92,6 +133,9 @@ def _chat_model(name: str, parameters: dict[str, Any]) -> BaseChatModel:
     except ModuleNotFoundError as error:
         raise MissingExtraError("The player langchain:MODEL", "langchain") from error
     model: BaseChatModel = init_chat_model(name, **parameters)
+    if "max_retries" in type(model).model_fields and "max_retries" not in parameters:
+        # Its default is to ask again in silence.
+        model = init_chat_model(name, max_retries=0, **parameters)
     return model
 
 

@@ -1,7 +1,9 @@
-"""Episodes by handle: opened by an operator, found by whoever has the handle, gone when nobody has called for long.
+"""Episodes by handle: opened by an operator, found by whoever has the handle, closed when nobody has called for long.
 
-With a folder every episode has its transcript there, and a server that was restarted goes on where it stopped: the
-calls in the transcript are played again on a fresh game, their answers compared, and the record continues.
+With a folder every episode has its transcript there, and no restart loses it: the calls in the transcript are played
+again on a fresh game and their answers compared. An episode that was running then goes on, and so does its record; one
+that is over is over, with the result that is on record. Idempotency keys are part of the record, so a call that is
+sent again after a restart gets the answer that it got before.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ class FullError(SmartPlayError):
 
 
 class Episodes:
-    """The open episodes of a server.
+    """The episodes of a server.
 
     Arguments:
         folder: where the transcripts go; without it nothing outlives the process.
@@ -53,7 +55,9 @@ class Episodes:
     ) -> None:
         self._folder, self._most, self._idle, self._clock = folder, most, idle, clock
         self._tables: dict[str, tuple[Table, float]] = {}
-        self._lock = threading.Lock()
+        self._resuming: set[str] = set()
+        """Handles whose transcripts are being played again; that may take long, and meanwhile others play."""
+        self._lock = threading.Condition()
 
     def __len__(self) -> int:
         return len(self._tables)
@@ -62,8 +66,7 @@ class Episodes:
         """Begin an episode and return its handle; `FullError` if there is no room. `options` are `Episode`'s."""
         with self._lock:
             self._expire()
-            if len(self._tables) >= self._most:
-                raise FullError(f"{self._most} episodes are open, and no more may be.")
+            self._check_room()
             handle = secrets.token_urlsafe(24)
             episode = Episode(game, seed=seed, budget=budget, context="host", transcript=self._path(handle), **options)
             episode.begin()
@@ -71,13 +74,23 @@ class Episodes:
             return handle
 
     def find(self, handle: str) -> Table | None:
-        """Return an open episode, if need be from its transcript; None for a handle that is not, or no longer."""
+        """Return an episode, if need be from its transcript; None for a handle that is not, or no longer.
+
+        `FullError` if there is no room for one more, `TranscriptError` if it plays differently here than it did.
+        """
         with self._lock:
+            self._lock.wait_for(lambda: handle not in self._resuming)
             self._expire()
-            table = self._tables[handle][0] if handle in self._tables else self._recovered(handle)
-            if table is not None:
+            if handle in self._tables:
+                table, _ = self._tables[handle]
                 self._tables[handle] = (table, self._clock())
-            return table
+                return table
+            path = self._path(handle)
+            if path is None or not HANDLE.fullmatch(handle) or not path.exists():
+                return None
+            self._check_room()
+            self._resuming.add(handle)
+        return self._resume(handle, path)
 
     def close(self, handle: str) -> EpisodeResult | None:
         """End an episode and return its result."""
@@ -89,6 +102,21 @@ class Episodes:
         table.episode.close()
         return table.episode.result
 
+    def _resume(self, handle: str, path: Path) -> Table:
+        try:
+            table = Table(_played_again(path))
+            with self._lock:
+                self._tables[handle] = (table, self._clock())
+            return table
+        finally:
+            with self._lock:
+                self._resuming.remove(handle)
+                self._lock.notify_all()
+
+    def _check_room(self) -> None:
+        if len(self._tables) + len(self._resuming) >= self._most:
+            raise FullError(f"{self._most} episodes are open, and no more may be.")
+
     def _expire(self) -> None:
         limit = self._clock() - self._idle
         for handle in [handle for handle, (_, used) in self._tables.items() if used < limit]:
@@ -97,30 +125,36 @@ class Episodes:
     def _path(self, handle: str) -> Path | None:
         return None if self._folder is None else self._folder / f"{handle}.jsonl"
 
-    def _recovered(self, handle: str) -> Table | None:
-        path = self._path(handle)
-        if path is None or not HANDLE.fullmatch(handle) or not path.exists():
-            return None
-        events = read_transcript(path)
-        if any(event["event"] == "end" for event in events) or len(self._tables) >= self._most:
-            return None
-        return Table(_resumed(path, events))
 
-
-def _resumed(path: Path, events: list[dict[str, Any]]) -> Episode:
-    """Play a transcript's calls again on a fresh game whose record takes the old one's place."""
-    start = events[0]
-    settings = {key: start[key] for key in ("seed", "engine", "manual", "batch", "context", "tokenizer")}
+def _played_again(path: Path) -> Episode:
+    """Play a transcript again. A running episode's new record takes the place of the old; one that is over stays."""
+    events = read_transcript(path)
+    ended = next((event["result"] for event in events if event["event"] == "end"), None)
     again = path.with_suffix(".again")
     again.unlink(missing_ok=True)
-    episode = Episode(
-        start["game"], budget=ResolvedBudget(**start["budget"]), transcript=again, **settings, **start["options"]
-    )
-    episode.begin(player=start["player"], protocol=start["protocol"])
+    episode = _same_episode(events[0], transcript=None if ended else again)
     for event in events:
-        if event["event"] == "call" and episode.call(event["name"], event["arguments"]).text != event["text"]:
+        if event["event"] == "end" and not episode.done:
+            episode.end(event["result"]["end_reason"])  # somebody closed it
+        if event["event"] == "call" and not _answers_alike(episode, event):
             episode.close()
-            again.unlink()
+            again.unlink(missing_ok=True)
             raise TranscriptError("A transcript plays differently here than it was recorded.")
-    again.replace(path)
+    if ended:
+        episode.result = EpisodeResult(**ended)  # to the letter: versions, too, are those of the day
+    else:
+        again.replace(path)
     return episode
+
+
+def _same_episode(start: dict[str, Any], transcript: Path | None) -> Episode:
+    settings = {key: start[key] for key in ("seed", "engine", "manual", "batch", "context", "tokenizer")}
+    budget = ResolvedBudget(**start["budget"])
+    episode = Episode(start["game"], budget=budget, transcript=transcript, **settings, **start["options"])
+    episode.begin(player=start["player"], protocol=start["protocol"])
+    return episode
+
+
+def _answers_alike(episode: Episode, call: dict[str, Any]) -> bool:
+    result = episode.call(call["name"], call["arguments"], call.get("call_id"))
+    return (result.text, dict(result.data)) == (call["text"], call["data"])

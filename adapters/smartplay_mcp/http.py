@@ -14,9 +14,9 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 import anyio
 import mcp_types as types
@@ -32,6 +32,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from smartplay_mcp.episodes import Episodes, FullError
 from smartplay_mcp.server import Table, game_server
 from smartplay_tools import Budget, InvalidArgumentError, SmartPlayError
+
+T = TypeVar("T")
 
 LOCAL = ("127.0.0.1", "localhost", "[::1]")
 LARGEST_BODY = 64 * 1024
@@ -156,10 +158,10 @@ class _Door:
         if self._token is not None and not _carries(request, self._token):
             return _UNAUTHORIZED
         handle = handle or request.query_params.get("episode") or request.headers.get("x-episode") or ""
-        table = await anyio.to_thread.run_sync(self._episodes.find, handle)
-        if table is None:
-            return PlainTextResponse("No such episode", 404)
-        request.scope[TABLE] = table
+        found = await _asked(self._episodes.find, handle)
+        if isinstance(found, Response):
+            return found
+        request.scope[TABLE] = found
         request.scope["path"] = "/mcp"
         return None
 
@@ -169,6 +171,17 @@ _UNAUTHORIZED = PlainTextResponse("Unauthorized", 401, headers={"WWW-Authenticat
 
 def _carries(request: Request, token: str) -> bool:
     return hmac.compare_digest(request.headers.get("authorization", "").encode(), f"Bearer {token}".encode())
+
+
+async def _asked(ask: Callable[[str], T | None], handle: str) -> T | Response:
+    """Ask the episodes for one, in a thread, for it may have to be played again first; or say why there is none."""
+    try:
+        found = await anyio.to_thread.run_sync(ask, handle)
+    except FullError as error:
+        return PlainTextResponse(str(error), 503)
+    except SmartPlayError:
+        return PlainTextResponse("The record of this episode cannot be continued", 500)
+    return PlainTextResponse("No such episode", 404) if found is None else found
 
 
 def _table(request: Request | None) -> Table:
@@ -221,17 +234,15 @@ def _operator_routes(episodes: Episodes) -> list[Route]:
         return JSONResponse({"episode": handle, "path": f"/mcp/{handle}"}, 201)
 
     async def show_episode(request: Request) -> Response:
-        table = await anyio.to_thread.run_sync(episodes.find, request.path_params["handle"])
-        if table is None:
-            return PlainTextResponse("No such episode", 404)
-        result = table.episode.result
-        return JSONResponse({"done": table.episode.done, "result": result and result.model_dump()})
+        found = await _asked(episodes.find, request.path_params["handle"])
+        if isinstance(found, Response):
+            return found
+        result = found.episode.result
+        return JSONResponse({"done": found.episode.done, "result": result and result.model_dump()})
 
     async def close_episode(request: Request) -> Response:
-        result = await anyio.to_thread.run_sync(episodes.close, request.path_params["handle"])
-        if result is None:
-            return PlainTextResponse("No such episode", 404)
-        return JSONResponse({"done": True, "result": result.model_dump()})
+        found = await _asked(episodes.close, request.path_params["handle"])
+        return found if isinstance(found, Response) else JSONResponse({"done": True, "result": found.model_dump()})
 
     return [
         Route("/episodes", open_episode, methods=["POST"]),

@@ -12,7 +12,7 @@ and shown without a key.
 
 from __future__ import annotations
 
-from smartplay_tools import MissingExtraError
+from smartplay_tools import BrokenAnswerError, MissingExtraError, ModelCallError
 
 try:
     import openai as _openai  # noqa: F401
@@ -21,8 +21,6 @@ try:
 except ModuleNotFoundError as error:
     raise MissingExtraError("smartplay_openai", "openai") from error
 
-from smartplay_openai.answers import BrokenAnswerError
-from smartplay_openai.attempts import ModelCallError
 from smartplay_openai.chat import reply as chat_reply
 from smartplay_openai.chat import request as chat_request
 from smartplay_openai.player import OpenAIPlayer, ResponsesPlayer

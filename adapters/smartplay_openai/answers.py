@@ -1,4 +1,4 @@
-"""Answers: what a server sent, as plain data, and the error for what is not an answer.
+"""Answers: what a server sent, as plain data.
 
 The client does not check what a server sends, and servers that call themselves compatible send all sorts of things.
 So everything here is read from plain dictionaries, with as little faith as that takes.
@@ -9,16 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from smartplay_tools import Usage
-
-
-class BrokenAnswerError(Exception):
-    """A server answered, but not with a reply: no choices, a stream that stops half-way, something else entirely."""
-
-    def __init__(self, problem: str, usage: Usage | None = None) -> None:
-        super().__init__(problem)
-        self.usage = usage
-        """What the provider charged for it, where it says so."""
+from smartplay_tools import BrokenAnswerError, Usage
 
 
 def plain(answer: Any) -> dict[str, Any]:

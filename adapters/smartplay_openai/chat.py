@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from smartplay_openai.answers import BrokenAnswerError, plain, read_usage
+from smartplay_openai.answers import plain, read_usage
 from smartplay_openai.wire import acceptable
-from smartplay_tools import Message, Prompt, Reply, schema
+from smartplay_tools import BrokenAnswerError, Message, Prompt, Reply, schema
 
 NOT_SENT_BACK = {"annotations", "audio", "function_call"}
 """Fields of an answer that no request may hold."""

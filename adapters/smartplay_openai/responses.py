@@ -11,9 +11,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from smartplay_openai.answers import BrokenAnswerError, plain, read_usage
+from smartplay_openai.answers import plain, read_usage
 from smartplay_openai.wire import acceptable
-from smartplay_tools import Message, MessageToolCall, Prompt, Reply, assistant_message, calls_of, schema, text_of
+from smartplay_tools import (
+    BrokenAnswerError,
+    Message,
+    MessageToolCall,
+    Prompt,
+    Reply,
+    assistant_message,
+    calls_of,
+    schema,
+    text_of,
+)
 
 LEAST_LIMIT = 16
 """The interface refuses a smaller cap on the reply; a reply that uses the difference is recorded as an overrun."""

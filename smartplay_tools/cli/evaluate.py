@@ -22,6 +22,7 @@ from smartplay_tools.evaluation.plan import Plan, make_cells, plan_episodes, sui
 from smartplay_tools.evaluation.prices import Price, find_price
 from smartplay_tools.evaluation.runner import Run
 from smartplay_tools.evaluation.tables import summary_json
+from smartplay_tools.players import is_interactive
 
 _RUN = "The run"
 
@@ -95,7 +96,7 @@ def evaluate(
         slack=slack,
     )
     rules: dict[str, Any] = {"engine": engine, "manual": manual, "batch": batch, "protocol": protocol}
-    rules |= {"tokenizer": tokenizer, "options": options.game_options(option)}
+    rules |= {"tokenizer": tokenizer, "options": options.key_values(option)}
     rules["player_options"] = player_options(base_url, player_option)
     cells = make_cells(suite_games(suite, options.names(games)), options.names(players), [budget], **rules)
     plan = plan_episodes(cells, trials=trials, seed=seed)
@@ -118,6 +119,8 @@ def evaluate(
 def carry_out(plan: Plan, out: Path, *, quiet: bool, shard: tuple[int, int] | None, **how: Any) -> Run:
     """Play a plan, with its progress on the standard error."""
     part = plan if shard is None else plan.shard(*shard)
+    # A person plays on the terminal that the progress would be shown on.
+    quiet = quiet or any(is_interactive(cell.player) for cell in plan.cells)
     with showing(Console(stderr=True), part, quiet=quiet) as on_progress:
         return runner.run_plan(plan, out, shard=shard, on_progress=on_progress, **how)
 
@@ -179,7 +182,7 @@ def _amounts(episodes: int, calls: int, prompts: int, replies: int, cost: float 
 
 def player_options(base_url: str | None, pairs: list[str] | None) -> dict[str, Any]:
     """Return the options of the players; a key does not belong there, since everything there goes on record."""
-    found = options.game_options(pairs) | ({} if base_url is None else {"base_url": base_url})
+    found = options.key_values(pairs, "--player-option") | ({} if base_url is None else {"base_url": base_url})
     if "api_key" in found:
         raise InvalidArgumentError("A key would stand in the records; give it in the environment, as OPENAI_API_KEY.")
     return found

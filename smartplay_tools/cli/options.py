@@ -74,13 +74,13 @@ def names(text: str | None) -> list[str]:
     return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
-def game_options(pairs: list[str] | None) -> dict[str, Any]:
+def key_values(pairs: list[str] | None, name: str = "--option") -> dict[str, Any]:
     """Return KEY=VALUE pairs as a dictionary; a value that reads as JSON is that, anything else is text."""
     options: dict[str, Any] = {}
     for pair in pairs or []:
         key, equals, value = pair.partition("=")
         if not equals:
-            raise InvalidArgumentError(f"--option {pair} has no value; write it as KEY=VALUE.")
+            raise InvalidArgumentError(f"{name} {pair} has no value; write it as KEY=VALUE.")
         try:
             options[key] = json.loads(value)
         except ValueError:

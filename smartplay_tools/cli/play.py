@@ -63,7 +63,7 @@ def play(
     # A person has a screen, and would read here what has left the window.
     silent = quiet or as_json or getattr(who, "interactive", False)
     watch = None if silent else TurnPrinter(console)
-    own_options = options.game_options(option) | (picture_options(game) if frames else {})
+    own_options = options.key_values(option) | (picture_options(game) if frames else {})
     new_episode = Episode(game, seed=seed, budget=budget, transcript=transcript, **modes, **own_options)
     # A player may have connections to give back.
     with who if isinstance(who, AbstractContextManager) else nullcontext(), new_episode as episode:

@@ -105,9 +105,8 @@ class _LogLines:
         for row in progress.kept:
             self._sums.add(row)
         if progress.episode is not None and progress.row is None:
-            self.console.print(
-                f"failed: {progress.episode.key} ({progress.episode.cell})", highlight=False, soft_wrap=True
-            )
+            said = f"failed: {progress.episode.key} ({progress.episode.cell}): {progress.error}"
+            self.console.print(said, highlight=False, markup=False, soft_wrap=True)
         elif progress.row is not None:
             self._sums.add(progress.row)
         tenth = LOG_LINES * progress.finished // max(1, progress.planned)

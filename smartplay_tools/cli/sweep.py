@@ -87,7 +87,7 @@ def sweep(
     Example: smartplay-tools sweep --games BanditTwoArmedHighLowFixed-v0 --history 1,5,50 --trials 20 --out runs/sweep
     """
     rules: dict[str, Any] = {"engine": engine, "batch": batch, "protocol": protocol, "tokenizer": tokenizer}
-    rules |= {"options": options.game_options(option), "player_options": player_options(base_url, player_option)}
+    rules |= {"options": options.key_values(option), "player_options": player_options(base_url, player_option)}
     caps = {"reply_tokens": reply_tokens, "episode_tokens": episode_tokens}
     caps |= {"result_tokens": result_tokens, "tool_calls": tool_calls}
     cells = grid(

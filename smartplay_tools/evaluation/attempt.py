@@ -42,6 +42,10 @@ class Stop(Protocol):
         """Whether to stop."""
         ...
 
+    def set(self) -> None:
+        """Have the attempts stop between two turns."""
+        ...
+
 
 @dataclass(frozen=True)
 class Task:
@@ -85,7 +89,8 @@ def play_attempt(task: Task, meter: Meter | None, stop: Stop) -> Times:
             if isinstance(player, AbstractContextManager):
                 stack.enter_context(player)
             episode, hooks = _sit_down(task, clock, meter, stop, stack)
-            playing.play(episode, player, **hooks)
+            if playing.play(episode, player, **hooks).end_reason == "closed":
+                stop.set()  # the person who plays has left, and would not sit down for the next episode either
     return clock.times()
 
 

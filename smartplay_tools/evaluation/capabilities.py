@@ -5,8 +5,9 @@ the mean normalised score, d the degree (1 to 3 or 4) to which the setting asks 
 `table:challenges`; `GameSpec.challenges`). The original's code weighs by d - 1, so that a setting that hardly asks for
 a capability says nothing about it; that is `weights="zero-based"`, and on some sets of games all its weights vanish.
 
-A setting without a normalised score (no human baseline, or an engine that is not comparable) is left out of both sums
-and named. Intervals draw episodes again within each setting; the settings themselves are not a sample.
+A setting without a normalised score (no human baseline, or an engine that is not comparable) or without ratings (a game
+from elsewhere need not have them) is left out of both sums and named. Intervals draw episodes again within each
+setting; the settings themselves are not a sample.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class Capabilities:
     settings: tuple[str, ...]
     """The settings that count."""
     left_out: tuple[str, ...]
-    """The settings that were played and have no normalised score."""
+    """The settings that were played and have no normalised score, or no ratings."""
 
 
 def capability_scores(normalized: Mapping[str, Sequence[float | None]], *, weights: Weights = "paper") -> Capabilities:
@@ -52,7 +53,7 @@ def capability_scores(normalized: Mapping[str, Sequence[float | None]], *, weigh
     if weights not in get_args(Weights):
         raise InvalidArgumentError(f"weights must be one of {', '.join(get_args(Weights))}, not {weights!r}.")
     known = {game: [score for score in scores if score is not None] for game, scores in normalized.items()}
-    samples = {game: scores for game, scores in known.items() if scores}
+    samples = {game: scores for game, scores in known.items() if scores and get_spec(game).challenges}
     scores = tuple(_score(capability, samples, weights) for capability in CAPABILITIES)
     left_out = tuple(game for game in known if game not in samples)
     return Capabilities(weights, scores, tuple(samples), left_out)

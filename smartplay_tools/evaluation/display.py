@@ -199,7 +199,7 @@ def _mark(mark: Mark | None) -> str:
 def _capabilities_table(profiles: Sequence[Profile]) -> RenderableType:
     weights = profiles[0].capabilities.weights
     whose = "the paper's weights" if weights == "paper" else "the original code's weights, degree - 1"
-    titles = [_title(profile.condition.player, profile.condition.circumstances) for profile in profiles]
+    titles = [_title(p.condition.player + "*" * p.privileged, p.condition.circumstances) for p in profiles]
     table = _table("capability", *titles)
     for column in table.columns[1:]:
         column.no_wrap = False
@@ -208,9 +208,12 @@ def _capabilities_table(profiles: Sequence[Profile]) -> RenderableType:
         table.add_row(capability, *(_plain(estimate) for estimate in scores))
     reasons = [score.reason for profile in profiles for score in profile.capabilities.scores if score.reason]
     left_out = [
-        f"{', '.join(p.capabilities.left_out)}: no normalised score" for p in profiles if p.capabilities.left_out
+        f"{', '.join(p.capabilities.left_out)}: no normalised score, or no ratings"
+        for p in profiles
+        if p.capabilities.left_out
     ]
-    notes = dict.fromkeys([*left_out, *(f"{NOTHING}: {why}" for why in reasons)])
+    privileged = [PRIVILEGED] if any(profile.privileged for profile in profiles) else []
+    notes = dict.fromkeys([*left_out, *(f"{NOTHING}: {why}" for why in reasons), *privileged])
     return _section(f"capabilities, {whose}", table, INTERVALS, *notes)
 
 

@@ -123,6 +123,8 @@ class Profile:
     """What a player was given, and its nine capability scores."""
 
     condition: Condition
+    privileged: bool
+    """Whether the player knew more than its messages say."""
     capabilities: Capabilities
 
 
@@ -142,7 +144,7 @@ def summarize(rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Wei
     groups = by_cell(rows)
     cells = [summarize_cell(cell, members) for cell, members in groups]
     found = conditions([cell for cell, _ in groups])
-    profiles = [Profile(condition, _capabilities(condition, groups, weights)) for condition in found]
+    profiles = [_profile(condition, groups, cells, weights) for condition in found]
     lost = _failures(failures, {row["key"] for row in rows})
     played = [
         (condition, [(c.cell, c.score, c.normalized_score) for c in cells if c.cell in condition.cells])
@@ -233,12 +235,16 @@ def _differs(paper: Any, played: Any) -> dict[str, Any]:
     return {"paper": paper, "played": played}
 
 
-def _capabilities(
-    condition: Condition, groups: Sequence[tuple[PlayedCell, list[Row]]], weights: Weights
-) -> Capabilities:
+def _profile(
+    condition: Condition,
+    groups: Sequence[tuple[PlayedCell, list[Row]]],
+    cells: Sequence[CellSummary],
+    weights: Weights,
+) -> Profile:
     rows = {cell.game: members for cell, members in groups if cell in condition.cells}
     normalized = {game: [row["normalized_score"] for row in members] for game, members in rows.items()}
-    return capability_scores(normalized, weights=weights)
+    privileged = any(cell.privileged for cell in cells if cell.cell in condition.cells)
+    return Profile(condition, privileged, capability_scores(normalized, weights=weights))
 
 
 def _failures(rows: Iterable[Row], finished: Set[str]) -> list[Failures]:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from smartplay_tools.evaluation.executors import ExecutorStop
+from smartplay_tools.evaluation.attempt import Stop
 
 CAUGHT = (signal.SIGINT, signal.SIGTERM)
 
@@ -20,10 +20,10 @@ class Signals:
     def __init__(self) -> None:
         self.received: str | None = None
         """The name of the signal that stopped the run; None while there was none."""
-        self._stop: ExecutorStop | None = None
+        self._stop: Stop | None = None
         self._usual: dict[int, Any] = {}
 
-    def tell(self, stop: ExecutorStop) -> None:
+    def tell(self, stop: Stop) -> None:
         """Set this sign when a signal comes, or at once if it has come already."""
         self._stop = stop
         if self.received is not None:

@@ -139,17 +139,18 @@ class RunFolder:
         return self.path / "running" / self.next_attempt(key).name
 
     def settle(self, record: Path) -> str | None:
-        """Put the record of an attempt where it belongs; return the end reason if the episode is finished."""
+        """Put the record of an attempt where it belongs; return why it came to nothing, None if it is finished."""
         key = record.stem.split(".")[0]
         start, end = _ends(record)
         reason: str | None = None if end is None or end["event"] != "end" else end["result"]["end_reason"]
         if start is None or reason is None or reason in (*FAILURES, *UNFINISHED):
             record.replace(self.path / "attempts" / record.name)
-            return None
+            why, error = _why(end)
+            return error or why
         if episode_key(start) != key:
             raise TranscriptError(f"{record} is the record of another episode than the one that was planned.")
         record.replace(self.transcript(key))
-        return reason
+        return None
 
     def mend(self) -> None:
         """Put away what a run left in `running` when it was killed, and drop the line that it may have torn."""

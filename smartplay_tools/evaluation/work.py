@@ -31,6 +31,8 @@ class Progress:
     episode: PlannedEpisode | None = None
     row: Row | None = None
     """The episode's row if it is finished; None if the attempt came to nothing."""
+    error: str | None = None
+    """What the attempt came to if it came to nothing."""
     kept: tuple[Row, ...] = ()
     """When the run has begun: the rows that it had already."""
 
@@ -80,7 +82,7 @@ class Work:
             if not left or executor.stop.is_set():
                 return
             for outcome in executor.run(self._tasks(left, executor.stop)):
-                self._take(outcome)
+                self._take(outcome, stopped=executor.stop.is_set())
 
     def finish(self) -> list[Row]:
         """Sort the rows as planned and return them."""
@@ -96,19 +98,21 @@ class Work:
             record = self._folder.running(episode.key)
             yield Task(episode, record, self._factories.get(player), self._prices.get(player))
 
-    def _take(self, outcome: Outcome) -> None:
+    def _take(self, outcome: Outcome, *, stopped: bool) -> None:
         episode, record = outcome.task.planned, outcome.task.record
         attempt = int(record.stem.split(".")[1])
-        reason = self._folder.settle(record) if record.exists() else None
+        error = self._folder.settle(record) if record.exists() else "There is no record of the attempt."
         if outcome.times is not None:
             self._folder.append_timing({"key": episode.key, "attempt": attempt, **asdict(outcome.times)})
         row = None
-        if reason is None:
-            self._failed += 1
-        else:
+        if error is None:
             row = self._rows[episode.key] = self._row(episode)
             self._folder.append_row(row)
-        self._on_progress(Progress(len(self._rows), len(self._plan.episodes), self._failed, episode, row))
+        elif stopped:
+            return  # it did not fail: there was no time left for it
+        else:
+            self._failed += 1
+        self._on_progress(Progress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, error))
 
     def _row(self, episode: PlannedEpisode) -> Row:
         return read_row(self._folder.transcript(episode.key), episode.trial, self._prices.get(episode.cell.player))

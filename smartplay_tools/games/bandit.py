@@ -96,5 +96,9 @@ class Bandit(TextGame):
         self.score += action == self._best
         return describe(action, reward), reward, False, False
 
+    def drawing(self) -> dict[str, Any]:
+        """The machines as they really are, (probability, reward), and the better one."""
+        return {"arms": [[arm.probability, arm.reward] for arm in self._order], "best": self._best}
+
     def _state(self) -> Any:
         return [[arm.probability, arm.reward] for arm in self._order]

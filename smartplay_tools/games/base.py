@@ -131,6 +131,14 @@ class TextGame(gymnasium.Env[str, Any]):
         """What this game's options make differ from the paper: name -> {"paper": ..., "played": ...}."""
         return {}
 
+    def drawing(self) -> dict[str, Any]:
+        """The state as a person would draw it, as JSON: what a replay page draws, hidden facts included.
+
+        Empty where there is nothing to draw. A game that has no drawing of its own on the page may give
+        `{"text": ...}`, a picture made of characters.
+        """
+        return {}
+
     # What every game has.
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[str, dict[str, Any]]:

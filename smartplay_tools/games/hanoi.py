@@ -115,5 +115,9 @@ class Hanoi(TextGame):
         reward = GOAL_REWARD if self.completed else 0 if legal else ILLEGAL_REWARD
         return describe(self._rods, action), reward, self.completed, False
 
+    def drawing(self) -> dict[str, Any]:
+        """The disks on the rods, bottom first."""
+        return {"rods": [list(disks) for disks in self._rods]}
+
     def _state(self) -> Any:
         return self._rods

@@ -42,6 +42,11 @@ def get_player(name: str, *, seed: int = 0, **options: Any) -> Player | AsyncPla
     return player
 
 
+def is_interactive(name: str) -> bool:
+    """Return whether a player needs the terminal to itself, as a person does."""
+    return bool(getattr(_find(name.partition(":")[0]), "interactive", False))
+
+
 def player_names() -> list[str]:
     """Return every name that `get_player` knows, sorted."""
     return sorted({*PLAYERS, *entry_points(group=ENTRY_POINTS).names})

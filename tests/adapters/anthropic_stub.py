@@ -1,63 +1,27 @@
-"""A local server with Anthropic's Messages interface that says what a script says, and keeps what it was sent."""
+"""Anthropic's Messages interface as a scripted server."""
 
 from __future__ import annotations
 
 import json
-import threading
-from collections.abc import Sequence
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any, Self
+from collections.abc import Iterable, Sequence
+from typing import Any
 
-from tests.adapters.conformance import Script
+from smartplay_anthropic.codec import LIMIT
+
+from tests.adapters.conformance import Received
+from tests.adapters.scripted_server import ScriptedServer
 
 USAGE = {"input_tokens": 5, "cache_read_input_tokens": 3, "cache_creation_input_tokens": 2, "output_tokens": 4}
 
 
-class AnthropicStub:
-    """`faults` are the statuses of the first answers; `extra` blocks begin every reply."""
+class AnthropicStub(ScriptedServer):
+    """`extra` blocks begin every reply."""
 
-    def __init__(self, script: Script, faults: Sequence[int] = (), extra: Sequence[dict[str, Any]] = ()) -> None:
-        self.bodies: list[dict[str, Any]] = []
-        self._script, self._faults, self._extra = iter(script), list(faults), list(extra)
-        stub = self
+    def __init__(self, script: Iterable[Any], faults: Sequence[int] = (), extra: Sequence[dict[str, Any]] = ()) -> None:
+        super().__init__(script, faults)
+        self._extra = extra
 
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
-
-            def do_POST(self) -> None:
-                body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-                status, answer = stub._answer(body)
-                data = json.dumps(answer).encode()
-                self.send_response(status)
-                self.send_header("Content-Type", "application/json")
-                self.send_header("Content-Length", str(len(data)))
-                self.end_headers()
-                self.wfile.write(data)
-
-            def log_message(self, *_: Any) -> None: ...
-
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self.url = f"http://127.0.0.1:{self._server.server_port}"
-
-    @property
-    def sent(self) -> list[list[dict[str, Any]]]:
-        """What the model was sent, in canonical form."""
-        return [read(body) for body in self.bodies]
-
-    def __enter__(self) -> Self:
-        threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._server.shutdown()
-        self._server.server_close()
-
-    def _answer(self, body: dict[str, Any]) -> tuple[int, dict[str, Any]]:
-        if self._faults:
-            return self._faults.pop(0), {"type": "error", "error": {"type": "overloaded_error", "message": "busy"}}
-        check(body)
-        self.bodies.append(body)
-        message = next(self._script)
+    def say(self, path: str, body: dict[str, Any], message: Any) -> dict[str, Any]:
         blocks = [*self._extra]
         if message["content"]:
             blocks.append({"type": "text", "text": message["content"]})
@@ -65,7 +29,7 @@ class AnthropicStub:
             function = call["function"]
             arguments = json.loads(function["arguments"])
             blocks.append({"type": "tool_use", "id": call["id"], "name": function["name"], "input": arguments})
-        return 200, {
+        return {
             "id": "msg_1",
             "type": "message",
             "role": "assistant",
@@ -76,41 +40,41 @@ class AnthropicStub:
             "usage": USAGE,
         }
 
+    def check(self, path: str, body: dict[str, Any]) -> None:
+        assert path == "/v1/messages"
+        assert body["max_tokens"] >= 1
+        ids: list[str] = []
+        waiting: set[str] = set()
+        for at, message in enumerate(body["messages"]):
+            assert message["role"] == ("user", "assistant")[at % 2]
+            assert message["content"]
+            results = {block["tool_use_id"] for block in message["content"] if block["type"] == "tool_result"}
+            assert results == waiting, "all results of a turn stand together in the next message"
+            kinds = [block["type"] for block in message["content"]]
+            assert kinds == sorted(kinds, key=lambda kind: kind != "tool_result") or message["role"] == "assistant"
+            assert all(block["text"].strip() for block in message["content"] if block["type"] == "text")
+            called = [block["id"] for block in message["content"] if block["type"] == "tool_use"]
+            ids, waiting = ids + called, set(called)
+        assert len(ids) == len(set(ids))
 
-def check(body: dict[str, Any]) -> None:
-    """Refuse what the interface refuses."""
-    assert body["max_tokens"] >= 1
-    ids: list[str] = []
-    waiting: set[str] = set()
-    for at, message in enumerate(body["messages"]):
-        assert message["role"] == ("user", "assistant")[at % 2]
-        assert message["content"]
-        results = {block["tool_use_id"] for block in message["content"] if block["type"] == "tool_result"}
-        assert results == waiting, "all results of a turn stand together in the next message"
-        kinds = [block["type"] for block in message["content"]]
-        assert kinds == sorted(kinds, key=lambda kind: kind != "tool_result") or message["role"] == "assistant"
-        assert all(block["text"].strip() for block in message["content"] if block["type"] == "text")
-        called = [block["id"] for block in message["content"] if block["type"] == "tool_use"]
-        ids, waiting = ids + called, set(called)
-    assert len(ids) == len(set(ids))
-
-
-def read(body: dict[str, Any]) -> list[dict[str, Any]]:
-    messages: list[dict[str, Any]] = [{"role": "system", "content": body["system"]}]
-    for message in body["messages"]:
-        blocks = message["content"]
-        words = "".join(block["text"] for block in blocks if block["type"] == "text")
-        if message["role"] == "assistant":
-            calls = [block for block in blocks if block["type"] == "tool_use"]
-            functions = [(call["id"], call["name"], json.dumps(call["input"], ensure_ascii=False)) for call in calls]
-            tool_calls = [{"id": i, "function": {"name": name, "arguments": text}} for i, name, text in functions]
-            messages.append({"role": "assistant", "content": words, "tool_calls": tool_calls})
-            continue
-        messages.extend(
-            {"role": "tool", "tool_call_id": block["tool_use_id"], "content": block["content"]}
-            for block in blocks
-            if block["type"] == "tool_result"
-        )
-        if words:
-            messages.append({"role": "user", "content": words})
-    return messages
+    def read(self, path: str, body: dict[str, Any]) -> Received:
+        messages: list[dict[str, Any]] = [{"role": "system", "content": body["system"]}]
+        for message in body["messages"]:
+            blocks = message["content"]
+            words = "".join(block["text"] for block in blocks if block["type"] == "text")
+            if message["role"] == "assistant":
+                used = [block for block in blocks if block["type"] == "tool_use"]
+                functions = [(b["id"], b["name"], json.dumps(b["input"], ensure_ascii=False)) for b in used]
+                calls = [{"id": i, "function": {"name": name, "arguments": text}} for i, name, text in functions]
+                messages.append({"role": "assistant", "content": words, "tool_calls": calls})
+                continue
+            messages.extend(
+                {"role": "tool", "tool_call_id": block["tool_use_id"], "content": block["content"]}
+                for block in blocks
+                if block["type"] == "tool_result"
+            )
+            if words:
+                messages.append({"role": "user", "content": words})
+        tools = [(tool["name"], tool["description"], tool["input_schema"]) for tool in body["tools"]]
+        # The interface wants a cap where the budget sets none.
+        return Received(messages, tools, None if body["max_tokens"] == LIMIT else body["max_tokens"])

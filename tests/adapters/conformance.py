@@ -1,15 +1,21 @@
 """One conversation, to be held through every adapter: the script, a model that reads it out, and what must come of it.
 
-An adapter joins `test_conformance.py` with one row. A row that owns its context is a function `(episode, script)` that
-has the framework's own runner play the script, and returns what its model was sent: a list of messages a prompt, in
-canonical form. A row whose host owns the context is a function `(episode, calls)` that sends the calls one by one.
+An adapter joins `test_conformance.py` with one row. A row that owns its context (`Window`) has the framework's own
+runner play the script, and returns what its model was sent. A row whose host owns the context (`Host`) opens episodes
+in whatever way the framework has, and hands out a function for each that makes one call. Nothing else is said of an
+adapter, so nothing else can be asked of it: every row is held to everything.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from typing import Any
+import threading
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import smartplay_tools as sp
 from smartplay_tools.transcript import comparable
@@ -20,7 +26,46 @@ WAY = ["A->C", "A->B", "C->B", "A->C", "B->A", "B->C", "A->C"]
 """The seven moves that solve it."""
 
 Script = list[sp.Message]
-Sent = list[list[dict[str, Any]]]
+
+
+class Received(NamedTuple):
+    """What a model was sent, in canonical form."""
+
+    messages: Sequence[dict[str, Any]]
+    tools: list[tuple[str, str, Any]]
+    """Name, description and schema of each."""
+    cap: int | None
+    """How long the reply may be."""
+
+
+Sent = list[Received]
+
+
+@dataclass(frozen=True)
+class Window:
+    """An adapter that owns the context."""
+
+    hold: Callable[[sp.Episode, Iterable[sp.Message]], Sent]
+    """Plays an episode to its end with a model that says what the script says; the model's prompts come back."""
+    through: str
+    """How its line in `docs/what-is-enforced.md` begins."""
+    broken_json: bool = True
+    """Whether its wire can carry arguments that are no JSON."""
+
+
+Send = Callable[[str, Any], Awaitable[tuple[str, bool | None]]]
+"""Makes one call; returns the text that came back, and whether it was an error, if that can be seen."""
+
+
+@dataclass(frozen=True)
+class Host:
+    """An adapter whose host owns the context."""
+
+    open: Callable[[Sequence[int], Path], AbstractAsyncContextManager[list[Send]]]
+    """Opens an episode for each seed, their transcripts somewhere in the folder."""
+    through: str
+    carries: Callable[[str, Any], bool] = lambda name, arguments: True
+    """Which calls reach us. The framework answers, or refuses, the others itself."""
 
 
 def move(short: str) -> str:
@@ -75,9 +120,11 @@ BROKEN: Script = [
 
 BUDGETS = {
     "free": sp.Budget(),
-    "tight": sp.Budget(prompt_tokens=900, history=2),
-    "lazy": sp.Budget(prompt_tokens=1000, slack=0.5, episode_tokens=20_000, reply_tokens=300),
+    "tight": sp.Budget(prompt_tokens=1400, history=2, result_tokens=150),
+    "lazy": sp.Budget(prompt_tokens=1400, slack=0.5, result_tokens=150, episode_tokens=20_000, reply_tokens=300),
+    "spent": sp.Budget(prompt_tokens=900, history=2),
 }
+"""Under all but the last the game is played to its end; in the second and third, turns leave the window."""
 
 
 def fresh(budget: sp.Budget | None = None, seed: int = SEED, **options: Any) -> tuple[sp.Episode, list[Any]]:
@@ -85,29 +132,60 @@ def fresh(budget: sp.Budget | None = None, seed: int = SEED, **options: Any) -> 
     return sp.Episode(GAME, seed=seed, budget=budget, transcript=events, **options), events
 
 
-def by_conversation(episode: sp.Episode, script: Script) -> Sent:
+def by_conversation(episode: sp.Episode, script: Iterable[sp.Message]) -> Sent:
     """The measure of all rows: `play` with a scripted player."""
     player = sp.ScriptedPlayer(script)
     sp.play(episode, player)
-    return [[dict(message) for message in prompt.messages] for prompt in player.prompts]
+    return [
+        Received(
+            one_system([dict(message) for message in prompt.messages]),
+            [(tool.name, tool.description, dict(tool.parameters)) for tool in prompt.tools],
+            prompt.max_tokens,
+        )
+        for prompt in player.prompts
+    ]
 
 
-def by_conversation_with_one_system(episode: sp.Episode, script: Script) -> Sent:
-    return [one_system(messages) for messages in by_conversation(episode, script)]
-
-
-def judge(hold: Callable[[sp.Episode, Script], Sent], script: Script, budget: sp.Budget) -> None:
+def judge(row: Window, script: Script, budget: sp.Budget, turns: Turns | None = None) -> sp.EpisodeResult:
     """Hold a conversation through an adapter, and once more without it; nothing may tell the two apart."""
     episode, events = fresh(budget)
     with episode:
-        sent = hold(episode, script)
+        sent = row.hold(episode, script if turns is None else turns.taken(script))
+    if turns is not None:
+        turns.leave()
     expected_episode, expected_events = fresh(budget)
     with expected_episode:
         expected = by_conversation(expected_episode, script)
     assert without_usage(episode.result) == without_usage(expected_episode.result)
     assert comparable(events) == comparable(expected_events)
-    assert [[plain(m) for m in prompt] for prompt in sent] == [[plain(m) for m in one_system(p)] for p in expected]
+    assert [spelled(prompt) for prompt in sent] == [spelled(prompt) for prompt in expected]
     independently(events, sent, episode)
+    assert episode.result is not None
+    return episode.result
+
+
+class Turns:
+    """Makes two conversations interleave: each reply of one waits for the next reply of the other."""
+
+    def __init__(self) -> None:
+        self.mine, self.others = threading.Semaphore(1), threading.Semaphore(0)
+        self.taken_in_turn = 0
+
+    def other_side(self) -> Turns:
+        other = Turns()
+        other.mine, other.others = self.others, self.mine
+        return other
+
+    def taken(self, script: Iterable[sp.Message]) -> Iterator[sp.Message]:
+        for message in script:
+            assert self.mine.acquire(timeout=30), "the other conversation does not go on"
+            self.others.release()
+            self.taken_in_turn += 1
+            yield message
+
+    def leave(self) -> None:
+        """Do not keep the other waiting any more."""
+        self.others.release(1000)
 
 
 def without_usage(result: sp.EpisodeResult) -> sp.EpisodeResult:
@@ -125,8 +203,20 @@ def independently(events: list[Any], sent: Sent, episode: sp.Episode) -> None:
         episode.budget.model_dump(),
         episode.counter.tokenizer.count,
     )
+    budget, spent = episode.budget.model_dump(), 0
     for turns, prompt in enumerate(sent):
-        checker.check_prompt(prompt, head["tools"], judged, turns)
+        view = judged.view(turns)
+        assert view is not None, "the pinned parts do not fit, and yet a prompt was sent"
+        assert [plain(m) for m in prompt.messages] == [plain(m) for m in one_system(view["messages"])]
+        checker.check_prompt(list(prompt.messages), head["tools"], judged, turns)
+        assert prompt.tools == [(tool["name"], tool["description"], tool["parameters"]) for tool in head["tools"]]
+        assert prompt.cap == checker.allowed(budget, spent, view["tokens"])
+        spent += view["tokens"] + checker.message_tokens(judged.turns[turns]["messages"][0], judged.n)
+    assert len(sent) == len(judged.turns)
+
+
+def spelled(prompt: Received) -> tuple[Any, ...]:
+    return [plain(message) for message in prompt.messages], prompt.tools, prompt.cap
 
 
 def plain(message: dict[str, Any]) -> dict[str, Any]:
@@ -142,23 +232,42 @@ def one_system(messages: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{"role": "system", "content": "\n\n".join(system)}, *(m for m in messages if m["role"] != "system")]
 
 
-CALLS: list[tuple[str, Any]] = [
-    (call["function"]["name"], json.loads(call["function"]["arguments"]))
-    for message in BASIC
-    for call in message.get("tool_calls", ())
-]
-"""The script for adapters whose host owns the context: there each call is a turn."""
+def calls_of(script: Script) -> list[tuple[str, Any]]:
+    """A script for adapters whose host owns the context: there each call is a turn."""
+    functions = [call["function"] for message in script for call in message.get("tool_calls", ())]
+    return [(function["name"], json.loads(function["arguments"])) for function in functions]
 
 
-def judge_host(send: Callable[[sp.Episode, list[tuple[str, Any]]], list[tuple[str, bool]]]) -> None:
-    """Send the calls through an adapter, and once more to the episode itself."""
-    budget = sp.Budget(history=3)
-    episode, events = fresh(budget, context="host")
-    with episode:
-        shown = send(episode, CALLS)
-    expected_episode, expected_events = fresh(budget, context="host")
-    with expected_episode:
-        expected = [expected_episode.call(name, arguments) for name, arguments in CALLS]
-    assert shown == [(result.text, result.is_error) for result in expected]
-    assert comparable(events) == comparable(expected_events)
-    assert episode.result == expected_episode.result
+HOST_BUDGET = sp.Budget(history=3)
+
+
+def host_episode(seed: int, folder: Path) -> sp.Episode:
+    return sp.Episode(GAME, seed=seed, budget=HOST_BUDGET, context="host", transcript=folder / f"{seed}.jsonl")
+
+
+async def judge_hosts(row: Host, folder: Path) -> None:
+    """Play two episodes, a call of one after a call of the other, and each once more without the adapter."""
+    plays = {7: calls_of(BASIC), 8: calls_of(IDLE)}
+    carried = {seed: [call for call in calls if row.carries(*call)] for seed, calls in plays.items()}
+    shown: dict[int, list[tuple[str, bool | None]]] = {seed: [] for seed in plays}
+    async with row.open([*plays], folder) as senders:
+        send = dict(zip(plays, senders, strict=True))
+        for pair in zip_longest(*carried.values()):
+            for seed, call in zip(carried, pair, strict=True):
+                if call is not None:
+                    shown[seed].append(await send[seed](*call))
+    records = [sp.read_transcript(path) for path in folder.glob("*.jsonl")]
+    by_seed = {events[0]["seed"]: events for events in records}
+    for seed, calls in carried.items():
+        expected_events: list[Any] = []
+        with sp.Episode(
+            GAME, seed=seed, budget=HOST_BUDGET, context="host", transcript=expected_events
+        ) as expected_episode:
+            expected = [expected_episode.call(*call) for call in calls]
+        assert [text for text, _ in shown[seed]] == [result.text for result in expected]
+        assert all(error in (None, result.is_error) for (_, error), result in zip(shown[seed], expected, strict=True))
+        assert comparable(by_seed[seed]) == comparable(expected_events)
+        (end,) = [event for event in by_seed[seed] if event["event"] == "end"]
+        assert end["result"] == expected_episode.result.model_dump()
+        assert end["result"]["end_reason"] == "terminated"
+        assert expected[-1].is_error, "the last call comes after the end"

@@ -2,13 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
-from agents.testing import assistant_message, function_call
-from smartplay_openai.responses import read_items
+from agents.testing import ScriptedModel, assistant_message, function_call
 
 import smartplay_tools as sp
+from tests.adapters.conformance import Received
+from tests.adapters.openai_stub import read_items
+
+
+class ReadingModel(ScriptedModel):
+    """Reads its script step by step, when it is asked."""
+
+    def __init__(self, script: Iterable[sp.Message]) -> None:
+        super().__init__()
+        self._script = iter(script)
+
+    async def get_response(self, *arguments: Any, **options: Any) -> Any:
+        self.enqueue(step(next(self._script)))
+        return await super().get_response(*arguments, **options)
+
+    @property
+    def received(self) -> list[Received]:
+        return [
+            Received(
+                read(call.input),
+                [(tool.name, tool.description, tool.params_json_schema) for tool in call.tools],
+                call.model_settings.max_tokens,
+            )
+            for call in self.calls
+        ]
 
 
 def step(message: sp.Message) -> list[Any]:
@@ -17,20 +41,5 @@ def step(message: sp.Message) -> list[Any]:
     return words + [function_call(f["name"], f["arguments"], call_id=call_id) for call_id, f in functions]
 
 
-def read(items: Sequence[Any]) -> list[dict[str, Any]]:
-    """Read input items; all that stand between two others belong to one assistant message."""
-    messages: list[dict[str, Any]] = []
-    said: list[Any] = []
-    for item in [*items, None]:
-        kind = item and item.get("type", "message")
-        if kind == "function_call" or (kind == "message" and item["role"] == "assistant"):
-            said.append(item)
-            continue
-        if said:
-            messages.append(dict(read_items(said)))
-            said = []
-        if kind == "function_call_output":
-            messages.append({"role": "tool", "tool_call_id": item["call_id"], "content": item["output"]})
-        elif kind == "message":
-            messages.append({"role": item["role"], "content": item["content"]})
-    return messages
+def read(items: Any) -> list[dict[str, Any]]:
+    return list(read_items(items))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from langchain_core.language_models import BaseChatModel
 from langchain_core.messages import BaseMessage
 from langchain_core.outputs import ChatGeneration, ChatResult
+from langchain_core.utils.function_calling import convert_to_openai_tool
 from smartplay_langchain import from_langchain, to_langchain
 
-from tests.adapters.conformance import Script
+from tests.adapters.conformance import Received
 
 
 class ScriptedModel(BaseChatModel):
@@ -18,8 +19,18 @@ class ScriptedModel(BaseChatModel):
     sent: list[Any]
     settings: list[dict[str, Any]]
 
-    def __init__(self, script: Script) -> None:
+    def __init__(self, script: Iterable[Any]) -> None:
         super().__init__(script=iter(script), sent=[], settings=[])
+
+    @property
+    def received(self) -> list[Received]:
+        """What the model was sent, in canonical form."""
+        found = []
+        for messages, settings in zip(self.sent, self.settings, strict=True):
+            functions = [convert_to_openai_tool(tool)["function"] for tool in settings["tools"]]
+            tools = [(function["name"], function["description"], function["parameters"]) for function in functions]
+            found.append(Received(messages, tools, settings.get("max_tokens")))
+        return found
 
     @property
     def _llm_type(self) -> str:

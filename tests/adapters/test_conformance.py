@@ -3,33 +3,56 @@
 from __future__ import annotations
 
 import asyncio
+import sys
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+import httpx2
 import pytest
 from agents import Agent, Runner, set_tracing_disabled
-from agents import testing as agents_testing
 from langchain.agents import create_agent
-from langchain_core.tools import BaseTool
+from langchain_core.messages import AIMessage, ToolMessage
 from langgraph.graph import START, MessagesState, StateGraph
-from mcp import Client
+from mcp import Client, StdioServerParameters, stdio_client
+from mcp.client.streamable_http import streamable_http_client
 from smartplay_anthropic import AnthropicPlayer
-from smartplay_langchain import LangChainPlayer, Seat, SmartPlayMiddleware, SmartPlayToolkit
-from smartplay_mcp import Table, game_server
+from smartplay_langchain import LangChainPlayer, Seat, SmartPlayMiddleware, SmartPlayToolkit, to_langchain
+from smartplay_mcp import Episodes, HttpServer, Table, game_server
+from smartplay_openai import OpenAIPlayer, ResponsesPlayer
 from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp
-from tests.adapters import conformance, scripted_agents
+from tests.adapters import conformance
 from tests.adapters.anthropic_stub import AnthropicStub
-from tests.adapters.conformance import BASIC, BROKEN, BUDGETS, IDLE, Script, Sent
+from tests.adapters.conformance import (
+    BASIC,
+    BROKEN,
+    BUDGETS,
+    GAME,
+    HOST_BUDGET,
+    IDLE,
+    Host,
+    Send,
+    Sent,
+    Turns,
+    Window,
+    calling,
+    host_episode,
+)
+from tests.adapters.openai_stub import OpenAIStub
+from tests.adapters.scripted_agents import ReadingModel
 from tests.adapters.scripted_langchain import ScriptedModel
+
+Script = Iterable[sp.Message]
 
 
 @pytest.fixture(autouse=True)
-def _no_network(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No traces to a provider, and no proxy between a client and the stub beside it."""
+def _no_traces() -> None:
+    """No traces to a provider."""
     set_tracing_disabled(True)
-    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
 
 
 # --- Adapters that own the context -------------------------------------------------------------------------------
@@ -38,44 +61,36 @@ def _no_network(monkeypatch: pytest.MonkeyPatch) -> None:
 def langchain_agent(episode: sp.Episode, script: Script) -> Sent:
     model = ScriptedModel(script)
     create_agent(model, middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
-    return model.sent
+    return model.received
 
 
 def langchain_agent_async(episode: sp.Episode, script: Script) -> Sent:
     model = ScriptedModel(script)
     asyncio.run(create_agent(model, middleware=[SmartPlayMiddleware(episode)]).ainvoke({"messages": []}))
-    return model.sent
-
-
-def langchain_player(episode: sp.Episode, script: Script) -> Sent:
-    model = ScriptedModel(script)
-    sp.play(episode, LangChainPlayer(model))
-    return model.sent
-
-
-def langchain_player_async(episode: sp.Episode, script: Script) -> Sent:
-    model = ScriptedModel(script)
-    asyncio.run(sp.aplay(episode, LangChainPlayer(model)))
-    return model.sent
+    return model.received
 
 
 def langgraph(episode: sp.Episode, script: Script) -> Sent:
     seat, model = Seat(episode), ScriptedModel(script)
+    tools = SmartPlayToolkit(episode=episode).get_tools()
 
     def speak(state: MessagesState) -> dict[str, Any]:
-        view = seat.view(state["messages"])
-        return {"messages": [] if view is None else seat.receive(model.invoke(view))}
+        prompt = seat.prompt(state["messages"])
+        if prompt is None:
+            return {"messages": []}
+        bound = model.bind_tools(tools, max_tokens=prompt.max_tokens)
+        return {"messages": seat.receive(bound.invoke(to_langchain(prompt.messages)))}
 
     graph = StateGraph(MessagesState)
     graph.add_node("speak", speak)
     graph.add_edge(START, "speak")
     graph.add_conditional_edges("speak", lambda _: "__end__" if episode.done else "speak")
     graph.compile().invoke({"messages": []}, {"recursion_limit": 100})
-    return model.sent
+    return model.received
 
 
 def agents_sdk(episode: sp.Episode, script: Script, *, streamed: bool = False) -> Sent:
-    inner = agents_testing.ScriptedModel([scripted_agents.step(message) for message in script])
+    inner = ReadingModel(script)
     model = SmartPlayModel(inner, episode)
     agent = Agent("player", model=model, tools=model.tools)
 
@@ -88,53 +103,84 @@ def agents_sdk(episode: sp.Episode, script: Script, *, streamed: bool = False) -
             await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
 
     asyncio.run(run())
-    return [scripted_agents.read(call.input) for call in inner.calls]
+    return inner.received
 
 
-def anthropic_player(episode: sp.Episode, script: Script) -> Sent:
-    with AnthropicStub(script) as stub, AnthropicPlayer("m", base_url=stub.url, api_key="k") as player:
-        sp.play(episode, player)
-    return stub.sent
+def langchain_player(episode: sp.Episode, script: Script, play: Play) -> Sent:
+    model = ScriptedModel(script)
+    play(episode, LangChainPlayer(model))
+    return model.received
 
 
-def anthropic_player_async(episode: sp.Episode, script: Script) -> Sent:
-    async def play(url: str) -> None:
-        player = AnthropicPlayer("m", base_url=url, api_key="k")
-        await sp.aplay(episode, player)
-        await player.aclose()
-
+def anthropic_player(episode: sp.Episode, script: Script, play: Play) -> Sent:
     with AnthropicStub(script) as stub:
-        asyncio.run(play(stub.url))
-    return stub.sent
+        play(episode, AnthropicPlayer("m", base_url=stub.url, retries=0))
+    return stub.received
 
+
+def openai_player(episode: sp.Episode, script: Script, play: Play, kind: type[OpenAIPlayer] = OpenAIPlayer) -> Sent:
+    with OpenAIStub(script) as stub:
+        play(episode, kind("m", base_url=stub.base_url, retries=0))
+    return stub.received
+
+
+Play = Callable[[sp.Episode, sp.ModelPlayer], None]
+
+
+def waiting(episode: sp.Episode, player: sp.ModelPlayer) -> None:
+    with player:
+        sp.play(episode, player)
+
+
+def on_a_loop(episode: sp.Episode, player: sp.ModelPlayer) -> None:
+    async def play() -> None:
+        async with player:
+            await sp.aplay(episode, player)
+
+    asyncio.run(play())
+
+
+responses_player = partial(openai_player, kind=ResponsesPlayer)
+
+AGENTS = "Agents SDK `SmartPlayModel`"
+ANTHROPIC = "Anthropic player"
+LANGCHAIN = "LangChain `SmartPlayMiddleware`"
+OPENAI = "OpenAI players"
+PLAY = "`play`, `aplay`"
 
 WINDOW = {
-    "Agents SDK": agents_sdk,
-    "Agents SDK, streamed": partial(agents_sdk, streamed=True),
-    "Anthropic player": anthropic_player,
-    "Anthropic player, async": anthropic_player_async,
-    "Conversation": conformance.by_conversation_with_one_system,
-    "LangChain agent": langchain_agent,
-    "LangChain agent, async": langchain_agent_async,
-    "LangChain player": langchain_player,
-    "LangChain player, async": langchain_player_async,
-    "LangGraph": langgraph,
+    "Agents SDK": Window(agents_sdk, AGENTS),
+    "Agents SDK, streamed": Window(partial(agents_sdk, streamed=True), AGENTS),
+    "Anthropic player": Window(partial(anthropic_player, play=waiting), ANTHROPIC, broken_json=False),
+    "Anthropic player, async": Window(partial(anthropic_player, play=on_a_loop), ANTHROPIC, broken_json=False),
+    "Conversation": Window(conformance.by_conversation, "`Conversation`"),
+    "LangChain agent": Window(langchain_agent, LANGCHAIN),
+    "LangChain agent, async": Window(langchain_agent_async, LANGCHAIN),
+    "LangChain player": Window(partial(langchain_player, play=waiting), PLAY),
+    "LangChain player, async": Window(partial(langchain_player, play=on_a_loop), PLAY),
+    "LangGraph": Window(langgraph, LANGCHAIN),
+    "OpenAI player": Window(partial(openai_player, play=waiting), OPENAI),
+    "OpenAI player, async": Window(partial(openai_player, play=on_a_loop), OPENAI),
+    "OpenAI Responses player": Window(partial(responses_player, play=waiting), OPENAI),
+    "OpenAI Responses player, async": Window(partial(responses_player, play=on_a_loop), OPENAI),
 }
-BROKEN_ARGUMENTS = [
-    "Agents SDK",
-    "Conversation",
-    "LangChain agent",
-    "LangChain agent, async",
-    "LangChain player",
-    "LangGraph",
-]
-"""Adapters whose wire can carry arguments that are no JSON."""
+
+
+@pytest.mark.parametrize("budget", ["tight", "lazy"])
+def test_these_budgets_make_turns_leave_the_window(budget):
+    episode, events = conformance.fresh(BUDGETS[budget])
+    with episode:
+        conformance.by_conversation(episode, BASIC)
+    shown = [sum(last - first + 1 for first, last in e["turns"]) for e in events if e["event"] == "view"]
+    assert max(turn - turns for turn, turns in enumerate(shown)) >= 4
 
 
 @pytest.mark.parametrize("budget", BUDGETS)
 @pytest.mark.parametrize("row", WINDOW)
 def test_the_game_cannot_tell_adapters_apart(row, budget):
-    conformance.judge(WINDOW[row], BASIC, BUDGETS[budget])
+    result = conformance.judge(WINDOW[row], BASIC, BUDGETS[budget])
+    assert result.end_reason == ("prompt_tokens" if budget == "spent" else "terminated")
+    assert result.refused_calls == (budget != "spent"), "the last act comes after the end"
 
 
 @pytest.mark.parametrize("row", WINDOW)
@@ -142,79 +188,215 @@ def test_words_without_a_call(row):
     conformance.judge(WINDOW[row], IDLE, BUDGETS["tight"])
 
 
-@pytest.mark.parametrize("row", BROKEN_ARGUMENTS)
+@pytest.mark.parametrize("row", [row for row in WINDOW if WINDOW[row].broken_json])
 def test_arguments_that_are_no_json(row):
     conformance.judge(WINDOW[row], BROKEN, BUDGETS["tight"])
 
 
 @pytest.mark.parametrize("row", WINDOW)
-def test_two_episodes_at_once(row):
-    """Each in a thread of its own, with steps that interleave as they please."""
+def test_two_episodes_interleaved(row):
+    """Each in a thread of its own, a reply of one after a reply of the other."""
 
     async def both() -> None:
-        hold = WINDOW[row]
-        one = asyncio.to_thread(conformance.judge, hold, BASIC, BUDGETS["tight"])
-        other = asyncio.to_thread(conformance.judge, hold, IDLE, BUDGETS["free"])
+        mine = Turns()
+        others = mine.other_side()
+        one = asyncio.to_thread(conformance.judge, WINDOW[row], BASIC, BUDGETS["tight"], mine)
+        other = asyncio.to_thread(conformance.judge, WINDOW[row], IDLE, BUDGETS["free"], others)
         await asyncio.gather(one, other)
+        assert min(mine.taken_in_turn, others.taken_in_turn) == len(BASIC)
 
     asyncio.run(both())
 
 
 # --- Adapters whose host owns the context ------------------------------------------------------------------------
 
-
-def by_name(episode: sp.Episode) -> dict[str, BaseTool]:
-    return {tool.name: tool for tool in SmartPlayToolkit(episode=episode).get_tools()}
+Opened = AsyncIterator[list[Send]]
 
 
-def raw_episode(episode: sp.Episode, calls: list[tuple[str, Any]]) -> list[tuple[str, bool]]:
-    results = [episode.call(name, arguments) for name, arguments in calls]
-    return [(result.text, result.is_error) for result in results]
+@asynccontextmanager
+async def direct(seeds: Sequence[int], folder: Path, send_to: Callable[[sp.Episode], Send]) -> Opened:
+    """Episodes in this process."""
+    with ExitStack() as stack:
+        yield [send_to(stack.enter_context(host_episode(seed, folder))) for seed in seeds]
 
 
-def raw_episode_async(episode: sp.Episode, calls: list[tuple[str, Any]]) -> list[tuple[str, bool]]:
-    async def send() -> list[tuple[str, bool]]:
-        results = [await episode.acall(name, arguments) for name, arguments in calls]
-        return [(result.text, result.is_error) for result in results]
-
-    return asyncio.run(send())
-
-
-def toolkit(episode: sp.Episode, calls: list[tuple[str, Any]]) -> list[tuple[str, bool]]:
-    """A toolkit has no tool that is not there, so that call goes to the episode, as a framework's error would not."""
-    tools, shown = by_name(episode), []
-    for name, arguments in calls:
-        if name not in tools:
-            result = episode.call(name, arguments)
-            shown.append((result.text, result.is_error))
-            continue
-        message = tools[name].invoke({"type": "tool_call", "id": "c0", "name": name, "args": arguments})
-        shown.append((message.content, message.status == "error"))
-    return shown
-
-
-def mcp(mode: str) -> Any:
-    def send(episode: sp.Episode, calls: list[tuple[str, Any]]) -> list[tuple[str, bool]]:
-        async def session() -> list[tuple[str, bool]]:
-            table = Table(episode)
-            async with Client(game_server(lambda _: table), mode=mode) as client:
-                results = [await client.call_tool(name, arguments) for name, arguments in calls]
-            return [(result.content[0].text, result.is_error) for result in results]
-
-        return asyncio.run(session())
+def through_episode(episode: sp.Episode) -> Send:
+    async def send(name: str, arguments: Any) -> tuple[str, bool]:
+        result = await episode.acall(name, arguments)
+        return result.text, result.is_error
 
     return send
 
 
+def through_functions(episode: sp.Episode) -> Send:
+    functions = {function.__name__: function for function in episode.functions()}
+
+    async def send(name: str, arguments: Any) -> tuple[str, None]:
+        return functions[name](**arguments), None
+
+    return send
+
+
+def through_toolkit(episode: sp.Episode, *, asynchronously: bool = False) -> Send:
+    tools = {tool.name: tool for tool in SmartPlayToolkit(episode=episode).get_tools()}
+
+    async def send(name: str, arguments: Any) -> tuple[str, bool]:
+        call = {"type": "tool_call", "id": "c0", "name": name, "args": arguments}
+        message = await tools[name].ainvoke(call) if asynchronously else tools[name].invoke(call)
+        return message.content, message.status == "error"
+
+    return send
+
+
+def through_toolkit_in_an_agent(episode: sp.Episode) -> Send:
+    tools = SmartPlayToolkit(episode=episode).get_tools()
+
+    async def send(name: str, arguments: Any) -> tuple[str, bool]:
+        model = ScriptedModel([calling((name, arguments)), calling(say="I have seen it.")])
+        state = await create_agent(model, tools).ainvoke({"messages": []})
+        (message,) = [message for message in state["messages"] if isinstance(message, ToolMessage)]
+        return message.content, message.status == "error"
+
+    return send
+
+
+def through_client(client: Client) -> Send:
+    async def send(name: str, arguments: Any) -> tuple[str, bool]:
+        result = await client.call_tool(name, arguments)
+        return result.content[0].text, result.is_error
+
+    return send
+
+
+@asynccontextmanager
+async def mcp_in_memory(seeds: Sequence[int], folder: Path, mode: str) -> Opened:
+    async with AsyncExitStack() as stack:
+        tables = [Table(stack.enter_context(host_episode(seed, folder))) for seed in seeds]
+        servers = [game_server(lambda _, table=table: table) for table in tables]
+        yield [through_client(await stack.enter_async_context(Client(server, mode=mode))) for server in servers]
+
+
+@asynccontextmanager
+async def mcp_on_stdio(seeds: Sequence[int], folder: Path, mode: str) -> Opened:
+    """A process for each episode, as a host would start it."""
+    async with AsyncExitStack() as stack:
+        senders = []
+        for seed in seeds:
+            options = ["--seed", str(seed), "--history", str(HOST_BUDGET.history)]
+            options += ["--transcript", str(folder / f"{seed}.jsonl")]
+            command = ["-m", "smartplay_tools", "serve", "mcp", GAME, *options]
+            transport = stdio_client(StdioServerParameters(command=sys.executable, args=command))
+            senders.append(through_client(await stack.enter_async_context(Client(transport, mode=mode))))
+        yield senders
+
+
+@asynccontextmanager
+async def mcp_over_http(seeds: Sequence[int], folder: Path, mode: str) -> Opened:
+    """One server for all episodes."""
+    episodes = Episodes(folder=folder)
+    handles = [episodes.open(GAME, seed=seed, budget=HOST_BUDGET) for seed in seeds]
+    async with AsyncExitStack() as stack:
+        server = stack.enter_context(HttpServer(episodes, port=0))
+        http = await stack.enter_async_context(httpx2.AsyncClient(trust_env=False))
+        addresses = [f"{server.url}/mcp/{handle}" for handle in handles]
+        clients = [Client(streamable_http_client(address, http_client=http), mode=mode) for address in addresses]
+        yield [through_client(await stack.enter_async_context(client)) for client in clients]
+    for handle in handles:
+        episodes.close(handle)
+
+
+def a_tool_that_there_is(name: str, arguments: Any) -> bool:
+    return name in ("observe", "act", "read_manual")
+
+
+def a_call_that_python_can_make(name: str, arguments: Any) -> bool:
+    return a_tool_that_there_is(name, arguments) and list(arguments) == (["action"] if name == "act" else [])
+
+
+FUNCTIONS = "`Episode.functions()`"
+MCP = "MCP"
+TOOLKIT = "LangChain `SmartPlayToolkit` alone"
+
 HOST = {
-    "Episode": raw_episode,
-    "Episode, async": raw_episode_async,
-    "LangChain toolkit": toolkit,
-    "MCP": mcp("auto"),
-    "MCP, legacy": mcp("legacy"),
+    "Episode": Host(partial(direct, send_to=through_episode), "`Episode.call`"),
+    "Functions": Host(partial(direct, send_to=through_functions), FUNCTIONS, a_call_that_python_can_make),
+    "LangChain toolkit": Host(partial(direct, send_to=through_toolkit), TOOLKIT, a_tool_that_there_is),
+    "LangChain toolkit, async": Host(
+        partial(direct, send_to=partial(through_toolkit, asynchronously=True)), TOOLKIT, a_tool_that_there_is
+    ),
+    "LangChain toolkit in an agent": Host(
+        partial(direct, send_to=through_toolkit_in_an_agent), TOOLKIT, a_tool_that_there_is
+    ),
+    "MCP in memory": Host(partial(mcp_in_memory, mode="auto"), MCP),
+    "MCP in memory, legacy": Host(partial(mcp_in_memory, mode="legacy"), MCP),
+    "MCP on stdio": Host(partial(mcp_on_stdio, mode="auto"), MCP),
+    "MCP on stdio, legacy": Host(partial(mcp_on_stdio, mode="legacy"), MCP),
+    "MCP over HTTP": Host(partial(mcp_over_http, mode="auto"), MCP),
+    "MCP over HTTP, legacy": Host(partial(mcp_over_http, mode="legacy"), MCP),
 }
 
 
 @pytest.mark.parametrize("row", HOST)
-def test_the_game_cannot_tell_hosts_apart(row):
-    conformance.judge_host(HOST[row])
+async def test_the_game_cannot_tell_hosts_apart(row, tmp_path):
+    await conformance.judge_hosts(HOST[row], tmp_path)
+
+
+# --- What is enforced where: the table in the documentation -------------------------------------------------------
+
+
+def table() -> dict[str, dict[str, str]]:
+    """The table's lines by their first cell, each cell by the name of its column."""
+    page = Path(__file__).parents[2] / "docs" / "what-is-enforced.md"
+    lines = [line.strip("|").split("|") for line in page.read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
+    columns, _, *rows = [[cell.strip() for cell in line] for line in lines]
+    return {cells[0]: dict(zip(columns, cells, strict=True)) for cells in rows}
+
+
+def line_of(row: Window | Host) -> dict[str, str]:
+    (line,) = [cells for through, cells in table().items() if through.startswith(row.through)]
+    return line
+
+
+def test_every_line_of_the_table_has_a_row_here():
+    assert {line_of(row)["through"] for row in (*WINDOW.values(), *HOST.values())} == table().keys()
+
+
+@pytest.mark.parametrize("row", WINDOW)
+def test_the_table_says_what_the_rows_show(row):
+    line = line_of(WINDOW[row])
+    assert (line["context"], line["window and token budgets"], line["unknown tool"]) == ("ours", "enforced", "answered")
+    assert line["words only"] == "answered"
+    assert line["broken JSON"] == ("answered" if WINDOW[row].broken_json else "cannot occur")
+
+
+@pytest.mark.parametrize("row", HOST)
+def test_the_table_says_what_the_rows_show_of_hosts(row):
+    line = line_of(HOST[row])
+    assert (line["context"], line["window and token budgets"]) == ("the host's", "not")
+    assert (line["unknown tool"] == "answered") == HOST[row].carries("jump", {"how": "high"})
+
+
+@pytest.mark.parametrize("broken", [{"name": "act", "arguments": "{"}, {"name": "act", "arguments": [1]}], ids=repr)
+def test_mcp_refuses_arguments_that_are_no_object(broken):
+    episodes = Episodes()
+    table = episodes.find(episodes.open(GAME, seed=1))
+    call = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": broken}
+    with HttpServer(episodes, port=0) as server:
+        (handle,) = episodes._tables
+        headers = {"Accept": "application/json, text/event-stream"}
+        answer = httpx2.post(f"{server.url}/mcp/{handle}", json=call, headers=headers, trust_env=False).json()
+    assert "error" in answer
+    assert table.episode.tally.tool_calls == 0
+
+
+def test_what_never_reaches_a_plain_toolkit(tmp_path):
+    """Why a toolkit alone is not a measurement: LangChain answers an unknown tool, and stops at broken JSON."""
+    with host_episode(7, tmp_path) as episode:
+        tools = SmartPlayToolkit(episode=episode).get_tools()
+        unknown = ScriptedModel([calling(("jump", {})), calling(say="Well.")])
+        state = create_agent(unknown, tools).invoke({"messages": []})
+        assert "not a valid tool" in state["messages"][1].content
+        broken = create_agent(ScriptedModel([calling(("act", "{"))]), tools).invoke({"messages": []})
+        (reply,) = broken["messages"]
+        assert isinstance(reply, AIMessage)
+    assert episode.result.tool_calls == 0

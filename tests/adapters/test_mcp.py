@@ -6,6 +6,7 @@ import asyncio
 import json
 import shutil
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -137,19 +138,49 @@ class TestHttp:
         handle = before.open(GAME, seed=7, budget=sp.Budget(history=3))
         with HttpServer(before, port=0) as server:
             async with Client(http_client(f"{server.url}/mcp/{handle}"), mode=mode) as client:
-                await client.call_tool(*act("A->C"))
-                await client.call_tool("act", {"action": "Fly"})
+                await client.call_tool(*act("A->C"), meta={CALL_KEY: "k1"})
+                first = await client.call_tool("act", {"action": "Fly"}, meta={CALL_KEY: "k2"})
         # What is on the disk when the power fails.
         shutil.copytree(tmp_path / "before", tmp_path / "after")
         before.close(handle)
         after = Episodes(folder=tmp_path / "after")
         with HttpServer(after, port=0) as server:
             async with Client(http_client(f"{server.url}/mcp/{handle}"), mode=mode) as client:
+                again = await client.call_tool("act", {"action": "Fly"}, meta={CALL_KEY: "k2"})
                 result = await client.call_tool(*act("A->B"))
+                other = await client.call_tool(*act("B->A"), meta={CALL_KEY: "k1"})
+        assert text_of(again) == text_of(first)
+        assert "used for another call" in text_of(other)
         assert result.structured_content["step"] == 2
         result = after.close(handle)
-        assert (result.steps, result.illegal_actions, result.end_reason) == (2, 1, "closed")
+        assert (result.steps, result.tool_calls, result.illegal_actions, result.end_reason) == (2, 3, 1, "closed")
         assert sp.replay(tmp_path / "after" / f"{handle}.jsonl").identical
+
+    async def test_a_finished_episode_is_still_over_after_a_restart(self, mode, tmp_path):
+        before = Episodes(folder=tmp_path)
+        handle = before.open(GAME, seed=7, budget=sp.Budget(tool_calls=2))
+        table = before.find(handle)
+        await table.call(*act("A->C"), "k1")
+        last = await table.call(*act("A->B"), "k2")
+        written = (tmp_path / f"{handle}.jsonl").read_text()
+        boss = {"Authorization": "Bearer boss"}
+        with HttpServer(Episodes(folder=tmp_path), port=0, operator_token="boss") as server:
+            async with Client(http_client(f"{server.url}/mcp/{handle}"), mode=mode) as client:
+                again = await client.call_tool(*act("A->B"), meta={CALL_KEY: "k2"})
+                more = await client.call_tool(*act("C->B"))
+            shown = httpx2.get(f"{server.url}/episodes/{handle}", headers=boss, trust_env=False).json()
+        assert (text_of(again), again.is_error) == (last.text, False)
+        assert more.is_error
+        assert "The episode is over" in text_of(more)
+        assert shown == {"done": True, "result": table.episode.result.model_dump()}
+        assert (tmp_path / f"{handle}.jsonl").read_text() == written
+        close(before, handle)
+
+
+def close(episodes: Episodes, *handles: str) -> None:
+    """Give the files back. Where other episodes have taken over, this writes where nobody reads any more."""
+    for handle in handles:
+        episodes.close(handle)
 
 
 def post(url: str, **options: Any) -> httpx2.Response:
@@ -195,7 +226,7 @@ class TestTheDoor:
             assert client.get(f"/episodes/{made['episode']}").json() == {"done": False, "result": None}
             result = client.delete(f"/episodes/{made['episode']}").json()["result"]
             assert (result["game"], result["seed"], result["end_reason"]) == (GAME, 3, "closed")
-            assert client.get(f"/episodes/{made['episode']}").status_code == 404
+            assert client.get(f"/episodes/{made['episode']}").json() == {"done": True, "result": result}
             assert post(f"{server.url}/episodes", json={}).status_code == 401
             assert client.post("/episodes", json={"game": "Chess", "seed": 1}).status_code == 400
             for wrong in ([], {}, {"game": GAME, "seed": "x"}, {"game": GAME, "seed": 1, "transcript": "/etc/x"}):
@@ -241,16 +272,58 @@ class TestEpisodes:
         episodes.close(handle)
         episodes.open(GAME, seed=3)
 
-    def test_a_record_that_plays_differently_is_not_continued(self, tmp_path: Path):
-        episodes = Episodes(folder=tmp_path)
+    def test_an_operator_s_end_is_the_end_after_a_restart_too(self, tmp_path: Path):
+        before = Episodes(folder=tmp_path)
+        handle = before.open(GAME, seed=7)
+        result = before.close(handle)
+        episode = Episodes(folder=tmp_path).find(handle).episode
+        assert (episode.result, episode.end_reason) == (result, "closed")
+
+    def test_without_a_folder_what_is_closed_is_gone(self):
+        episodes = Episodes()
         handle = episodes.open(GAME, seed=7)
-        episodes.find(handle).episode.call(*act("A->C"))
-        written = (tmp_path / f"{handle}.jsonl").read_text()
-        (tmp_path / "later").mkdir()
-        (tmp_path / "later" / f"{handle}.jsonl").write_text(written.replace("You tried", "You cried"))
         episodes.close(handle)
+        assert episodes.find(handle) is None
+
+    def test_many_who_ask_for_an_episode_after_a_restart_get_the_same_one(self, tmp_path: Path):
+        before = Episodes(folder=tmp_path)
+        handles = [before.open(GAME, seed=seed) for seed in range(3)]
+        after = Episodes(folder=tmp_path)
+        with ThreadPoolExecutor(12) as pool:
+            found = list(pool.map(after.find, handles * 4))
+        assert found == found[:3] * 4
+        assert [table.episode.seed for table in found[:3]] == [0, 1, 2]
+        close(before, *handles)
+        close(after, *handles)
+
+    def test_there_is_a_limit_after_a_restart_too(self, tmp_path: Path):
+        before = Episodes(folder=tmp_path)
+        handles = [before.open(GAME, seed=seed) for seed in range(2)]
+        after = Episodes(folder=tmp_path, most=1)
+        after.find(handles[0])
+        with pytest.raises(FullError, match="1 episodes are open"):
+            after.find(handles[1])
+        with HttpServer(after, port=0) as server:
+            refused = post(f"{server.url}/mcp/{handles[1]}", json=CALL, headers=ACCEPT)
+        assert (refused.status_code, refused.text) == (503, "1 episodes are open, and no more may be.")
+        close(before, *handles)
+        close(after, handles[0])
+
+    def test_a_record_that_plays_differently_is_not_continued(self, tmp_path: Path):
+        before = Episodes(folder=tmp_path)
+        handle = before.open(GAME, seed=7)
+        before.find(handle).episode.call(*act("A->C"))
+        record = tmp_path / f"{handle}.jsonl"
+        tampered = record.read_text().replace("You tried", "You cried")
+        record.write_text(tampered)
+        episodes = Episodes(folder=tmp_path)
         with pytest.raises(sp.TranscriptError, match="plays differently"):
-            Episodes(folder=tmp_path / "later").find(handle)
+            episodes.find(handle)
+        with HttpServer(episodes, port=0) as server:
+            refused = post(f"{server.url}/mcp/{handle}", json=CALL, headers=ACCEPT)
+        assert (refused.status_code, refused.text) == (500, "The record of this episode cannot be continued")
+        assert [path.read_text() for path in tmp_path.iterdir()] == [tampered]
+        close(before, handle)
 
     @pytest.mark.parametrize("handle", ["", "..", "../secrets", "x" * 32])
     def test_a_handle_that_is_none_finds_nothing(self, handle, tmp_path):

@@ -21,7 +21,8 @@ pytest.importorskip("openai")
 import httpx2
 import openai
 import smartplay_openai as so
-from smartplay_openai.attempts import Attempts
+
+from smartplay_tools.players.attempts import Attempts
 
 GAME = "Hanoi3Disk-v0"
 STEPS = 7

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 import smartplay_tools as sp
@@ -65,3 +67,13 @@ def test_the_interval_draws_episodes_within_each_setting():
 def test_unknown_weights_are_refused():
     with pytest.raises(sp.InvalidArgumentError, match="paper, zero-based"):
         capability_scores({}, weights="equal")
+
+
+def test_a_setting_from_elsewhere_counts_if_it_is_rated(monkeypatch):
+    monkeypatch.setattr(sp.GAMES, "_specs", dict(sp.GAMES._specs))
+    unrated = sp.register(dataclasses.replace(sp.GAMES[HANOI], id="Tower-v0", challenges={}))
+    alone = capability_scores({BANDIT: [0.4, 0.6]})
+    assert capability_scores({BANDIT: [0.4, 0.6], unrated.id: [1.0, 1.0]}).left_out == ("Tower-v0",)
+    assert capability_scores({BANDIT: [0.4, 0.6], unrated.id: [1.0, 1.0]}).scores == alone.scores
+    rated = sp.register(dataclasses.replace(unrated, challenges=sp.GAMES[HANOI].challenges))
+    assert capability_scores({BANDIT: [0.4, 0.6], rated.id: [1.0, 1.0]}).scores != alone.scores

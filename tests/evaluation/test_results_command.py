@@ -6,20 +6,14 @@ import csv
 import json
 
 import pytest
-import typer
 from typer.testing import CliRunner, Result
 
 import smartplay_tools as sp
-from smartplay_tools.cli import _Commands
-from smartplay_tools.cli.results import results
+from smartplay_tools.cli import app
 from smartplay_tools.evaluation.runner import evaluate
 from smartplay_tools.evaluation.store import RunFolder
 
 GAMES = ["Hanoi3Disk-v0", "MessengerL1-v0"]
-
-app = typer.Typer(cls=_Commands, pretty_exceptions_enable=False)
-app.callback()(lambda: None)
-app.command()(results)
 
 
 def run(*words: object) -> Result:

@@ -126,6 +126,16 @@ def test_it_fits_a_hundred_columns_without_cutting_figures(rows):
     assert "…" not in text
 
 
+def test_a_privileged_player_is_marked(rows):
+    summary = summarize([*rows, *play_rows(HANOI, "oracle", 2)])
+    assert [cell.cell.player for cell in summary.cells if cell.privileged] == ["oracle"]
+    assert [profile.condition.player for profile in summary.profiles if profile.privileged] == ["oracle"]
+    text = shown(summary)
+    assert "oracle*" in text
+    assert "rule*" not in text
+    assert "*: privileged" in text
+
+
 def test_markup_in_names_is_text(rows):
     player = rock(50)
     player.name = "openai:[bold]model[/bold]"

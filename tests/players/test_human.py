@@ -18,6 +18,7 @@ import pytest
 from rich.console import Console
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.store import RunFolder
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.players.human import HumanPlayer
 
@@ -246,6 +247,25 @@ def test_a_prompt_taller_than_the_terminal_is_paged():
     # Nothing is lost between the pages.
     pages = "\n".join(reversed(screens))
     assert all(action in pages for action in sp.GAMES[CRAFTER].load().actions)
+
+
+def test_a_run_with_a_person_stops_when_the_person_leaves(tmp_path):
+    out = tmp_path / "run"
+    with Terminal("eval", "--games", HANOI, "--players", "human", "--trials", "3", "--out", str(out)) as terminal:
+        for answer in ("2", "1", "6", "2", "3", "4", "2"):  # the whole first episode
+            terminal.screen()
+            terminal.type(answer)
+        second = terminal.screen()
+        terminal.type("q")
+        said = terminal.rest()
+        assert terminal.code() == 1
+    assert "rod" not in second.partition("1. Move")[0]  # a new episode, and nothing of the one before
+    assert "episodes are not finished" in said
+    assert "━" not in said  # no bars over the game
+    (row,) = RunFolder(out).rows()
+    assert (row["steps"], row["completed"], row["player"]) == (7, True, "human")
+    (left,) = RunFolder(out).failures()
+    assert left["end_reason"] == "interrupted"
 
 
 def test_piped_through_the_command_line():

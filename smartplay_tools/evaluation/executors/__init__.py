@@ -31,18 +31,10 @@ class Outcome:
     times: Times | None
 
 
-class ExecutorStop(Stop, Protocol):
-    """A stop sign that can also be set."""
-
-    def set(self) -> None:
-        """Have the attempts stop between two turns."""
-        ...
-
-
 class Executor(Protocol):
     """Makes attempts. `stop` and `meter` are such as its attempts can see, wherever they are made."""
 
-    stop: ExecutorStop
+    stop: Stop
     meter: Meter | None
 
     def run(self, tasks: Iterator[Task]) -> Iterator[Outcome]:

@@ -1,19 +1,19 @@
 """Attempts: how often and how fast a model is asked again. Each attempt is billed, so each is counted.
 
-The client's own retries are switched off: it does not say how many requests a reply took, and does not ask again when
-a stream breaks or an answer is empty.
+Nothing here knows a client library. An error of one may have `status_code`, `code`, `response.headers` and `usage`, as
+those of OpenAI's, Anthropic's and most other clients do; what it has is read, what it lacks is not missed.
 """
 
 from __future__ import annotations
 
 import random
 import time
+from collections.abc import Mapping
 from email.utils import parsedate_to_datetime
+from typing import Any
 
-import openai
-
-from smartplay_openai.answers import BrokenAnswerError
-from smartplay_tools import SmartPlayError, Usage
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.records import Usage
 
 LONGEST_PAUSE = 8.0
 """Seconds at which the pauses stop doubling."""
@@ -32,6 +32,15 @@ class ModelCallError(SmartPlayError):
         times = "1 attempt" if usage.requests == 1 else f"{usage.requests} attempts"
         super().__init__(f"No reply from the model in {times}: {type(error).__name__}: {error}")
         self.usage = usage
+
+
+class BrokenAnswerError(Exception):
+    """A server answered, but not with a reply: no choices, a stream that stops half-way, something else entirely."""
+
+    def __init__(self, problem: str, usage: Usage | None = None) -> None:
+        super().__init__(problem)
+        self.usage = usage
+        """What the provider charged for it, where it says so."""
 
 
 class Attempts:
@@ -53,8 +62,9 @@ class Attempts:
 
     def pause(self, error: Exception) -> float:
         """Return the seconds to wait before asking again; raise `ModelCallError` if that is pointless."""
-        if isinstance(error, BrokenAnswerError) and error.usage is not None:
-            self._spent += error.usage
+        charged = getattr(error, "usage", None)
+        if isinstance(charged, Usage):
+            self._spent += charged
         wish = _wish(error)
         if self._made > self._retries or not _may_pass(error) or (wish or 0) > LONGEST_WISH:
             raise ModelCallError(self.usage(None), error) from error
@@ -62,29 +72,39 @@ class Attempts:
         return pause if wish is None else max(wish, 0.0)
 
 
+def status_of(error: Exception) -> int | None:
+    """Return the HTTP status that a server refused a request with; None for a line that failed, or a broken answer."""
+    status = getattr(error, "status_code", None)
+    return status if isinstance(status, int) and status >= 400 else None
+
+
 def _may_pass(error: Exception) -> bool:
     """Whether the same request may succeed a moment later."""
-    if not isinstance(error, openai.APIStatusError):
-        # A connection that failed or timed out, a broken answer, an error in the midst of a stream.
+    status = status_of(error)
+    if status is None:
         return True
-    advice = error.response.headers.get("x-should-retry")
+    advice = _headers(error).get("x-should-retry")
     if advice in ("true", "false"):
         return bool(advice == "true")
-    if error.code == "insufficient_quota":
+    if getattr(error, "code", None) == "insufficient_quota":
         return False
-    return error.status_code in RETRIED or error.status_code >= 500
+    return status in RETRIED or status >= 500
 
 
 def _wish(error: Exception) -> float | None:
     """The seconds that a server asks to wait, if it does."""
-    if not isinstance(error, openai.APIStatusError):
-        return None
+    headers = _headers(error)
     for header, unit in (("retry-after-ms", 0.001), ("retry-after", 1.0)):
         try:
-            return float(error.response.headers[header]) * unit
+            return float(headers[header]) * unit
         except (KeyError, ValueError):
             continue
     try:
-        return parsedate_to_datetime(error.response.headers["retry-after"]).timestamp() - time.time()
+        return parsedate_to_datetime(headers["retry-after"]).timestamp() - time.time()
     except (KeyError, ValueError):
         return None
+
+
+def _headers(error: Exception) -> Mapping[str, Any]:
+    headers = getattr(getattr(error, "response", None), "headers", None)
+    return headers if isinstance(headers, Mapping) else {}

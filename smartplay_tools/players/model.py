@@ -1,0 +1,195 @@
+"""ModelPlayer: what every player has in common behind which a model answers over a network.
+
+A reply takes one request, or several if the server is busy or the line is bad. Client libraries retry in silence and do
+not say how often; so a player switches that off, and asks again by itself: with pauses, as the server wishes, each
+request counted in the reply's usage. A model that cannot be reached ends the episode as `player_error`, on the record.
+It is never mistaken for a move.
+
+An adapter for another provider says how a request is made and sent; see `docs/other-frameworks.md`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import threading
+import time
+import weakref
+from abc import ABC, abstractmethod
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from ipaddress import ip_address
+from types import TracebackType
+from typing import Any, ClassVar, Self
+from urllib.parse import urlsplit
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.players.attempts import Attempts
+from smartplay_tools.records import Prompt, Reply
+
+
+class ModelPlayer(ABC):
+    """A player that asks a model over a network.
+
+    Arguments:
+        name: the player's name in records.
+        seed: of the pauses between attempts; what the model draws is its own affair.
+        retries: how many more attempts a reply may take, each a billed request.
+        pause: seconds before the second attempt, where the server does not ask for more; doubled for each further one.
+        at_once: how many requests may be under way at the same time, in threads and in each event loop; None: any.
+
+    It serves threads and event loops, many conversations at a time: `areply` may be under way hundreds of times in one
+    event loop, through one client. `close` and `aclose`, or `with` and `async with`, give the connections back; a
+    player that is asked again after that opens new ones.
+    """
+
+    serves_many: ClassVar[bool] = True
+    """One object serves all episodes of a run that go on in one event loop."""
+
+    failures: tuple[type[Exception], ...] = ()
+    """The errors that a request can come to. Those that may pass are worth another attempt; any other is a bug."""
+
+    def __init__(
+        self, name: str, *, seed: int = 0, retries: int = 4, pause: float = 0.5, at_once: int | None = None
+    ) -> None:
+        if at_once is not None and at_once < 1:
+            raise InvalidArgumentError(f"at_once={at_once} would never ask the model; give at least 1, or None.")
+        self.name = name
+        self._retries, self._pause, self._at_once = retries, pause, at_once
+        self._jitter = random.Random(f"{name} {seed}")
+        self._lock = threading.Lock()
+        self._in_threads: _Line | None = None
+        # A client's connections belong to the event loop that opened them.
+        self._in_loops: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, _AsyncLine] = weakref.WeakKeyDictionary()
+
+    # What a player for a provider has to say.
+
+    @abstractmethod
+    def request(self, prompt: Prompt) -> Any:
+        """Return the request that a prompt becomes; it is sent again as it is when an attempt fails."""
+
+    @abstractmethod
+    def new_client(self) -> Any:
+        """Return a client for threads, its own retries switched off; it is closed by its `close`."""
+
+    @abstractmethod
+    def new_async_client(self) -> Any:
+        """Return a client for one event loop; it is closed by awaiting its `close`."""
+
+    @abstractmethod
+    def send(self, client: Any, request: Any) -> Reply:
+        """Send a request and return the reply; one of the `failures` if there is none."""
+
+    @abstractmethod
+    async def asend(self, client: Any, request: Any) -> Reply:
+        """Do the same without holding up the event loop."""
+
+    def failed(self, error: Exception) -> bool:
+        """Whether an error is a failed attempt, and not a bug."""
+        return isinstance(error, self.failures)
+
+    def mended(self, request: Any, error: Exception) -> bool:
+        """Whether the request was refused for something that it can do without, and now does."""
+        return False
+
+    # What it then can do.
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Ask the model; `ModelCallError` if it gives no reply."""
+        request, attempts, line = self.request(prompt), self._attempts(), self._line()
+        while True:
+            try:
+                with line.room:
+                    attempts.begin()
+                    reply = self.send(line.client, request)
+                return Reply(reply.message, attempts.usage(reply.usage))
+            except Exception as error:
+                if not self.failed(error):
+                    raise
+                pause = 0.0 if self.mended(request, error) else attempts.pause(error)
+            time.sleep(pause)
+
+    async def areply(self, prompt: Prompt) -> Reply:
+        """Ask the model without holding up the event loop."""
+        request, attempts, line = self.request(prompt), self._attempts(), self._async_line()
+        while True:
+            try:
+                async with line.room:
+                    attempts.begin()
+                    reply = await self.asend(line.client, request)
+                return Reply(reply.message, attempts.usage(reply.usage))
+            except Exception as error:
+                if not self.failed(error):
+                    raise
+                pause = 0.0 if self.mended(request, error) else attempts.pause(error)
+            await asyncio.sleep(pause)
+
+    def close(self) -> None:
+        """Close the connections of `reply`."""
+        with self._lock:
+            line, self._in_threads = self._in_threads, None
+        if line is not None and line.client is not None:
+            line.client.close()
+
+    async def aclose(self) -> None:
+        """Close the connections of `areply` in this event loop, and those of `reply`."""
+        self.close()
+        with self._lock:
+            line = self._in_loops.pop(asyncio.get_running_loop(), None)
+        if line is not None and line.client is not None:
+            await line.client.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.aclose()
+
+    def _attempts(self) -> Attempts:
+        return Attempts(self._retries, self._pause, self._jitter)
+
+    def _line(self) -> _Line:
+        with self._lock:
+            if self._in_threads is None:
+                room = nullcontext() if self._at_once is None else threading.BoundedSemaphore(self._at_once)
+                self._in_threads = _Line(self.new_client(), room)
+            return self._in_threads
+
+    def _async_line(self) -> _AsyncLine:
+        loop = asyncio.get_running_loop()
+        with self._lock:
+            if loop not in self._in_loops:
+                room = nullcontext() if self._at_once is None else asyncio.BoundedSemaphore(self._at_once)
+                self._in_loops[loop] = _AsyncLine(self.new_async_client(), room)
+            return self._in_loops[loop]
+
+    @staticmethod
+    def is_local(url: str) -> bool:
+        """Whether a server is on this machine, so that the environment's proxies are not on the way to it."""
+        host = urlsplit(url).hostname or ""
+        try:
+            return host == "localhost" or ip_address(host).is_loopback
+        except ValueError:
+            return False
+
+
+@dataclass(frozen=True)
+class _Line:
+    client: Any
+    room: AbstractContextManager[Any]
+
+
+@dataclass(frozen=True)
+class _AsyncLine:
+    client: Any
+    room: AbstractAsyncContextManager[Any]

@@ -1,0 +1,76 @@
+"""OpenAI's two interfaces, chat completions and Responses, as a scripted server."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from tests.adapters.conformance import Received
+from tests.adapters.scripted_server import ScriptedServer
+
+
+class OpenAIStub(ScriptedServer):
+    """Below `base_url` are `/chat/completions` and `/responses`."""
+
+    def __init__(self, script: Iterable[Any]) -> None:
+        super().__init__(script)
+        self.base_url = f"{self.url}/v1"
+
+    def say(self, path: str, body: dict[str, Any], message: Any) -> dict[str, Any]:
+        if path == "/v1/chat/completions":
+            choice = {"index": 0, "message": message, "finish_reason": "stop"}
+            return {"id": "c", "object": "chat.completion", "created": 0, "model": "m", "choices": [choice]}
+        output: list[dict[str, Any]] = []
+        if message["content"] or not message.get("tool_calls"):
+            words = [{"type": "output_text", "text": message["content"] or "", "annotations": []}]
+            output.append({"type": "message", "id": "msg", "role": "assistant", "content": words})
+        calls = [{"call_id": call["id"], **call["function"]} for call in message.get("tool_calls", ())]
+        output += [{"type": "function_call", "id": "fc", **call} for call in calls]
+        return {"id": "r", "object": "response", "status": "completed", "model": "m", "output": output}
+
+    def check(self, path: str, body: dict[str, Any]) -> None:
+        messages = self.read(path, body).messages
+        ids = [call["id"] for message in messages for call in message.get("tool_calls", ())]
+        assert len(ids) == len(set(ids)), "each call has an id of its own"
+        waiting: list[str] = []
+        for message in messages:
+            if message["role"] == "tool":
+                waiting.remove(message["tool_call_id"])
+            else:
+                assert not waiting, "every call has its result before the next message"
+            waiting += [call["id"] for call in message.get("tool_calls", ())]
+        assert not waiting
+
+    def read(self, path: str, body: dict[str, Any]) -> Received:
+        if path == "/v1/chat/completions":
+            functions = [tool["function"] for tool in body["tools"]]
+            messages, cap = body["messages"], body.get("max_tokens")
+        else:
+            functions = body["tools"]
+            messages, cap = list(read_items(body["input"])), body.get("max_output_tokens")
+        tools = [(function["name"], function["description"], function["parameters"]) for function in functions]
+        return Received(messages, tools, cap)
+
+
+def read_items(items: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Read input items as messages; all that a model said between two others is one assistant message."""
+    said: dict[str, Any] | None = None
+    for item in items:
+        kind = item.get("type", "message")
+        if kind == "function_call" or (kind == "message" and item["role"] == "assistant"):
+            said = said or {"role": "assistant", "content": "", "tool_calls": []}
+            if kind == "message":
+                said["content"] += "".join(part["text"] for part in item["content"])
+            else:
+                function = {"name": item["name"], "arguments": item["arguments"]}
+                said["tool_calls"].append({"id": item["call_id"], "function": function})
+            continue
+        if said is not None:
+            yield said
+            said = None
+        if kind == "function_call_output":
+            yield {"role": "tool", "tool_call_id": item["call_id"], "content": item["output"]}
+        elif kind == "message":
+            yield {"role": item["role"], "content": item["content"]}
+    if said is not None:
+        yield said

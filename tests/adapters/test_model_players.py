@@ -1,0 +1,241 @@
+"""What every player with a model behind it promises: it waits as the server asks, counts requests, and knows its limit.
+
+One server speaks all three interfaces. It is busy the first time that it sees a question, and keeps count.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from langchain_core.language_models import BaseChatModel
+from langchain_core.messages import AIMessage
+from langchain_core.outputs import ChatGeneration, ChatResult
+from smartplay_anthropic import AnthropicPlayer
+from smartplay_langchain import LangChainPlayer
+from smartplay_openai import LocalEndpoint, OpenAIPlayer, ResponsesPlayer
+
+import smartplay_tools as sp
+
+PAUSE = 0.15
+"""Seconds that the server asks to wait."""
+
+PLAYERS = ["anthropic", "langchain", "openai", "openai-responses"]
+
+
+class Busy:
+    """A server that echoes questions, but refuses each one `refusals` times."""
+
+    def __init__(self, refusals: int = 1, status: int = 429, seconds: float = 0.0) -> None:
+        self.refusals, self.status, self.seconds = refusals, status, seconds
+        self.asked: dict[str, list[float]] = {}
+        """When each question came."""
+        self.under_way = self.most = 0
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        body = b""
+        while (part := await receive()).get("more_body") or part["body"]:
+            body += part["body"]
+            if not part["more_body"]:
+                break
+        status, answer = await self.answer(scope["path"], json.loads(body))
+        headers = [(b"content-type", b"application/json"), (b"retry-after", str(PAUSE).encode())]
+        await send({"type": "http.response.start", "status": status, "headers": headers})
+        await send({"type": "http.response.body", "body": json.dumps(answer).encode()})
+
+    async def answer(self, path: str, body: dict[str, Any]) -> tuple[int, dict[str, Any]]:
+        """Answer in the interface that the path names, its last message being the question."""
+        (last,) = [*(body.get("messages") or body["input"])][-1:]
+        content = last["content"]
+        question = content if isinstance(content, str) else content[0]["text"]
+        if await self.refuses(question):
+            return self.status, {"type": "error", "error": {"type": "error", "message": "Busy."}}
+        match path.rsplit("/", 1)[-1]:
+            case "completions":
+                usage = {"prompt_tokens": 7, "completion_tokens": 2}
+                return 200, {"choices": [{"message": {"role": "assistant", "content": question}}], "usage": usage}
+            case "responses":
+                said = {"type": "message", "role": "assistant", "content": [{"type": "output_text", "text": question}]}
+                return 200, {"status": "completed", "output": [said], "usage": {"input_tokens": 7, "output_tokens": 2}}
+        return 200, {
+            "content": [{"type": "text", "text": question}],
+            "usage": {"input_tokens": 7, "output_tokens": 2},
+        }
+
+    async def refuses(self, question: str) -> bool:
+        """Keep count; say whether this question has not been asked often enough."""
+        times = self.asked.setdefault(question, [])
+        times.append(time.monotonic())
+        self.under_way += 1
+        self.most = max(self.most, self.under_way)
+        try:
+            await asyncio.sleep(self.seconds)
+        finally:
+            self.under_way -= 1
+        return len(times) <= self.refusals
+
+    @property
+    def waits(self) -> list[float]:
+        """The seconds between a refusal and the next attempt."""
+        return [later - earlier for times in self.asked.values() for earlier, later in pairwise(times)]
+
+
+class BusyModel(BaseChatModel):
+    """The same as a LangChain model: its provider's errors come through as they are."""
+
+    server: Any
+
+    @property
+    def _llm_type(self) -> str:
+        return "busy"
+
+    def bind_tools(self, tools: Any, **kwargs: Any) -> Any:
+        return self.bind(tools=tools, **kwargs)
+
+    def _generate(self, messages: Any, stop: Any = None, run_manager: Any = None, **_: Any) -> ChatResult:
+        return asyncio.run(self._agenerate(messages))
+
+    async def _agenerate(self, messages: Any, stop: Any = None, run_manager: Any = None, **_: Any) -> ChatResult:
+        question = messages[-1].content
+        if await self.server.refuses(question):
+            raise StatusError(self.server.status)
+        usage = {"input_tokens": 7, "output_tokens": 2, "total_tokens": 9}
+        return ChatResult(generations=[ChatGeneration(message=AIMessage(question, usage_metadata=usage))])
+
+
+class StatusError(Exception):
+    """As the clients of providers raise it."""
+
+    def __init__(self, status: int) -> None:
+        super().__init__("Busy.")
+        self.status_code = status
+        self.response = type("Response", (), {"headers": {"retry-after": str(PAUSE)}})()
+
+
+def player_for(name: str, server: Busy, url: str, **options: Any) -> sp.ModelPlayer:
+    match name:
+        case "anthropic":
+            return AnthropicPlayer("m", base_url=url.removesuffix("/v1"), **options)
+        case "langchain":
+            return LangChainPlayer(BusyModel(server=server), **options)
+    kind = OpenAIPlayer if name == "openai" else ResponsesPlayer
+    return kind("m", base_url=url, **options)
+
+
+def question(number: int) -> sp.Prompt:
+    return sp.Prompt([{"role": "user", "content": f"What is {number}?"}], ())
+
+
+def check(replies: list[sp.Reply], requests: int) -> None:
+    for number, reply in enumerate(replies):
+        assert sp.text_of(reply.message) == f"What is {number}?"
+        assert reply.usage == sp.Usage(prompt=7, reply=2, requests=requests)
+
+
+@pytest.mark.parametrize("many", [30, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", PLAYERS)
+async def test_many_at_once_on_one_event_loop_wait_as_they_are_asked_to(name, many):
+    server = Busy()
+    with LocalEndpoint(app=server) as endpoint:
+        async with player_for(name, server, endpoint.base_url) as player:
+            replies = await asyncio.gather(*(player.areply(question(number)) for number in range(many)))
+    check(replies, requests=2)
+    assert len(server.asked) == many
+    assert len(server.waits) == many
+    assert min(server.waits) >= PAUSE
+
+
+@pytest.mark.parametrize("name", PLAYERS)
+async def test_no_more_requests_are_under_way_than_may_be(name):
+    server = Busy(status=503, seconds=0.05)
+    with LocalEndpoint(app=server) as endpoint:
+        async with player_for(name, server, endpoint.base_url, at_once=4) as player:
+            replies = await asyncio.gather(*(player.areply(question(number)) for number in range(20)))
+            # One that waits for its next attempt holds nobody up.
+            assert server.most == 4
+            check(replies, requests=2)
+
+
+@pytest.mark.parametrize("name", PLAYERS)
+def test_the_same_in_threads(name):
+    server = Busy(status=500, seconds=0.05)
+    with (
+        LocalEndpoint(app=server) as endpoint,
+        player_for(name, server, endpoint.base_url, at_once=3) as player,
+        ThreadPoolExecutor(12) as pool,
+    ):
+        replies = list(pool.map(lambda number: player.reply(question(number)), range(9)))
+    check(replies, requests=2)
+    assert server.most == 3
+
+
+@pytest.mark.parametrize("name", PLAYERS)
+@pytest.mark.parametrize(("status", "attempts"), [(529, 3), (401, 1)])
+def test_what_never_came_is_counted_too(name, status, attempts):
+    server = Busy(refusals=9, status=status)
+    with (
+        LocalEndpoint(app=server) as endpoint,
+        player_for(name, server, endpoint.base_url, retries=2) as player,
+        sp.Episode("Hanoi3Disk-v0", seed=7) as episode,
+    ):
+        result = sp.play(episode, player)
+    assert result.end_reason == "player_error"
+    assert f"in {attempts} attempt" in result.error
+    assert result.tokens.provider.requests == attempts == sum(map(len, server.asked.values()))
+
+
+@pytest.mark.parametrize("name", ["anthropic", "openai", "openai-responses"])
+async def test_a_server_that_is_not_there_is_asked_as_often(name):
+    server = Busy()
+    with LocalEndpoint(app=server) as endpoint:
+        gone = endpoint.base_url
+    async with player_for(name, server, gone, retries=2, pause=0.01) as player:
+        with pytest.raises(sp.ModelCallError, match="in 3 attempts: APIConnectionError") as raised:
+            await player.areply(question(1))
+    assert raised.value.usage.requests == 3
+
+
+@pytest.mark.parametrize("name", PLAYERS)
+def test_one_player_serves_one_event_loop_after_another(name):
+    server = Busy(refusals=0)
+
+    async def ask(player: sp.ModelPlayer, number: int) -> sp.Reply:
+        async with player:
+            return await player.areply(question(number))
+
+    with LocalEndpoint(app=server) as endpoint:
+        player = player_for(name, server, endpoint.base_url, at_once=1)
+        check([asyncio.run(ask(player, number)) for number in range(3)], requests=1)
+
+
+def test_a_bug_is_not_asked_again():
+    class Wrong(BusyModel):
+        def _generate(self, *_: Any, **__: Any) -> ChatResult:
+            raise ZeroDivisionError
+
+    player = LangChainPlayer(Wrong(server=None))
+    with pytest.raises(ZeroDivisionError):
+        player.reply(question(1))
+
+
+def test_a_line_that_fails_is_another_attempt_in_langchain_too():
+    failures = [ConnectionResetError(), TimeoutError()]
+
+    class Faulty(BusyModel):
+        def _generate(self, *arguments: Any, **options: Any) -> ChatResult:
+            if failures:
+                raise failures.pop()
+            return super()._generate(*arguments, **options)
+
+    player = LangChainPlayer(Faulty(server=Busy(refusals=0)), pause=0.0)
+    assert player.reply(question(1)).usage.requests == 3
+
+
+def test_a_limit_under_which_nobody_is_asked_is_refused():
+    with pytest.raises(sp.InvalidArgumentError, match="at_once=0 would never ask"):
+        sp.get_player("openai:m", base_url="http://127.0.0.1:9/v1", at_once=0)
