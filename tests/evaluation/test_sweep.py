@@ -137,6 +137,16 @@ def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
     assert [row["history"] for row in summary[:4]] == [1, 1, 50, 50]
 
 
+def test_with_prices_there_is_a_front_of_cost(tmp_path):
+    command = ["sweep", "--games", BANDIT, "--history", "1,50", "--trials", "2", "--price", "rule=2,8",
+               "--executor", "inline", "--out", str(tmp_path)]  # fmt: skip
+    shown = CliRunner().invoke(app, command)
+    assert shown.exit_code == 0, shown.output
+    assert "USD" in shown.stdout
+    assert shown.stdout.count("*$") == 2
+    assert (tmp_path / "figures" / "frontier-of-cost.svg").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
