@@ -190,7 +190,7 @@ def _limit(value: float | None) -> str:
 def _interval(found: Estimate | None, sign: str = "-") -> str:
     if found is None:
         return ""
-    digits = ",.0f" if abs(found.mean) >= 1000 or abs(found.high or 0) >= 1000 else ",.2f"
+    digits = ",.0f" if max(abs(found.mean), abs(found.high or 0)) >= 100 else ",.2f"
     mean = f"{found.mean:{sign}{digits}}"
     if found.low is None or found.high is None or found.low == found.high:
         return mean
