@@ -31,8 +31,8 @@ def results(
     Example: smartplay-tools results runs/first --csv first.csv
     """
     run = RunFolder(folder)
-    now, rows = standing(run), run.rows()
-    summary = summarize(rows, run.failures(), weights=cast(Any, weights))
+    manifest, rows, failures = run.manifest(), run.rows(), run.failures()
+    now, summary = standing(manifest, rows, failures), summarize(rows, failures, weights=cast(Any, weights))
     if csv is not None:
         write_csv(rows, csv)
     if parquet is not None:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 
 from rich.console import Group, RenderableType
 from rich.markup import escape
-from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -38,7 +37,7 @@ Column = tuple[str, Callable[[CellSummary], str]]
 
 def summary_tables(summary: Summary) -> RenderableType:
     """Return a run's tables, with an empty line between them."""
-    return Group(*(Padding(table, (0, 0, 1, 0)) for table in _tables(summary)))
+    return Group(*(part for table in _tables(summary) for part in (table, Text())))
 
 
 def standing_table(standing: Standing) -> RenderableType:
@@ -255,7 +254,7 @@ def _table(*headings: str) -> Table:
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
     for heading in headings:
         words = heading in WORDY
-        left = words or heading == headings[0]
+        left = words or heading in (headings[0], "player")
         table.add_column(escape(heading), no_wrap=not words, justify="left" if left else "right")
     return table
 

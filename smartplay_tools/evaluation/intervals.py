@@ -11,6 +11,7 @@ Where the bootstrap has nothing to say, an estimate says so in its `note` instea
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,6 +29,9 @@ BLOCK = 1_000_000
 """Values drawn at once, so that a cell of ten thousand episodes does not fill the memory."""
 
 Values = NDArray[np.float64]
+
+Sample = tuple[float, ...]
+"""Sorted values."""
 
 ONE_EPISODE = "one episode has no interval"
 ALL_EQUAL = "all episodes are equal, so the bootstrap sees no spread"
@@ -55,35 +59,46 @@ def weighted_estimate(samples: Sequence[Sequence[float]], weights: Sequence[floa
 
     A sample of one episode says nothing about its spread: then there is no interval, unless its weight is 0.
     """
-    pairs = [(np.sort(np.asarray(sample, float)), weight) for sample, weight in zip(samples, weights, strict=True)]
+    pairs = [(tuple(sorted(map(float, sample))), weight) for sample, weight in zip(samples, weights, strict=True)]
     mean = math.fsum(weight * math.fsum(sample) / len(sample) for sample, weight in pairs)
     episodes = sum(len(sample) for sample, _ in pairs)
     pairs = [(sample, weight) for sample, weight in pairs if weight]
     if any(len(sample) == 1 for sample, _ in pairs):
         return Estimate(mean, None, None, episodes, ONE_EPISODE)
-    if all(sample[0] == sample[-1] for sample, _ in pairs):
+    if all(sample[-1] - sample[0] <= _rounding(mean) for sample, _ in pairs):
         return Estimate(mean, mean, mean, episodes, ALL_EQUAL)
-    low, high = _bca(_resampled(pairs), mean, _acceleration(pairs))
+    totals = np.zeros(RESAMPLES)
+    for stream, (sample, weight) in enumerate(pairs):
+        totals += weight * _resampled_means(sample, stream)
+    low, high = _bca(totals, mean, _acceleration(pairs))
     return Estimate(mean, low, high, episodes)
 
 
-def _resampled(pairs: Sequence[tuple[Values, float]]) -> Values:
-    """The weighted sum of means, of `RESAMPLES` samples drawn with replacement."""
-    generator = np.random.default_rng(SEED)
-    totals = np.zeros(RESAMPLES)
-    for sample, weight in pairs:
-        rows = max(1, BLOCK // len(sample))
-        for start in range(0, RESAMPLES, rows):
-            size = (min(rows, RESAMPLES - start), len(sample))
-            totals[start : start + rows] += weight * sample[generator.integers(len(sample), size=size)].mean(axis=1)
-    return totals
+def _rounding(mean: float) -> float:
+    """What sums of floats may differ by: rewards that are added up in another order are equal all the same."""
+    return 1e-9 * max(1.0, abs(mean))
 
 
-def _acceleration(pairs: Sequence[tuple[Values, float]]) -> float:
+@functools.lru_cache(maxsize=64)
+def _resampled_means(sample: Sample, stream: int) -> Values:
+    """The means of `RESAMPLES` samples drawn with replacement; another stream draws others.
+
+    Remembered, because the nine capability scores of a player weigh the same samples in nine ways.
+    """
+    generator = np.random.default_rng([SEED, stream])
+    values, rows = np.array(sample), max(1, BLOCK // len(sample))
+    means = np.empty(RESAMPLES)
+    for start in range(0, RESAMPLES, rows):
+        size = (min(rows, RESAMPLES - start), len(sample))
+        means[start : start + rows] = values[generator.integers(len(sample), size=size)].mean(axis=1)
+    return means
+
+
+def _acceleration(pairs: Sequence[tuple[Sample, float]]) -> float:
     """How fast the standard error changes with the estimate: a sixth of the skewness of the influence values."""
     second = third = 0.0
     for sample, weight in pairs:
-        influence = weight * (sample - sample.mean()) / len(sample)
+        influence = weight * (np.array(sample) - np.mean(sample)) / len(sample)
         second += float((influence**2).sum())
         third += float((influence**3).sum())
     return third / (6 * second * math.sqrt(second))
@@ -93,7 +108,7 @@ def _bca(totals: Values, mean: float, acceleration: float) -> tuple[float, float
     """The two percentiles of the resampled figures that bias and skewness ask for."""
     normal = NormalDist()
     # Scores are discrete, so many resamples tie with the mean (up to rounding): they count half on either side.
-    tolerance = 1e-9 * max(1.0, abs(mean))
+    tolerance = _rounding(mean)
     below = float((totals < mean - tolerance).mean() + (np.abs(totals - mean) <= tolerance).mean() / 2)
     bias = normal.inv_cdf(min(max(below, 1 / RESAMPLES), 1 - 1 / RESAMPLES))
 

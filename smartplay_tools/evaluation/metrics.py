@@ -34,8 +34,8 @@ COUNTS = (
 )
 """Fields of a row that are added up over a cell."""
 
-FAMILIES_WITH_AN_OBJECTIVE = ("hanoi", "messenger", "minecraft")
-"""Completion is a figure of these (paper, section 3.2); the others cannot be completed."""
+FAMILIES_WITHOUT_OBJECTIVE = ("bandit", "rock_paper_scissors", "crafter")
+"""These cannot be completed, so completion is no figure of theirs (paper, section 3.2)."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def summarize_cell(cell: PlayedCell, rows: Sequence[Row]) -> CellSummary:
         reward=mean_estimate([row["reward"] for row in rows]),
         completion=(
             mean_estimate([float(row["completed"]) for row in rows])
-            if cell.spec.family in FAMILIES_WITH_AN_OBJECTIVE
+            if cell.spec.family not in FAMILIES_WITHOUT_OBJECTIVE
             else None
         ),
         score=mean_estimate([row["score"] for row in rows]),

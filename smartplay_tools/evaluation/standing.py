@@ -1,12 +1,13 @@
-"""Standing: how far a run is, told from its folder at any time, while it goes on and long after."""
+"""Standing: how far a run is, told from its plan and its rows, while it goes on and long after."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from smartplay_tools.evaluation.store import RunFolder
+from smartplay_tools.evaluation.store import Row
 from smartplay_tools.records import Budget
 
 
@@ -45,17 +46,16 @@ class Standing:
         return sum(cell.failed_attempts for cell in self.cells)
 
 
-def standing(folder: RunFolder) -> Standing:
-    """Return how far the run in a folder is."""
-    manifest = folder.manifest()
+def standing(manifest: Mapping[str, Any], rows: Iterable[Row], failures: Iterable[Row]) -> Standing:
+    """Return how far a run is, from what its folder says at one moment."""
     episodes = manifest["episodes"]
     if manifest["shard"] is not None:
         number, count = manifest["shard"]
         episodes = episodes[number - 1 :: count]
     cell_of = {episode["key"]: episode["cell"] for episode in episodes}
     planned = Counter(cell_of.values())
-    finished = Counter(cell_of[row["key"]] for row in folder.rows() if row["key"] in cell_of)
-    failed = Counter(cell_of[row["key"]] for row in folder.failures() if row["key"] in cell_of)
+    finished = Counter(cell_of[row["key"]] for row in rows if row["key"] in cell_of)
+    failed = Counter(cell_of[row["key"]] for row in failures if row["key"] in cell_of)
     return Standing(
         tuple(
             CellStanding(cell["game"], cell["player"], _asked(cell), planned[at], finished[at], failed[at])
@@ -65,6 +65,6 @@ def standing(folder: RunFolder) -> Standing:
     )
 
 
-def _asked(cell: dict[str, Any]) -> str:
+def _asked(cell: Mapping[str, Any]) -> str:
     asked = Budget(**cell["budget"]).model_dump(exclude_defaults=True)
     return ", ".join(f"{name} {value}" for name, value in asked.items())

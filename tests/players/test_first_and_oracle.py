@@ -7,6 +7,7 @@ import json
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.runner import evaluate
 from smartplay_tools.games import hanoi
 from smartplay_tools.messages import calls_of
 from smartplay_tools.replay import replay
@@ -110,3 +111,13 @@ def test_an_oracle_that_was_shown_nothing_says_so():
         prompt = sp.Conversation(episode).prompt()
     with pytest.raises(sp.InvalidArgumentError, match="sit down"):
         sp.get_player("oracle").reply(prompt)
+
+
+def test_a_run_with_the_oracle_is_kept_resumed_and_verified(tmp_path):
+    asked = {"players": ["oracle"], "out": tmp_path / "run", "trials": 2, "executor": "inline"}
+    run = evaluate(["Hanoi3Disk-v0"], **asked)
+    assert run.complete
+    assert [row["steps"] for row in run.rows] == [7, 7]
+    assert all("player" in row["deviations"] for row in run.rows)
+    assert evaluate(["Hanoi3Disk-v0"], **asked).rows == run.rows
+    assert all(replay(run.folder.transcript(row["key"])).identical for row in run.rows)

@@ -8,6 +8,7 @@ import os
 import pty
 import re
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -175,6 +176,11 @@ class Terminal:
         self._read_until(lambda: False)
         return self.seen
 
+    def interrupt(self) -> None:
+        """Do what Ctrl-C does."""
+        self._program.send_signal(signal.SIGINT)
+        self.seen = ""
+
     def code(self) -> int:
         """Wait for the program's end and return its exit code."""
         return self._program.wait(timeout=20)
@@ -247,6 +253,16 @@ def test_a_prompt_taller_than_the_terminal_is_paged():
     # Nothing is lost between the pages.
     pages = "\n".join(reversed(screens))
     assert all(action in pages for action in sp.GAMES[CRAFTER].load().actions)
+
+
+def test_an_interrupt_gives_the_terminal_back(tmp_path):
+    record = tmp_path / "human.jsonl"
+    with Terminal("play", RPS, "--player", "human", "--transcript", str(record)) as terminal:
+        terminal.screen()
+        terminal.interrupt()
+        assert LEAVE in terminal.rest()
+        assert terminal.code() == 130
+    assert sp.read_transcript(record)[-1]["result"]["end_reason"] == "closed"
 
 
 def test_a_run_with_a_person_stops_when_the_person_leaves(tmp_path):
