@@ -130,7 +130,7 @@ def table(name: str, played: Sweep) -> str:
         (varied.replace("_", " "), lambda c: _limit(c.cell.budget[varied])),
         ("episodes", lambda c: str(c.episodes)),
         ("score [95 %]", lambda c: _interval(c.means["score"])),
-        ("difference [95 %]", lambda c: _interval(c.differences.get("score"), sign="+")),
+        ("difference [95 %]", lambda c: "reference" if c.is_full else _interval(c.differences.get("score"), "+")),
         ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
         ("prefix-stable", lambda c: _percent(c.means["prefix_share"])),
     ]
@@ -189,7 +189,7 @@ def _limit(value: float | None) -> str:
 
 def _interval(found: Estimate | None, sign: str = "-") -> str:
     if found is None:
-        return ""
+        return "no pairs"
     digits = ",.0f" if max(abs(found.mean), abs(found.high or 0)) >= 100 else ",.2f"
     mean = f"{found.mean:{sign}{digits}}"
     if found.low is None or found.high is None or found.low == found.high:
