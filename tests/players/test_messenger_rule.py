@@ -292,6 +292,12 @@ def test_it_plays_the_games_of_every_split(split: Split) -> None:
         assert sp.play(episode, sp.get_player("rule")).completed
 
 
+@pytest.mark.parametrize("history", [0, 1, 20])
+def test_it_plays_with_every_window(history: int) -> None:
+    with sp.Episode("MessengerL2-v0", seed=1, budget=sp.Budget(history=history)) as episode:
+        assert sp.play(episode, sp.get_player("rule")).completed
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("level", "episodes", "at_least"), [(1, 200, 0.95), (2, 200, 0.8), (3, 200, 0.4)])
 def test_it_plays_as_well_as_promised(level: int, episodes: int, at_least: float) -> None:

@@ -23,6 +23,9 @@ from smartplay_tools.players.rules.messenger_foresight import persistence, worth
 from smartplay_tools.players.rules.messenger_manual import Claim, claims
 from smartplay_tools.players.rules.messenger_sight import View
 
+VIEWS = 4
+"""How many observations are used, if so many are in view: each further one doubles what a decision costs."""
+
 
 def plays(reading: Reading) -> bool:
     """Whether the actions are steps to the four sides, or none."""
@@ -36,7 +39,7 @@ def decide(reading: Reading) -> Message:
     views = tuple(map(View.of, reading.observations))
     if not views or not views[-1].things:
         return call("observe")
-    return call("act", action=choose(claims(reading.system), views))
+    return call("act", action=choose(claims(reading.system), views[-VIEWS:]))
 
 
 def choose(said: tuple[Claim, ...], views: Sequence[View]) -> str:

@@ -32,6 +32,8 @@ Cast = Mapping[str, tuple[Part, ...]]
 
 FEW_SENTENCES = 3
 """A manual with no more sentences tells of no decoys."""
+SILENT = (0.2, 0.2, 0.6)
+"""How things move of which a manual does not say it, without decoys: those that stand still have nothing to tell."""
 MOST_CASTS = 16
 NEGLIGIBLE = 0.004
 ODD = 0.05
@@ -64,16 +66,12 @@ def _by_name(said: tuple[Claim, ...], names: tuple[str, ...]) -> dict[str, list[
 def _without_decoys(about: Mapping[str, Sequence[Claim]]) -> Iterator[tuple[float, Cast]]:
     for enemy, message, goal in itertools.permutations(about):
         for moves in itertools.product(range(len(MOVEMENTS)), repeat=3):
-            parts = {
-                name: Part(role, movement)
-                for name, role, movement in zip(
-                    (enemy, message, goal), ("enemy", "message", "goal"), moves, strict=True
-                )
-            }
+            roles = Part("enemy", moves[0]), Part("message", moves[1]), Part("goal", moves[2])
+            parts = dict(zip((enemy, message, goal), roles, strict=True))
             weight = 1.0
             for name, part in parts.items():
                 for claim in about[name]:
-                    weight *= _fit(claim, part)
+                    weight *= _fit(claim, part) if claim.movement else _fit(claim, part) * SILENT[part.movement]
             yield weight, {name: (part,) for name, part in parts.items()}
 
 
@@ -81,9 +79,8 @@ def _with_decoys(about: Mapping[str, Sequence[Claim]]) -> Iterator[tuple[float, 
     for enemy, message, goal in itertools.permutations(about):
         for moves in itertools.permutations(range(len(MOVEMENTS))):
             real = Part("enemy", moves[0]), Part("message", moves[1]), Part("goal", moves[2])
-            leads = [
-                Part(role, moves[i]) for role in ("message", "goal") for i in (1, 2)
-            ]  # moves as the enemy does not
+            # The false lead moves as the enemy does not.
+            leads = [Part(role, movement) for role in ("message", "goal") for movement in moves[1:]]
             enemy_fit = sum(_pair_fit(about[enemy], (real[0], lead)) for lead in leads) / len(leads)
             for decoys in itertools.permutations(range(len(MOVEMENTS)), 2):
                 if decoys[0] == moves[1] or decoys[1] == moves[2]:
