@@ -265,6 +265,13 @@ def test_it_walks_straight_on_while_it_sees_nothing_that_it_wants() -> None:
     assert worth["Move East"] > worth["Move North"] == 0 > worth["Move West"] == worth["Do Nothing"]
 
 
+def test_it_does_not_walk_on_where_the_border_is() -> None:
+    cases = cases_of((9, 5), goal=((2, 2), IMMOVABLE))
+    cases.hidden[GOAL] = True
+    worth = dict(zip(messenger.ACTIONS, persistence(cases, "Move East", has_message=True), strict=True))
+    assert worth["Move North"] > worth["Move East"] == worth["Do Nothing"]
+
+
 # Playing.
 
 

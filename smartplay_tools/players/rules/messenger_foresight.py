@@ -1,8 +1,10 @@
-"""What each action of MESSENGER is worth: every believed situation is played on, by a greedy player who sees it all.
+"""What each action of MESSENGER is worth: every believed situation is played on, by a greedy player that sees it all.
 
-The first action is ours, the rest of each game is that player's, who goes straight for what is wanted and round what
-kills. He knows more than we do, so what he reaches is an upper bound; but the bound is about equally loose for every
+The first action is ours, the rest of each game is that player's, which goes straight for what is wanted and round what
+kills. It knows more than we do, so what it reaches is an upper bound; but the bound is about equally loose for every
 action, and it counts chasers, borders and corners many steps ahead. All games are played at once, as arrays.
+
+The weights below were chosen by playing seeds from 1000 on; the player is scored on the seeds below 200.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ FAR = 0.012
 """... less this for every half cell that is left to go."""
 UNTOUCHABLE = 200.0
 FEAR = 32.0
-"""What it costs the greedy player to be next to what may touch him, and to be a half cell away from a chaser."""
+"""What it costs the greedy player to be next to what may touch it, and to be a half cell away from a chaser."""
 PERSISTENCE = 0.05
 """What it is worth to go straight on where nothing wanted is in sight."""
 
@@ -67,14 +69,15 @@ def worths(cases: Cases, *, has_message: bool) -> NDArray[np.float64]:
 def persistence(cases: Cases, last: str | None, *, has_message: bool) -> NDArray[np.float64]:
     """Return what it is worth to go on as before, so far as what is wanted is probably not in sight.
 
-    Nobody who forgets where he has looked finds anything, unless he walks straight on until he comes to a border.
+    A player that forgets where it has looked searches in vain, unless it walks straight on until it meets a border.
     """
-    worth = np.zeros(MOVES)
-    worth[ACTIONS.index("Do Nothing")] = -1
+    steps = (board().next_cell[:, cases.cell] != cases.cell).mean(axis=1)
+    worth: NDArray[np.float64] = steps - 1  # to walk into the border is to stand still
     if last in _BACK:
-        worth[ACTIONS.index(last)] = 1
-        worth[ACTIONS.index(_BACK[last])] = -1
-    return PERSISTENCE * float(cases.hidden[GOAL if has_message else MESSAGE].mean()) * worth
+        worth[ACTIONS.index(last)] += steps[ACTIONS.index(last)]
+        worth[ACTIONS.index(_BACK[last])] -= 1
+    worth *= PERSISTENCE * cases.hidden[GOAL if has_message else MESSAGE].mean()
+    return worth
 
 
 _BACK = dict(zip(ACTIONS, (ACTIONS[1], ACTIONS[0], ACTIONS[3], ACTIONS[2]), strict=False))
@@ -84,13 +87,13 @@ class _Games:
     """Games under way, each for one case and one first action; those that are over leave."""
 
     def __init__(self, cases: Cases, has_message: bool) -> None:
+        """Set up every case once for each first action. Things stand in rows, games in columns."""
         count = len(cases.cell)
         self.value = np.zeros(MOVES * count)
         self.number = np.arange(MOVES * count)
         self.case = np.tile(np.arange(count), MOVES)
         self.us = np.tile(board().spot_of_cell[cases.cell], MOVES)
         self.things = np.tile(cases.spots, MOVES)
-        self.movements = np.tile(cases.movements, MOVES)
         self.has_message = np.full(MOVES * count, has_message)
         self.discount = 1.0
         self._draws = _draws(HORIZON, len(cases.spots), count)
@@ -98,7 +101,7 @@ class _Games:
         self.fears = np.tile(cases.movements[:MESSAGE], MOVES) * OFFSETS + SHIFT
         if has_message:
             self.fears[GOAL] = HARMLESS * OFFSETS + SHIFT
-        self.steps = self.movements * (DRAWS * OFFSETS) + SHIFT
+        self.steps = np.tile(cases.movements, MOVES) * (DRAWS * OFFSETS) + SHIFT
 
     @property
     def size(self) -> int:
