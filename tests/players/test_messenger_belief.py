@@ -31,7 +31,6 @@ from smartplay_tools.players.rules.messenger_casts import Part
 from smartplay_tools.players.rules.messenger_manual import Claim
 from smartplay_tools.players.rules.messenger_sight import View
 
-
 LINES = "You took action {}.\n\nYou (agent) don't have the message.\n\nYou see:\n- {}"
 
 
