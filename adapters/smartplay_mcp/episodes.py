@@ -56,8 +56,8 @@ class Episodes:
         self._folder, self._most, self._idle, self._clock = folder, most, idle, clock
         self._tables: dict[str, tuple[Table, float]] = {}
         """Tables, and when they were last asked for; the one longest ago comes first."""
-        self._coming: set[str] = set()
-        """Handles whose episodes are being made, or played again; that may take long, and meanwhile others play."""
+        self._busy: set[str] = set()
+        """Handles whose episodes are being made, played again or closed; that may take long, and others play on."""
         self._lock = threading.Condition()
 
     def __len__(self) -> int:
@@ -95,7 +95,7 @@ class Episodes:
         """
         self._close_idle()
         with self._lock:
-            self._lock.wait_for(lambda: handle not in self._coming)
+            self._lock.wait_for(lambda: handle not in self._busy)
             table = self.seated(handle)
             path = self._path(handle)
             if table is not None or path is None or not HANDLE.fullmatch(handle) or not path.exists():
@@ -108,15 +108,15 @@ class Episodes:
         table = self.find(handle)
         if table is None:
             return None
+        table.episode.close()
         with self._lock:
             self._tables.pop(handle, None)
-        table.episode.close()
         return table.episode.result
 
     def _make_way(self, handle: str) -> None:
-        if len(self._tables) + len(self._coming) >= self._most:
+        if len(self._tables) + len(self._busy) >= self._most:
             raise FullError(f"{self._most} episodes are open, and no more may be.")
-        self._coming.add(handle)
+        self._busy.add(handle)
 
     def _seat(self, handle: str, make: Callable[[], Episode]) -> Table:
         try:
@@ -125,17 +125,24 @@ class Episodes:
                 self._tables[handle] = (table, self._clock())
             return table
         finally:
-            with self._lock:
-                self._coming.remove(handle)
-                self._lock.notify_all()
+            self._done_with(handle)
 
     def _close_idle(self) -> None:
-        idle = []
+        idle = {}
         with self._lock:
             while self._tables and self._is_idle(handle := next(iter(self._tables))):
-                idle.append(self._tables.pop(handle)[0])
-        for table in idle:
-            table.episode.close()
+                idle[handle] = self._tables.pop(handle)[0]
+            self._busy.update(idle)
+        for handle, table in idle.items():
+            try:
+                table.episode.close()
+            finally:
+                self._done_with(handle)
+
+    def _done_with(self, handle: str) -> None:
+        with self._lock:
+            self._busy.remove(handle)
+            self._lock.notify_all()
 
     def _is_idle(self, handle: str) -> bool:
         return self._tables[handle][1] < self._clock() - self._idle
