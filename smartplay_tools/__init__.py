@@ -10,8 +10,6 @@ Importing this registers every setting with Gymnasium as `smartplay/<id>`.
 
 from __future__ import annotations
 
-import gymnasium as _gymnasium
-
 from smartplay_tools.context import ContextWindow, View
 from smartplay_tools.conversation import Conversation
 from smartplay_tools.episode import Episode
@@ -22,7 +20,9 @@ from smartplay_tools.errors import (
     TranscriptError,
     UnknownNameError,
 )
-from smartplay_tools.games.base import TextGame
+from smartplay_tools.evaluation.runner import Run, evaluate
+from smartplay_tools.evaluation.store import RunFolder
+from smartplay_tools.games.base import TextGame, with_action_list
 from smartplay_tools.messages import Message, MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.paper_protocol import PaperConversation
 from smartplay_tools.players import get_player, player_names
@@ -44,7 +44,7 @@ from smartplay_tools.records import (
     Usage,
 )
 from smartplay_tools.replay import Replay, replay
-from smartplay_tools.specs import GAMES, PAPER_RESULTS, GameSpec, get_spec
+from smartplay_tools.specs import GAMES, PAPER_RESULTS, GameSpec, get_spec, register
 from smartplay_tools.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.tools import schema
 from smartplay_tools.transcript import read_transcript
@@ -72,6 +72,8 @@ __all__ = [
     "Replay",
     "Reply",
     "ResolvedBudget",
+    "Run",
+    "RunFolder",
     "ScriptedPlayer",
     "SmartPlayError",
     "TextGame",
@@ -87,21 +89,16 @@ __all__ = [
     "aplay",
     "assistant_message",
     "calls_of",
+    "evaluate",
     "get_player",
     "get_spec",
     "get_tokenizer",
     "play",
     "player_names",
     "read_transcript",
+    "register",
     "replay",
     "schema",
     "text_of",
+    "with_action_list",
 ]
-
-for _spec in GAMES.values():
-    _gymnasium.register(
-        id=f"smartplay/{_spec.id}",
-        entry_point=_spec.entry_point,
-        kwargs={"history": _spec.history, **_spec.kwargs},
-        max_episode_steps=_spec.rollout,
-    )

@@ -95,7 +95,7 @@ class Episode:
         self._lock = threading.RLock()
         self._worker: ThreadPoolExecutor | None = None
         self._transcript = None if transcript is None else Transcript(transcript)
-        self._begun = False
+        self._begun = self._revealed = False
 
     # What the agent may do.
 
@@ -194,6 +194,15 @@ class Episode:
     def look_on(self, on_step: Callable[[TextGame], None]) -> None:
         """Have a function called with the game after every step, to draw it, say. It must not play."""
         self._play.on_step = on_step
+
+    def reveal(self) -> TextGame:
+        """Hand the game itself to a player that wants more than its messages; record and result say so."""
+        with self._lock:
+            self.begin()
+            if not self._revealed:
+                self._revealed = True
+                self.log("reveal")
+            return self.game
 
     def log(self, event: str, **fields: Any) -> None:
         """Append an event to the transcript, if there is one."""
@@ -302,6 +311,8 @@ class Episode:
             for name, value in played.items()
             if value != getattr(paper, name)
         }
+        if self._revealed:
+            changed["player"] = {"paper": "sees its prompts", "played": "privileged: sees the game's state"}
         return {**changed, **self.game.deviations()}
 
 

@@ -4,6 +4,7 @@
     ├── InvalidArgumentError  an argument or a budget that cannot be; also a ValueError
     ├── UnknownNameError      no game, player or tokenizer of that name; the message lists near ones
     ├── MissingExtraError     a feature whose optional dependency is not installed; the message is the remedy
+    ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
     ├── ModelCallError        a model gave no reply (in `players.attempts`); ends an episode as player_error
     └── TranscriptError       a file that is not a transcript, or not one that can be written, read or replayed
@@ -46,6 +47,10 @@ class MissingExtraError(SmartPlayError, ImportError):
 
     def __init__(self, feature: str, extra: str) -> None:
         super().__init__(f"{feature} needs an optional dependency: pip install 'smartplay-tools[{extra}]'")
+
+
+class PlayerLeftError(SmartPlayError):
+    """Whoever plays will not go on: no fault of the player, and no result of the game."""
 
 
 class PromptOverflowError(SmartPlayError):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, Protocol, runtime_checkable
 
 from smartplay_tools.conversation import Conversation
 from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError
 from smartplay_tools.messages import assistant_message
 from smartplay_tools.paper_protocol import PaperConversation
 from smartplay_tools.records import AsyncPlayer, EpisodeResult, Player, Prompt, Reply, Usage
@@ -19,11 +19,24 @@ ProtocolName = Literal["tools", "paper"]
 PROTOCOLS: dict[str, Callable[..., Dialogue]] = {"tools": Conversation, "paper": PaperConversation}
 """How a model plays: through tool calls, or in the paper's free text (`smartplay_tools.paper_protocol`)."""
 
-OnPrompt = Callable[[Dialogue], None]
+OnPrompt = Callable[[Dialogue, Prompt], None]
 """Called before a prompt goes to the player; if it ends the episode, the player is not asked."""
 
 OnTurn = Callable[[Dialogue], None]
 """Called after every reply, to look on."""
+
+
+@runtime_checkable
+class SeatedPlayer(Protocol):
+    """A player that is shown the dialogue before the first prompt.
+
+    A person sees there what the budget has left. A player that is told more than its messages say, with
+    `Episode.reveal`, is privileged, and the record says so.
+    """
+
+    def sit_down(self, dialogue: Dialogue) -> None:
+        """Look around. It must not play."""
+        ...
 
 
 def play(
@@ -37,11 +50,12 @@ def play(
     """Have a player play an episode to its end and return the result.
 
     An exception of the player ends the episode as `player_error`; it is in the record, with its traceback, and its
-    message in `EpisodeResult.error`. What it cost is counted if the exception says so (`usage`).
+    message in `EpisodeResult.error`. What it cost is counted if the exception says so (`usage`). A `PlayerLeftError`
+    ends it as `closed`.
     """
     if not isinstance(player, Player):
         raise InvalidArgumentError(f"{player!r} cannot `reply`; drive an asynchronous player with `aplay`.")
-    conversation = converse(episode, player.name, protocol)
+    conversation = _sit_down(episode, player, protocol)
     while (prompt := _next_prompt(conversation, on_prompt)) is not None:
         try:
             reply = _checked(player.reply(prompt))
@@ -63,7 +77,7 @@ async def aplay(
     on_turn: OnTurn | None = None,
 ) -> EpisodeResult:
     """Do the same on an event loop; the game's steps, and a player that is not asynchronous, run in threads."""
-    conversation = converse(episode, player.name, protocol)
+    conversation = _sit_down(episode, player, protocol)
     while (prompt := await asyncio.to_thread(_next_prompt, conversation, on_prompt)) is not None:
         try:
             if isinstance(player, AsyncPlayer):
@@ -79,11 +93,18 @@ async def aplay(
     return _result(conversation)
 
 
+def _sit_down(episode: Episode, player: AsyncPlayer | Player, protocol: str) -> Dialogue:
+    conversation = converse(episode, player.name, protocol)
+    if isinstance(player, SeatedPlayer):
+        player.sit_down(conversation)
+    return conversation
+
+
 def _next_prompt(conversation: Dialogue, on_prompt: OnPrompt | None) -> Prompt | None:
     prompt = conversation.prompt()
     if prompt is None or on_prompt is None:
         return prompt
-    on_prompt(conversation)
+    on_prompt(conversation, prompt)
     return None if conversation.episode.done else prompt
 
 
@@ -103,7 +124,10 @@ def _fail(conversation: Dialogue, error: Exception) -> None:
     usage = getattr(error, "usage", None)
     if isinstance(usage, Usage):
         conversation.spend(usage)
-    conversation.episode.end("player_error", error)
+    if isinstance(error, PlayerLeftError):
+        conversation.episode.end("closed")
+    else:
+        conversation.episode.end("player_error", error)
 
 
 def _result(conversation: Dialogue) -> EpisodeResult:

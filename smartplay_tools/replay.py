@@ -91,6 +91,8 @@ def _converse(episode: Episode, recorded: list[Event]) -> None:
             case "message", "host":
                 assert isinstance(conversation, Conversation)
                 conversation.add(event["message"])
+            case "reveal", _:
+                episode.reveal()
             case "usage", _ if event["turn"] == episode.tally.turns:
                 conversation.spend(Usage(**event["provider"]))  # of a reply that never came
             case "end", _ if not episode.done:

@@ -1,7 +1,8 @@
 """The benchmark as data: its settings, the capabilities that they challenge, and the paper's results.
 
 Every number that comes from the paper stands here, with the name of its table. No game is imported: a setting names
-its class as a string, and the class is loaded when an episode asks for it.
+its class as a string, and the class is loaded when an episode asks for it. Settings from elsewhere join the
+benchmark's in `GAMES`: see `smartplay_tools.registry`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.errors import UnknownNameError
+from smartplay_tools.registry import Games
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -117,25 +118,30 @@ _MINECRAFT = _challenges(1, 1, 2, 1, 3, 2, 1, 2, 3)
 
 @dataclass(frozen=True, kw_only=True)
 class GameSpec:
-    """One setting of the benchmark.
+    """One setting: a game with its numbers.
 
-    `history`, `rollout` (steps) and `trials` are the paper's (table `table:environments`); `human_score` and
-    `min_score` (table `table:llm_perf_absolute`) exist for the settings that the paper had people play.
+    `entry_point` is the game's class, or where it is ("module:Class"), and `kwargs` what it is made with. `history`
+    (past steps shown), `rollout` (steps) and `trials` are, for the benchmark's own, the paper's (table
+    `table:environments`); `human_score` and `min_score` (table `table:llm_perf_absolute`) exist for the settings that
+    the paper had people play. `challenges` rates how much of each capability the game asks for; a setting without
+    ratings takes no part in the capabilities' scores.
     """
 
     id: str
     family: str
-    entry_point: str
+    entry_point: str | type[TextGame]
     kwargs: Mapping[str, Any] = field(default_factory=dict)
     history: int
     rollout: int
     trials: int
     human_score: float | None = None
     min_score: float | None = None
-    challenges: Mapping[str, int]
+    challenges: Mapping[str, int] = field(default_factory=dict)
 
     def load(self) -> type[TextGame]:
         """Import and return the game's class."""
+        if not isinstance(self.entry_point, str):
+            return self.entry_point
         module, _, name = self.entry_point.partition(":")
         game: type[TextGame] = getattr(importlib.import_module(module), name)
         return game
@@ -149,6 +155,10 @@ class GameSpec:
         if self.human_score is None or self.min_score is None:
             return None
         return normalize(score, self.human_score, self.min_score)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The benchmark's ratings are read-only views, which do not pickle.
+        return {**vars(self), "challenges": dict(self.challenges)}
 
 
 def _setting(id: str, **facts: Any) -> GameSpec:  # noqa: A002 - the field's name
@@ -252,15 +262,18 @@ _SETTINGS = (
     *map(_minecraft, (0, 1, 2, 4, 5, 7, 8, 9)),
 )
 
-GAMES: dict[str, GameSpec] = {spec.id: spec for spec in _SETTINGS}
-"""Every setting that can be played, by id."""
+GAMES = Games(_SETTINGS)
+"""Every setting that can be played, by id: the benchmark's, then those that were registered or installed beside it."""
 
 
 def get_spec(game: str | GameSpec) -> GameSpec:
     """Return the setting of that id; an unknown one raises `UnknownNameError`, which lists near names."""
-    if isinstance(game, GameSpec):
-        return game
-    try:
-        return GAMES[game]
-    except KeyError:
-        raise UnknownNameError("game", game, GAMES) from None
+    return GAMES[game] if isinstance(game, str) else game
+
+
+def register(spec: GameSpec) -> GameSpec:
+    """Make a setting of your own known by its id, here and to Gymnasium, in this process; return it.
+
+    A package that declares it as an entry point makes it known in every process (`smartplay_tools.registry`).
+    """
+    return GAMES.register(spec)

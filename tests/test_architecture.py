@@ -20,6 +20,7 @@ LAYERS = (
     "arguments",
     "messages",
     "tokens",
+    "registry",
     "specs",
     "records",
     "prompts",

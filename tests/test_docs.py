@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import smartplay_tools as sp
 from smartplay_tools.cli import app
 
 ROOT = Path(__file__).parents[1]
@@ -31,6 +32,11 @@ def blocks(kind: str) -> list[tuple[Path, str]]:
 def test_there_is_documentation():
     assert PAGES[0].name == "README.md"
     assert len(blocks("python")) >= 3
+
+
+@pytest.fixture(autouse=True)
+def forget_what_a_page_registers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sp.GAMES, "_specs", dict(sp.GAMES._specs))
 
 
 @pytest.mark.parametrize(("page", "code"), blocks("python"), ids=lambda value: getattr(value, "name", ""))

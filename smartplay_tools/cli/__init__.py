@@ -11,7 +11,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from smartplay_tools.cli import demo, games, play, replay, serve
+from smartplay_tools.cli import demo, evaluate, games, merge, play, replay, report, results, serve, sweep
 from smartplay_tools.errors import SmartPlayError
 
 
@@ -35,4 +35,7 @@ app = typer.Typer(
 )
 for command in (games.games, games.manual, games.schema, play.play, replay.replay, demo.demo):
     app.command(no_args_is_help=False)(command)
+app.command("eval", no_args_is_help=True)(evaluate.evaluate)
+for of_runs in (sweep.sweep, results.results, report.report, merge.merge):
+    app.command(no_args_is_help=True)(of_runs)
 app.add_typer(serve.app, name="serve")

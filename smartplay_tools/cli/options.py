@@ -51,6 +51,11 @@ GameOptions = Annotated[
     list[str] | None,
     typer.Option("--option", metavar="KEY=VALUE", help="A game's own option; repeatable.", rich_help_panel=_PANEL),
 ]
+PlayerOptions = Annotated[
+    list[str] | None,
+    typer.Option("--player-option", metavar="KEY=VALUE", help="An option of the player; repeatable."),
+]
+BaseUrl = Annotated[str | None, typer.Option(help="Where the model of openai:MODEL is served.")]
 TranscriptFile = Annotated[Path | None, typer.Option("--transcript", help="Write the record to this new file.")]
 
 
@@ -64,13 +69,18 @@ def budget(**numbers: Any) -> Budget:
         raise InvalidArgumentError(f"{option} {first['input']}: {first['msg']}.") from None
 
 
-def game_options(pairs: list[str] | None) -> dict[str, Any]:
+def names(text: str | None) -> list[str]:
+    """Return the parts of a list that is written with commas."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
+
+
+def key_values(pairs: list[str] | None, name: str = "--option") -> dict[str, Any]:
     """Return KEY=VALUE pairs as a dictionary; a value that reads as JSON is that, anything else is text."""
     options: dict[str, Any] = {}
     for pair in pairs or []:
         key, equals, value = pair.partition("=")
         if not equals:
-            raise InvalidArgumentError(f"--option {pair} has no value; write it as KEY=VALUE.")
+            raise InvalidArgumentError(f"{name} {pair} has no value; write it as KEY=VALUE.")
         try:
             options[key] = json.loads(value)
         except ValueError:

@@ -60,8 +60,10 @@ def play(
     who = _player(player, seed, base_url)
     modes: dict[str, Any] = {"manual": manual, "batch": batch, "engine": engine, "tokenizer": tokenizer}
     console = Console()
-    watch = None if quiet or as_json else TurnPrinter(console)
-    own_options = options.game_options(option) | (picture_options(game) if frames else {})
+    # A person has a screen, and would read here what has left the window.
+    silent = quiet or as_json or getattr(who, "interactive", False)
+    watch = None if silent else TurnPrinter(console)
+    own_options = options.key_values(option) | (picture_options(game) if frames else {})
     new_episode = Episode(game, seed=seed, budget=budget, transcript=transcript, **modes, **own_options)
     # A player may have connections to give back.
     with who if isinstance(who, AbstractContextManager) else nullcontext(), new_episode as episode:

@@ -1,32 +1,73 @@
-"""The command `replay`: verify a record."""
+"""The command `replay`: verify a record, or all records of a run."""
 
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.progress import track
 
 from smartplay_tools.cli import options
+from smartplay_tools.evaluation.audit import Finding, audit
+from smartplay_tools.evaluation.store import RunFolder
 from smartplay_tools.replay import replay as run_again
+
+SHOWN_DIFFERENCES = 3
+"""Of each episode that differs; the first is what matters, the others mostly follow from it."""
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(help="A transcript.", show_default=False)], as_json: options.Json = False
+    path: Annotated[Path, typer.Argument(help="A transcript, or a run's folder.", show_default=False)],
+    workers: Annotated[int | None, typer.Option(min=1, help="Episodes of a run at a time.")] = None,
+    as_json: options.Json = False,
 ) -> None:
-    """Run a transcript again and compare it bit for bit; the exit code is 1 if anything differs.
+    """Play records again and compare them bit for bit; the exit code is 1 if anything differs.
 
     Example: smartplay-tools replay run.jsonl
     """
-    found = run_again(file)
+    same = _replay_run(path, workers, as_json=as_json) if path.is_dir() else _replay_file(path, as_json=as_json)
+    if not same:
+        raise typer.Exit(1)
+
+
+def _replay_file(path: Path, *, as_json: bool) -> bool:
+    found = run_again(path)
     if as_json:
         print(json.dumps({**asdict(found), "result": found.result and found.result.model_dump()}, indent=2))
     elif found.identical:
-        Console().print(f"[green]identical[/]: {found.events} events of {file}", highlight=False, soft_wrap=True)
+        Console().print(f"[green]identical[/]: {found.events} events of {path}", highlight=False, soft_wrap=True)
     else:
         Console(stderr=True).print(f"[red]differs[/]: {found.differences[0]}", highlight=False, soft_wrap=True)
-    if not found.identical:
-        raise typer.Exit(1)
+    return found.identical
+
+
+def _replay_run(path: Path, workers: int | None, *, as_json: bool) -> bool:
+    folder = RunFolder(path)
+    total = len(folder.rows())
+    progress = Console(stderr=True, quiet=as_json or not Console(stderr=True).is_terminal)
+    going = audit(folder, workers or os.cpu_count() or 1)
+    findings = sorted(track(going, "replaying", total, console=progress, transient=True), key=lambda one: one.key)
+    differing = [finding for finding in findings if finding.differences]
+    if as_json:
+        print(json.dumps([asdict(finding) for finding in findings], indent=2))
+    else:
+        _print_findings(path, total, differing)
+    return not differing
+
+
+def _print_findings(path: Path, total: int, differing: list[Finding]) -> None:
+    if not differing:
+        Console().print(f"[green]identical[/]: all {total} episodes of {path}", highlight=False, soft_wrap=True)
+        return
+    console = Console(stderr=True)
+    console.print(f"[red]{len(differing)} of {total} episodes differ[/]", highlight=False)
+    for finding in differing:
+        for difference in finding.differences[:SHOWN_DIFFERENCES]:
+            console.print(
+                f"{finding.key} ({finding.game}): {difference}", highlight=False, soft_wrap=True, markup=False
+            )

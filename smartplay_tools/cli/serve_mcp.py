@@ -53,7 +53,7 @@ def mcp(
     adapter = importlib.import_module(ADAPTER)
     budget = options.budget(history=history, result_tokens=result_tokens, tool_calls=tool_calls)
     settings: dict[str, Any] = {"budget": budget, "manual": manual, "engine": engine, "tokenizer": tokenizer}
-    settings |= options.game_options(option)
+    settings |= options.key_values(option)
     if not http:
         with Episode(game, seed=seed, context="host", transcript=transcript, **settings) as episode:
             asyncio.run(adapter.serve_stdio(episode))

@@ -10,6 +10,9 @@ from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.records import EpisodeResult
 
+PAPER_WIDTH = 140
+"""Columns for tables that go into a file."""
+
 
 class TurnPrinter:
     """Prints every turn: what the prompt took of its cap, what was dropped, what was called, what came of it."""
@@ -63,9 +66,23 @@ def print_result(console: Console, result: EpisodeResult) -> None:
     console.print(table)
 
 
+def wide_console() -> Console:
+    """Return a console for tables: as wide as the terminal, and wide enough for all columns in a file or a pipe."""
+    console = Console()
+    return console if console.is_terminal else Console(width=PAPER_WIDTH)
+
+
 def compact_table(*headings: str) -> Table:
     """Return a table that fits a terminal of 80 columns: no frame, the first column to the left, numbers right."""
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
     for heading in headings:
         table.add_column(heading, no_wrap=True, justify="left" if heading == headings[0] else "right")
     return table
+
+
+def short(number: int) -> str:
+    """Return a large number in four characters or so: 1234567 is 1.2M."""
+    for unit, size in (("G", 1_000_000_000), ("M", 1_000_000), ("k", 1_000)):
+        if number >= size:
+            return f"{number / size:.1f}{unit}"
+    return str(number)

@@ -81,6 +81,11 @@ class Bandit(TextGame):
             longest_observation=max(map(len, [START, *texts])), characters="".join([START, *texts]), **options
         )
 
+    @property
+    def optimal_action(self) -> int:
+        """The machine with the larger expected reward."""
+        return self._best
+
     def _reset(self) -> str:
         self._order = shuffle(self._arms, self.np_random)
         self._best = best(self._order)
@@ -90,6 +95,10 @@ class Bandit(TextGame):
         reward = pull(self._order[action], self.np_random)
         self.score += action == self._best
         return describe(action, reward), reward, False, False
+
+    def drawing(self) -> dict[str, Any]:
+        """The machines as they really are, (probability, reward), and the better one."""
+        return {"arms": [[arm.probability, arm.reward] for arm in self._order], "best": self._best}
 
     def _state(self) -> Any:
         return [[arm.probability, arm.reward] for arm in self._order]

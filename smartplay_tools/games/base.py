@@ -122,8 +122,21 @@ class TextGame(gymnasium.Env[str, Any]):
     def _state(self) -> Any:
         """The whole state of the game's rules as JSON, or as bytes; the random stream is added by `state_hash`."""
 
+    @property
+    def optimal_action(self) -> int | None:
+        """The best action now for one who knows the whole state; None where no optimum is known, or none is left."""
+        return None
+
     def deviations(self) -> dict[str, Any]:
         """What this game's options make differ from the paper: name -> {"paper": ..., "played": ...}."""
+        return {}
+
+    def drawing(self) -> dict[str, Any]:
+        """The state as a person would draw it, as JSON: what a replay page draws, hidden facts included.
+
+        Empty where there is nothing to draw. A game that has no drawing of its own on the page may give
+        `{"text": ...}`, a picture made of characters.
+        """
         return {}
 
     # What every game has.

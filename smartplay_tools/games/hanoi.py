@@ -40,6 +40,19 @@ def move(rods: Rods, source: int, target: int) -> Rods:
     return (after[0], after[1], after[2])
 
 
+def shortest(rods: Rods, target: int = 2) -> tuple[int, int] | None:
+    """Return the first move of the shortest way to gather all disks on `target`; None if they are there.
+
+    A disk that stands elsewhere can only move when all smaller ones are on the third rod: gather those first.
+    """
+    first = None
+    for disk in range(sum(map(len, rods)) - 1, -1, -1):
+        rod = next(rod for rod in range(3) if disk in rods[rod])
+        if rod != target:
+            first, target = (rod, target), 3 - rod - target
+    return first
+
+
 # --- Text ------------------------------------------------------------------------------------------------------------
 
 ACTIONS = tuple(
@@ -82,6 +95,12 @@ class Hanoi(TextGame):
             **options,
         )
 
+    @property
+    def optimal_action(self) -> int | None:
+        """The first move of the shortest way to the goal."""
+        first = shortest(self._rods)
+        return None if first is None else MOVES.index(first)
+
     def _reset(self) -> str:
         self._rods = start(self._disks)
         return describe(self._rods)
@@ -95,6 +114,10 @@ class Hanoi(TextGame):
             self.completed = self._rods == goal(self._disks)
         reward = GOAL_REWARD if self.completed else 0 if legal else ILLEGAL_REWARD
         return describe(self._rods, action), reward, self.completed, False
+
+    def drawing(self) -> dict[str, Any]:
+        """The disks on the rods, bottom first."""
+        return {"rods": [list(disks) for disks in self._rods]}
 
     def _state(self) -> Any:
         return self._rods

@@ -100,7 +100,18 @@ class RockPaperScissors(TextGame):
         texts = [describe(hand, other, score) for hand, other in pairs for score in [0, *rewards]]
         super().__init__(longest_observation=max(map(len, texts)), characters="".join(texts), **options)
 
+    def drawing(self) -> dict[str, Any]:
+        """The hands of the latest round, ours first, and what the opponent's habits really are."""
+        table = {"odds": list(self._table.probabilities), "scores": list(self._table.scores), "best": self._best}
+        return {"hands": self._hands, **table}
+
+    @property
+    def optimal_action(self) -> int:
+        """The hand with the largest expected reward against the true opponent."""
+        return self._best
+
     def _reset(self) -> str:
+        self._hands: list[int] = []
         self._table = shuffle(self._setting, self.np_random)
         self._best = best(self._table)
         self.manual = manual(self._table.scores)
@@ -109,6 +120,7 @@ class RockPaperScissors(TextGame):
     def _step(self, action: int) -> tuple[str, float, bool, bool]:
         other = opponent_hand(self._table, self.np_random)
         score = reward(self._table, action, other)
+        self._hands = [action, other]
         self.score += action == self._best
         return describe(action, other, score), score, False, False
 

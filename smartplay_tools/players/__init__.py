@@ -15,9 +15,12 @@ from smartplay_tools.records import AsyncPlayer, Player
 
 PLAYERS: dict[str, str] = {
     "anthropic": "smartplay_anthropic:AnthropicPlayer",
+    "first": "smartplay_tools.players.first:FirstPlayer",
+    "human": "smartplay_tools.players.human:HumanPlayer",
     "langchain": "smartplay_langchain:LangChainPlayer",
     "openai": "smartplay_openai:OpenAIPlayer",
     "openai-responses": "smartplay_openai:ResponsesPlayer",
+    "oracle": "smartplay_tools.players.oracle:OraclePlayer",
     "random": "smartplay_tools.players.random:RandomPlayer",
     "rule": "smartplay_tools.players.rule:RulePlayer",
     "rule-notes": "smartplay_tools.players.rule:RuleNotesPlayer",
@@ -37,6 +40,11 @@ def get_player(name: str, *, seed: int = 0, **options: Any) -> Player | AsyncPla
     factory = _find(base)
     player: Player | AsyncPlayer = factory(*([argument] if colon else []), seed=seed, **options)
     return player
+
+
+def is_interactive(name: str) -> bool:
+    """Return whether a player needs the terminal to itself, as a person does."""
+    return bool(getattr(_find(name.partition(":")[0]), "interactive", False))
 
 
 def player_names() -> list[str]:

@@ -20,7 +20,7 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, null
 from dataclasses import dataclass
 from ipaddress import ip_address
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 from urllib.parse import urlsplit
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -42,6 +42,9 @@ class ModelPlayer(ABC):
     event loop, through one client. `close` and `aclose`, or `with` and `async with`, give the connections back; a
     player that is asked again after that opens new ones.
     """
+
+    serves_many: ClassVar[bool] = True
+    """One object serves all episodes of a run that go on in one event loop."""
 
     failures: tuple[type[Exception], ...] = ()
     """The errors that a request can come to. Those that may pass are worth another attempt; any other is a bug."""

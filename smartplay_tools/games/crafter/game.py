@@ -108,6 +108,12 @@ class Crafter(TextGame):
 
         return draw(self._world.scene(), self._picture_size)
 
+    def drawing(self) -> dict[str, Any]:
+        """The part of the scene that the player sees: ground and things by cell, body, inventory, light."""
+        from smartplay_tools.games.crafter.views import surroundings
+
+        return surroundings(self._world.scene())
+
     def _state(self) -> Any:
         return self._world.state()
 

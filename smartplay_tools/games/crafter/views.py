@@ -8,6 +8,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from smartplay_tools.games.crafter.facts import AREA, ITEMS, VIEW, VITALS
+
 
 class Sight(NamedTuple):
     """What the text tells about."""
@@ -71,3 +73,32 @@ class Engine(Protocol):
     def fingerprint(self) -> bytes:
         """The state of the random stream."""
         ...
+
+
+OUTSIDE = "."
+"""What `surroundings` writes for a cell beyond the map."""
+
+
+def surroundings(scene: Scene) -> dict[str, Any]:
+    """The cells that the player sees, as JSON.
+
+    `ground` has a letter for each cell, row by row: a for the first of `facts.MATERIALS`, b for the second and so on.
+    `things` are (texture, column, row), in the order in which they are drawn; `carried` are vitals and items.
+    """
+    columns, rows = VIEW
+    left, top = scene.position[0] - columns // 2, scene.position[1] - rows // 2
+    ground = "".join(_letter(scene.ground, x, y) for y in range(top, top + rows) for x in range(left, left + columns))
+    things = [
+        [texture, x - left, y - top]
+        for texture, (x, y) in scene.things
+        if 0 <= x - left < columns and 0 <= y - top < rows
+    ]
+    carried = [scene.inventory[name] for name in (*VITALS, *ITEMS)]
+    # Three digits are more than an eye can tell.
+    light = {"daylight": round(scene.daylight, 3), "sleeping": scene.sleeping}
+    return {"ground": ground, "things": things, "carried": carried, "at": list(scene.position), **light}
+
+
+def _letter(ground: bytes, x: int, y: int) -> str:
+    inside = 0 <= x < AREA and 0 <= y < AREA
+    return chr(ord("a") + ground[x * AREA + y] - 1) if inside else OUTSIDE

@@ -59,6 +59,12 @@ class Messenger(TextGame):
         played = {"texts": self.texts, "split": self._split, "text": self._text}
         return {name: {"paper": paper[name], "played": played[name]} for name in paper if played[name] != paper[name]}
 
+    def drawing(self) -> dict[str, Any]:
+        """Where everything stands, in half cells by role, with names and movements; None is gone, or dead."""
+        state = self._rules_state
+        avatar = {"avatar": state.avatar, "has_message": state.has_message}
+        return {"names": self._names, "movements": state.movements, "places": state.places, **avatar}
+
     def _reset(self) -> str:
         chance = self.np_random
         game = rules.pick(self._games, chance)

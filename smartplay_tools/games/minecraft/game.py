@@ -8,7 +8,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
 from smartplay_tools.games.minecraft.engines import ENGINES, Engine, load_engine
 from smartplay_tools.games.minecraft.observation import Observation, TextMode
-from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, strides, turn
+from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, Goal, strides, turn
 from smartplay_tools.games.minecraft.text import CHARACTERS, LONGEST, describe
 
 PAPER_ENGINE = "minedojo"
@@ -61,6 +61,16 @@ class Minecraft(TextGame):
         """Engine and text, where they are not the paper's."""
         played = {"engine": (PAPER_ENGINE, self.engine), "text": ("paper", self.text)}
         return {name: {"paper": paper, "played": ours} for name, (paper, ours) in played.items() if ours != paper}
+
+    @property
+    def goal(self) -> Goal:
+        """What is looked for."""
+        return self._goal
+
+    @property
+    def world(self) -> Engine:
+        """The engine, with the world that is played in it."""
+        return self._world
 
     def _state(self) -> bytes:
         return self._world.state()

@@ -1,0 +1,173 @@
+"""The directives `public-names` and `all-adapters`: everything that a module offers, documented from its docstrings.
+
+The list is the module's `__all__`, the adapters are the folders of `adapters/`, read when the site is built: what is
+new appears by itself. Docstrings are written for people who read code: single backticks are code, not references.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar, is_typeddict
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from pydantic import BaseModel
+from sphinx.addnodes import pending_xref
+from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
+from sphinx.ext.napoleon import Config, GoogleDocstring
+from sphinx.pycode import ModuleAnalyzer
+from sphinx.util.docutils import SphinxDirective
+
+ADAPTERS = Path(__file__).parents[2] / "adapters"
+
+LONGEST_TYPE = 100
+"""A type that is longer when it is spelled out (a union of a framework's messages) is shown as its author wrote it."""
+
+INHERITED_MACHINERY = ("metadata", "model_config", "model_post_init", "response_format")
+"""What Gymnasium, pydantic and LangChain put into a class for themselves."""
+
+KINDS: dict[str, Callable[[Any], bool]] = {
+    "functions": lambda thing: inspect.isroutine(thing),
+    "errors": lambda thing: inspect.isclass(thing) and issubclass(thing, Exception),
+    "classes": lambda thing: inspect.isclass(thing) and not issubclass(thing, Exception),
+    "data": lambda thing: not (inspect.isroutine(thing) or inspect.isclass(thing)),
+}
+
+
+NAPOLEON = Config(napoleon_use_ivar=True)
+
+
+class PublicNames(SphinxDirective):
+    """`public-names MODULE`, all of it or one `kind`."""
+
+    required_arguments = 1
+    option_spec: ClassVar = {"kind": lambda argument: directives.choice(argument, tuple(KINDS))}
+
+    def run(self) -> list[nodes.Node]:
+        """Return the documentation of the names."""
+        module = importlib.import_module(self.arguments[0])
+        belongs = KINDS.get(self.options.get("kind", ""), lambda thing: True)
+        found = [name for name in public_names(module) if belongs(getattr(module, name))]
+        text = "\n\n".join(_describe(module, name) for name in found)
+        return self.parse_text_to_nodes(f"```{{eval-rst}}\n{text}\n```")
+
+
+class AllAdapters(SphinxDirective):
+    """A section for each adapter: what it says of itself first, and its public names."""
+
+    def run(self) -> list[nodes.Node]:
+        """Return the sections."""
+        text = "\n\n".join(
+            f"## {name}\n\n{_first_line(name)}\n\n```{{public-names}} {name}\n```" for name in adapters()
+        )
+        return self.parse_text_to_nodes(text, allow_section_headings=True)
+
+
+def adapters() -> list[str]:
+    """The packages of the adapters."""
+    return sorted(folder.name for folder in ADAPTERS.glob("smartplay_*"))
+
+
+def _first_line(module: str) -> str:
+    return (importlib.import_module(module).__doc__ or "").partition("\n")[0]
+
+
+def public_names(module: ModuleType) -> list[str]:
+    """What a module offers: `__all__`, or where there is none what it defines itself without an underscore."""
+    own = (name for name, thing in vars(module).items() if getattr(thing, "__module__", None) == module.__name__)
+    return list(getattr(module, "__all__", None) or [name for name in own if not name.startswith("_")])
+
+
+def _describe(module: ModuleType, name: str) -> str:
+    thing = getattr(module, name)
+    if KINDS["functions"](thing):
+        return f".. autofunction:: {module.__name__}.{name}"
+    if KINDS["errors"](thing):
+        return f".. autoexception:: {module.__name__}.{name}\n   :show-inheritance:"
+    if KINDS["classes"](thing):
+        return f".. autoclass:: {module.__name__}.{name}\n   :members:{_undocumented(thing)}{_inherited(thing)}"
+    words = "\n".join(f"   {line}" for line in _as_restructured_text(_words_under(module.__name__, name)))
+    return f".. py:data:: {name}\n   :module: {module.__name__}\n\n{words}"
+
+
+def _undocumented(thing: type) -> str:
+    """The option that lists fields without words of their own, where no signature does."""
+    is_made_of_fields = issubclass(thing, BaseModel) or is_typeddict(thing) or getattr(thing, "_is_protocol", False)
+    return "\n   :undoc-members:" if is_made_of_fields else ""
+
+
+def _inherited(thing: type) -> str:
+    """The option that adds what comes from bases of ours, and nothing that comes from another package."""
+    _, *bases = thing.__mro__
+    foreign = [base.__name__ for base in bases if not base.__module__.startswith("smartplay_")]
+    return f"\n   :inherited-members: {', '.join(foreign)}" if len(foreign) < len(bases) else ""
+
+
+def _words_under(package: str, name: str) -> list[str]:
+    """The string that stands under a constant, in whichever module of the package defines it."""
+    for module in sorted(known for known in sys.modules if known.startswith(package)):
+        words = ModuleAnalyzer.for_module(module).find_attr_docs().get(("", name))
+        if words:
+            return words
+    raise ValueError(f"{package}.{name} has no words under it.")
+
+
+def _as_restructured_text(lines: list[str]) -> list[str]:
+    return [re.sub(r"(?<![`:])`([^`]+)`(?!`)", r"``\1``", line) for line in lines]
+
+
+def _process_docstring(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    if what == "class" and lines and lines[0].startswith(f"{thing.__name__}("):
+        lines.clear()  # what `dataclass` writes where there is no docstring
+    lines[:] = _as_restructured_text(lines)
+    if inspect.isroutine(thing) or inspect.isclass(
+        thing
+    ):  # anywhere else "a: b" is a sentence, not a list of arguments
+        lines[:] = str(GoogleDocstring(lines, NAPOLEON, app, what, name, thing, options)).splitlines()
+
+
+def _process_signature(
+    app: Sphinx, what: str, name: str, thing: Any, options: Any, signature: str | None, returns: str | None
+) -> tuple[str | None, str | None]:
+    """A pydantic model is made of its fields, which follow with their words; a protocol is not made at all."""
+    if what == "class" and issubclass(thing, BaseModel):
+        return "(**fields)", None
+    if what == "class" and getattr(thing, "_is_protocol", False):
+        return "", None
+    if signature is not None and len(returns or "") > LONGEST_TYPE:
+        returns = str(inspect.signature(thing).return_annotation)
+    return signature and signature.replace("<factory>", "..."), returns  # which is no Python, and would not be laid out
+
+
+def _skip(app: Sphinx, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
+    return True if name in INHERITED_MACHINERY or name.startswith("_") else None
+
+
+def _resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.Element) -> nodes.Node | None:
+    """A type is documented where it is public and named where it is defined; one that is not ours stays a word."""
+    if node.get("refdomain") != "py":
+        return None
+    package, _, path = node["reftarget"].partition(".")
+    public = f"{package}.{path.split('.')[-1]}"
+    found = env.get_domain("py").resolve_xref(env, node["refdoc"], app.builder, "obj", public, node, content)
+    return found or content
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Called by Sphinx."""
+    for name in adapters():  # before Sphinx looks at anything: some frameworks' models cannot be built once it has
+        importlib.import_module(name)
+    app.add_directive("all-adapters", AllAdapters)
+    app.add_directive("public-names", PublicNames)
+    app.connect("autodoc-process-docstring", _process_docstring)
+    app.connect("autodoc-process-signature", _process_signature)
+    app.connect("autodoc-skip-member", _skip)
+    app.connect("missing-reference", _resolve)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

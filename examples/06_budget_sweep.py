@@ -1,0 +1,42 @@
+"""What does a smaller context cost a model, in score, and what does it save, in tokens? A sweep over context windows.
+
+    python examples/06_budget_sweep.py
+
+Without a key it talks to a local endpoint in which the rule player answers: it remembers nothing but what its prompt
+says, so it earns less the less it sees. For a model, set OPENAI_API_KEY and MODEL, and OPENAI_BASE_URL if it is not
+OpenAI's. Every cell meets the same seeds; the same command again goes on where it stopped, if OUT names a folder.
+"""
+
+import os
+import tempfile
+from contextlib import ExitStack
+
+import smartplay_openai
+
+import smartplay_tools as sp
+
+with ExitStack() as stack:
+    if os.environ.get("OPENAI_API_KEY"):
+        player, options = f"openai:{os.environ['MODEL']}", {}
+    else:
+        endpoint = stack.enter_context(smartplay_openai.LocalEndpoint(sp.get_player("rule")))
+        player, options = "openai:rule", {"base_url": endpoint.base_url}
+
+    swept = sp.sweep(
+        ["BanditTwoArmedHighLowFixed-v0"],
+        [player],
+        history=[1, 5, 50],
+        slack=[0, 0.5],
+        budget=sp.Budget(reply_tokens=500),
+        trials=4,
+        player_options=options,
+        out=os.environ.get("OUT") or tempfile.mkdtemp(),
+    )
+
+for cell in swept.summary:
+    difference = "full context" if cell["full_context"] else f"{cell['score_difference']:+6.2f} to full context"
+    print(
+        f"history {cell['history']:2}, slack {cell['slack']:3g}: {cell['score']:5.2f} points, {difference}; "
+        f"{cell['tokens']:6,.0f} tokens, {cell['prefix_share']:.0%} of the prompts in a stable prefix"
+    )
+print("On disk:", *swept.write(), sep="\n  ")

@@ -1,0 +1,191 @@
+"""What a smaller context costs in score, and what it saves in tokens: the experiment of `docs/experiments.md`.
+
+    python experiments/context.py                        # rule players: no key, no network, minutes
+    python experiments/context.py --player openai:MODEL  # the same questions to a model; see --help
+
+The players are rules that know what their prompts say and nothing else. A rule that counts the rounds it sees is worth
+as much as it sees, so the curves are real: nobody told the player how much it is supposed to remember. The player
+`random` looks at nothing and is the control: whatever the window, it has to score the same to the point.
+
+Each question is one sweep with a folder of its own. What was played before is not played again: the same command goes
+on where it stopped. `--publish` puts figures and tables into the documentation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.comparison import Comparison, compare
+from smartplay_tools.evaluation.intervals import Estimate
+from smartplay_tools.evaluation.pairs import paired_difference, score
+from smartplay_tools.evaluation.sweep import Sweep, sweep
+
+DOCS = Path(__file__).parents[1] / "docs"
+SMALL_GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0")
+
+QUESTIONS: dict[str, dict[str, Any]] = {
+    "history": {
+        "games": SMALL_GAMES,
+        "players": ("rule", "random"),
+        "history": (0, 1, 2, 5, 10, 20, 50),
+        "trials": 100,
+    },
+    "prompt-tokens": {
+        "games": SMALL_GAMES,
+        "players": ("rule",),
+        "prompt_tokens": (500, 600, 800, 1000, 1500, None),
+        "trials": 100,
+    },
+    "slack": {
+        "games": SMALL_GAMES,
+        "players": ("rule",),
+        "history": (10,),
+        "slack": (0, 0.1, 0.25, 0.5, 0.75, 1),
+        "trials": 100,
+    },
+    "crafter": {
+        "games": ("Crafter-v0",),
+        "players": ("rule", "rule-notes"),
+        "history": (2, 5, 10),
+        # With notes the player lives for the paper's 10,000 steps; these are enough to tell who remembers.
+        "budget": sp.Budget(tool_calls=1000),
+        "trials": 40,
+    },
+    "capabilities": {
+        "games": tuple(sp.PAPER_RESULTS[0].raw)[:-1],  # the last is Minecraft, of which this is another engine
+        "players": ("rule", "random"),
+        "trials": 20,
+    },
+}
+"""A sweep for each question."""
+
+
+def main() -> None:
+    """Ask the questions, print the tables, and write them and the figures."""
+    asked = _arguments()
+    tables: dict[str, str] = {}
+    for name in asked.questions:
+        played = _ask(name, asked)
+        tables[name] = _table(name, played)
+        print(f"## {name}\n\n{tables[name]}\n", flush=True)
+    (asked.out / "tables.md").write_text("\n\n".join(tables.values()) + "\n", encoding="utf-8")
+    if asked.publish:
+        publish(tables, asked.out)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="What a smaller context costs in score, and saves in tokens.")
+    parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
+    parser.add_argument("--base-url", help="where the model of openai:MODEL is served")
+    parser.add_argument("--questions", nargs="+", choices=QUESTIONS, default=list(QUESTIONS), help="all by default")
+    parser.add_argument("--trials", type=int, help="episodes of every cell")
+    parser.add_argument("--seed", type=int, default=0, help="the source of all randomness")
+    parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
+    parser.add_argument("--run-tokens", type=int, help="cap on the tokens of each question")
+    parser.add_argument("--out", type=Path, default=Path("runs/context"), help="the folder of the runs")
+    parser.add_argument("--publish", action="store_true", help="put figures and tables into the documentation")
+    return parser.parse_args()
+
+
+def _ask(name: str, asked: argparse.Namespace) -> Sweep:
+    arguments = dict(QUESTIONS[name])
+    if asked.player:
+        arguments["players"] = tuple(asked.player)
+    if asked.base_url:
+        arguments["player_options"] = {"base_url": asked.base_url}
+    if asked.trials:
+        arguments["trials"] = asked.trials
+    played = sweep(
+        **arguments, out=asked.out / name, seed=asked.seed, workers=asked.workers, run_tokens=asked.run_tokens
+    )
+    if not played.run.complete:
+        left = played.run.planned - len(played.rows)
+        sys.exit(f"{left} episodes of {asked.out / name} are not finished; the same command goes on with them.")
+    played.write()
+    return played
+
+
+def _table(name: str, played: Sweep) -> str:
+    """The answer to a question, in Markdown."""
+    along = ("slack",) if name == "slack" else ("history", "prompt_tokens", "slack")
+    comparisons = compare(played.rows, along=along)
+    varied = {"prompt-tokens": "prompt_tokens", "slack": "slack"}.get(name, "history")
+    columns: list[tuple[str, Callable[[Comparison], str]]] = [
+        ("game", lambda c: f"`{c.cell.game}`"),
+        ("player", lambda c: c.cell.player),
+        (varied.replace("_", " "), lambda c: _limit(c.cell.budget[varied])),
+        ("episodes", lambda c: str(c.episodes)),
+        ("score", lambda c: _interval(c.means["score"])),
+        ("difference", lambda c: _interval(c.differences.get("score"), sign="+")),
+        ("tokens", lambda c: f"{c.means['tokens'].mean:,.0f}"),
+        ("prefix-stable", lambda c: _percent(c.means["prefix_share"])),
+    ]
+    if name == "slack":
+        columns.append(("gain", lambda c: _points(c.differences.get("prefix_share"))))
+    lines = [_row(heading for heading, _ in columns), _row("---" for _ in columns)]
+    lines += [_row(show(comparison) for _, show in columns) for comparison in comparisons]
+    return "\n".join(lines + ([] if name != "crafter" else ["", *_notes(played)]))
+
+
+def _notes(played: Sweep) -> list[str]:
+    """What notes change under each history, seed by seed."""
+    lines = [_row(("history", "pairs", "rule-notes less rule")), _row(("---",) * 3)]
+    for history in QUESTIONS["crafter"]["history"]:
+        rows = [row for row in played.rows if row["budget"]["history"] == history]
+        with_notes, without = ([row for row in rows if row["player"] == name] for name in ("rule-notes", "rule"))
+        if (found := paired_difference(with_notes, without, score)) is not None:
+            lines.append(_row((str(history), str(found.episodes), _interval(found, sign="+"))))
+    return lines if len(lines) > 2 else []
+
+
+def publish(tables: dict[str, str], out: Path) -> None:
+    """Put the tables between their marks in the page, and the figures beside it."""
+    page = DOCS / "experiments.md"
+    text = page.read_text(encoding="utf-8")
+    for name, table in tables.items():
+        marked = re.compile(rf"(<!-- table: {name} -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
+        text = marked.sub(lambda match, table=table: f"{match[1]}\n{table}\n\n{match[3]}", text)  # type: ignore[misc]
+    page.write_text(text, encoding="utf-8")
+    for name in tables:
+        for path in sorted((out / name / "figures").iterdir()):
+            if f"{name}-{path.stem}.svg" in text:
+                shutil.copyfile(path, DOCS / "figures" / f"{name}-{path.name}")
+
+
+def _row(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _limit(value: float | None) -> str:
+    return "none" if value is None else f"{value:,g}"
+
+
+def _interval(found: Estimate | None, sign: str = "-") -> str:
+    if found is None:
+        return ""
+    digits = ",.0f" if abs(found.mean) >= 1000 or abs(found.high or 0) >= 1000 else ",.2f"
+    mean = f"{found.mean:{sign}{digits}}"
+    if found.low is None or found.high is None or found.low == found.high:
+        return mean
+    return f"{mean} [{found.low:{sign}{digits}}, {found.high:{sign}{digits}}]"
+
+
+def _percent(found: Estimate) -> str:
+    return f"{100 * found.mean:.1f} %"
+
+
+def _points(found: Estimate | None) -> str:
+    if found is None or found.low is None or found.high is None:
+        return ""
+    return f"{100 * found.mean:+.1f} % [{100 * found.low:+.1f}, {100 * found.high:+.1f}]"
+
+
+if __name__ == "__main__":
+    main()

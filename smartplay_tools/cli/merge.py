@@ -1,0 +1,24 @@
+"""The command `merge`: the parts of a run become one run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from smartplay_tools.evaluation.merging import merge as merge_parts
+
+
+def merge(
+    parts: Annotated[list[Path], typer.Argument(help="Folders of the run's shards.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="The new folder for the whole run.")],
+) -> None:
+    """Put the shards of a run together.
+
+    Example: smartplay-tools merge runs/part1 runs/part2 --out runs/whole
+    """
+    whole = merge_parts(parts, out)
+    finished, planned = len(whole.rows()), len(whole.manifest()["episodes"])
+    Console().print(f"{out}: {finished} of {planned} episodes are finished.", highlight=False, soft_wrap=True)

@@ -1,0 +1,30 @@
+"""The command `report`: a run as a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+
+def report(
+    run: Annotated[
+        Path, typer.Argument(help="A run folder, a folder of transcripts, or one transcript.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option(help="The HTML file to write; an existing one is replaced.")] = Path(
+        "report.html"
+    ),
+    title: Annotated[str | None, typer.Option(help="The page's title; the run's name if not given.")] = None,
+) -> None:
+    """Write one self-contained HTML page that replays every episode of a run; it opens from disk, without a network.
+
+    Example: smartplay-tools report runs/first --out first.html
+    """
+    # Reading records and drawing games takes imports that no other command needs.
+    from smartplay_tools.evaluation.report import write_report
+
+    path = write_report(run, out, title=title)
+    size = path.stat().st_size / 1e6
+    Console().print(f"{path} ({size:.1f} MB): open it in a browser.", highlight=False, soft_wrap=True)

@@ -1,0 +1,50 @@
+"""The command `results`: what a run has come to, also while it goes on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import typer
+
+from smartplay_tools.cli import options
+from smartplay_tools.cli.show import wide_console
+from smartplay_tools.evaluation.display import standing_table, summary_tables
+from smartplay_tools.evaluation.metrics import summarize
+from smartplay_tools.evaluation.standing import standing
+from smartplay_tools.evaluation.store import RunFolder
+from smartplay_tools.evaluation.tables import summary_json, write_csv, write_parquet
+
+
+def results(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a run.", show_default=False)],
+    as_json: options.Json = False,
+    csv: Annotated[Path | None, typer.Option(help="Write a line for every episode into this file.")] = None,
+    parquet: Annotated[Path | None, typer.Option(help="The same as Parquet, with types.")] = None,
+    weights: Annotated[str, typer.Option(help="Of capability scores: paper or zero-based.")] = "paper",
+) -> None:
+    """Show a run: scores with their intervals, the bracket of every game, capabilities, tokens, deviations.
+
+    The run may be under way; what is finished by now is shown.
+
+    Example: smartplay-tools results runs/first --csv first.csv
+    """
+    run = RunFolder(folder)
+    manifest, rows, failures = run.manifest(), run.rows(), run.failures()
+    now, summary = standing(manifest, rows, failures), summarize(rows, failures, weights=cast(Any, weights))
+    if csv is not None:
+        write_csv(rows, csv)
+    if parquet is not None:
+        write_parquet(rows, parquet)
+    counts = {"planned": now.planned, "finished": now.finished, "failed_attempts": now.failed_attempts}
+    if as_json:
+        print(json.dumps({**counts, **summary_json(summary)}, indent=2))
+        return
+    console = wide_console()
+    failed = f", {now.failed_attempts} failed attempts" if now.failed_attempts else ""
+    said = f"{folder}: {now.finished} of {now.planned} episodes finished{failed}\n"
+    console.print(said, highlight=False, markup=False, soft_wrap=True)
+    if now.finished < now.planned:
+        console.print(standing_table(now))
+    console.print(summary_tables(summary), end="")

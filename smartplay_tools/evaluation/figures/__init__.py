@@ -1,0 +1,21 @@
+"""Figures: a run at first sight. They need the extra `evaluation`; `save_figure` writes PNG and SVG."""
+
+from smartplay_tools.evaluation.figures.curves import (
+    effects_of_slack,
+    score_against_history,
+    score_against_prompt_tokens,
+)
+from smartplay_tools.evaluation.figures.frontier import frontier
+from smartplay_tools.evaluation.figures.progress import score_over_steps
+from smartplay_tools.evaluation.figures.spider import capability_spider
+from smartplay_tools.evaluation.figures.style import save_figure
+
+__all__ = [
+    "capability_spider",
+    "effects_of_slack",
+    "frontier",
+    "save_figure",
+    "score_against_history",
+    "score_against_prompt_tokens",
+    "score_over_steps",
+]

@@ -1,0 +1,127 @@
+"""Score against what a prompt may show: past steps, tokens, and slack.
+
+The axis of a limit is a scale of its steps: each limit that was played has one place, from the narrowest window to
+none at all, at equal distances. What is labelled is exact; the distance between two labels means nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.comparison import Comparison, family, is_widest_but
+from smartplay_tools.evaluation.figures.names import series_name, window_name
+from smartplay_tools.evaluation.figures.style import (
+    GREY,
+    Series,
+    draw_estimates,
+    figure,
+    from_zero,
+    legend_below,
+    panels,
+    spread,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+UNLIMITED = {"history": "all", "prompt_tokens": "no cap"}
+
+
+@figure
+def score_against_history(comparisons: Sequence[Comparison]) -> Figure:
+    """Draw mean scores against the past steps that a prompt may show, a panel for each game.
+
+    A line is a player under the widest of the other limits; its bars are 95 % intervals.
+    """
+    return _score_against("history", "past steps visible (history)", comparisons)
+
+
+@figure
+def score_against_prompt_tokens(comparisons: Sequence[Comparison]) -> Figure:
+    """Draw mean scores against the cap on prompts, a panel for each game; otherwise as `score_against_history`."""
+    return _score_against("prompt_tokens", "cap on every prompt (budget tokens)", comparisons)
+
+
+@figure
+def effects_of_slack(comparisons: Sequence[Comparison]) -> Figure:
+    """Draw what slack does to score and to the prefix-stable share, with 95 % intervals of the paired differences.
+
+    `comparisons` are made along slack alone: `compare(rows, along=("slack",))`.
+    """
+    lines = _lines(comparisons)
+    drawn, (scores, shares) = panels(2)
+    amounts = sorted({c.cell.budget["slack"] for members in lines.values() for c in members})
+    for index, (label, members) in enumerate(lines.items()):
+        look, beside = Series.number(index), spread(index, len(lines))
+        found = [c for c in members if "score" in c.differences]
+        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in found]
+        draw_estimates(scores, positions, [c.differences["score"] for c in found], look, label)
+        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in members]
+        draw_estimates(shares, positions, [c.means["prefix_share"] for c in members], look, label)
+    scores.axhline(0, color=GREY, linewidth=1)
+    scores.set(title="What slack does to the score", ylabel=f"score less that at slack {amounts[0]:g} (points)")
+    shares.set(title="What it does to the prompts", ylabel="prompt tokens in a stable prefix (%)", ylim=(0, 1))
+    shares.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f}")
+    for panel in (scores, shares):
+        panel.set(xlabel="slack (share of the window given up at once)", xlim=(-0.4, len(amounts) - 0.6))
+        panel.set_xticks(range(len(amounts)), [f"{amount:g}" for amount in amounts])
+    legend_below(drawn, columns=2)
+    return drawn
+
+
+def _score_against(field: str, label: str, comparisons: Sequence[Comparison]) -> Figure:
+    shown = [c for c in comparisons if is_widest_but(c, field)]
+    if not shown:
+        raise InvalidArgumentError("There is nothing to draw: the run has no finished episode.")
+    games = list(dict.fromkeys(c.cell.game for c in shown))
+    names = list(dict.fromkeys(series_name(c, shown) for c in shown))
+    drawn, axes = panels(len(games))
+    for panel, game in zip(axes, games, strict=True):
+        members = [c for c in shown if c.cell.game == game]
+        steps = sorted({c.cell.budget[field] for c in members}, key=_narrow_first)
+        for index, name in enumerate(names):
+            line = sorted((c for c in members if series_name(c, shown) == name), key=lambda c: _place(c, field, steps))
+            positions = [_place(c, field, steps) + spread(index, len(names)) for c in line]
+            if line:
+                draw_estimates(panel, positions, [c.means["score"] for c in line], Series.number(index), name)
+        _draw_human(panel, members)
+        panel.set(title=game, xlabel=label, ylabel="mean score (points)")
+        panel.set_xticks(range(len(steps)), [UNLIMITED[field] if step is None else f"{step:,}" for step in steps])
+        from_zero(panel, [low for c in members if (low := c.means["score"].low) is not None] or [0])
+    legend_below(drawn)
+    return drawn
+
+
+def _narrow_first(limit: float | None) -> float:
+    return float("inf") if limit is None else limit
+
+
+def _place(comparison: Comparison, field: str, steps: Sequence[Any]) -> int:
+    return steps.index(comparison.cell.budget[field])
+
+
+def _draw_human(axes: Axes, members: Iterable[Comparison]) -> None:
+    """Draw the human score of a game, where scores may be set against it."""
+    comparable = [c.cell.spec.human_score for c in members if "normalized_score" in c.means]
+    if comparable and comparable[0] is not None:
+        axes.axhline(comparable[0], color=GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
+
+
+def _lines(comparisons: Sequence[Comparison]) -> dict[str, list[Comparison]]:
+    """The cells of each window along its slack, by a name that says what the window is."""
+    families: dict[str, list[Comparison]] = {}
+    for comparison in comparisons:
+        families.setdefault(family(comparison.cell, ("slack",)), []).append(comparison)
+    lines: dict[str, list[Comparison]] = {}
+    for members in families.values():
+        if len(members) > 1:
+            first = members[0]
+            window = window_name(min(members, key=lambda c: c.cell.budget["slack"]).cell)
+            name = ", ".join([first.cell.game, series_name(first, comparisons), window])
+            lines[name] = sorted(members, key=lambda c: c.cell.budget["slack"])
+    if not lines:
+        raise InvalidArgumentError("There is nothing to draw: the run has no two cells that differ in slack alone.")
+    return lines

@@ -1,0 +1,66 @@
+"""Score over steps: how a long game goes, from the records of its episodes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.figures.style import Series, figure, from_zero, legend_below, panels
+from smartplay_tools.evaluation.intervals import mean_estimate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+POINTS = 60
+"""A curve is drawn through so many steps at most: an interval is estimated at each."""
+
+CALL = '{"event": "call"'
+"""How the lines of calls begin."""
+
+Walk = Sequence[float]
+"""The score of an episode after 0, 1, 2, ... steps."""
+
+
+def walk_of(transcript: str | Path) -> list[float]:
+    """Return the score of an episode after every step, as its record tells it."""
+    walk = [0.0]
+    with Path(transcript).open(encoding="utf-8") as lines:
+        for line in lines:
+            # Most of a long record is prompts and replies: of its lines only the calls are parsed.
+            data = json.loads(line)["data"] if line.startswith(CALL) and line.endswith("\n") else {}
+            if "score" in data:
+                # Where one call takes several steps, its score stands for all of them.
+                walk += [data["score"]] * (data["step"] - (len(walk) - 1))
+    return walk
+
+
+@figure
+def score_over_steps(walks: Mapping[str, Sequence[Walk]], *, title: str | None = None) -> Figure:
+    """Draw the mean score of several groups of episodes over their steps, with bands of 95 % intervals.
+
+    An episode that is over keeps its last score, so that a mean is always one of all episodes.
+    """
+    if not walks or not all(walks.values()):
+        raise InvalidArgumentError("There is nothing to draw: every group needs at least one episode.")
+    drawn, (axes,) = panels(1, size=(7.6, 4.2))
+    longest = max(len(walk) for group in walks.values() for walk in group) - 1
+    steps = sorted({round(longest * point / POINTS) for point in range(POINTS + 1)})
+    for index, (name, group) in enumerate(walks.items()):
+        look = Series.number(index)
+        found = [mean_estimate([walk[min(step, len(walk) - 1)] for walk in group]) for step in steps]
+        means = [estimate.mean for estimate in found]
+        axes.plot(
+            steps, means, color=look.colour, linestyle=look.line, marker=look.marker, markevery=(index, 8), label=name
+        )
+        low, high = ([getattr(estimate, end) for estimate in found] for end in ("low", "high"))
+        if None not in low:
+            axes.fill_between(steps, low, high, color=look.colour, alpha=0.13, linewidth=0)
+    axes.set(title=title, xlabel="steps of the game", ylabel="mean score so far (points)", xlim=(0, longest))
+    from_zero(axes, [score for group in walks.values() for walk in group for score in walk])
+    axes.xaxis.set_major_formatter(lambda steps, _: f"{steps:,.0f}")
+    axes.yaxis.set_major_formatter(lambda score, _: f"{score:,.0f}")
+    legend_below(drawn, columns=3)
+    return drawn

@@ -1,0 +1,79 @@
+"""The figures of a run: those for which it has something to show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from smartplay_tools.evaluation.cells import Row, by_cell
+from smartplay_tools.evaluation.comparison import Comparison, compare, is_widest_but
+from smartplay_tools.evaluation.figures.curves import (
+    effects_of_slack,
+    score_against_history,
+    score_against_prompt_tokens,
+)
+from smartplay_tools.evaluation.figures.frontier import frontier
+from smartplay_tools.evaluation.figures.names import series_name, window_name
+from smartplay_tools.evaluation.figures.progress import score_over_steps, walk_of
+from smartplay_tools.evaluation.figures.spider import Scores, capability_spider
+from smartplay_tools.evaluation.store import RunFolder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def run_figures(folder: RunFolder, comparisons: Sequence[Comparison]) -> dict[str, Figure]:
+    """Return the figures of a run by their names; `comparisons` are those of its rows."""
+    rows = folder.rows()
+    if not rows:
+        return {}
+    drawn: dict[str, Figure] = {}
+    if _varies(comparisons, "history"):
+        drawn["score-against-history"] = score_against_history(comparisons)
+    if _varies(comparisons, "prompt_tokens"):
+        drawn["score-against-prompt-tokens"] = score_against_prompt_tokens(comparisons)
+    if _varies(comparisons, "slack"):
+        drawn["effects-of-slack"] = effects_of_slack(compare(rows, along=("slack",)))
+    drawn["frontier"] = frontier(comparisons)
+    if any(c.on_cost_front and c.means["cost"].mean > 0 for c in comparisons):
+        drawn["frontier-of-cost"] = frontier(comparisons, price="cost")
+    if profiles := _profiles(rows, comparisons):
+        drawn["capabilities"] = capability_spider(profiles)
+    if walks := _walks(folder, rows, comparisons):
+        drawn["score-over-steps"] = score_over_steps(walks, title="Crafter-v0")
+    return drawn
+
+
+def _varies(comparisons: Sequence[Comparison], field: str) -> bool:
+    """Whether a family has several values of a field."""
+    return any(c.cell.budget[field] != c.full.budget[field] for c in comparisons)
+
+
+def _profiles(rows: Sequence[Row], comparisons: Sequence[Comparison]) -> dict[str, Scores]:
+    """The normalised scores of every player in full context; none, if the players have no setting in common."""
+    profiles: dict[str, dict[str, list[float]]] = {}
+    for comparison, members in _with_rows(comparisons, rows):
+        normalized = [row["normalized_score"] for row in members if row["normalized_score"] is not None]
+        if comparison.is_full:
+            profiles.setdefault(series_name(comparison, comparisons), {})
+            if normalized:
+                profiles[series_name(comparison, comparisons)][comparison.cell.game] = normalized
+    common = set.intersection(*(set(profile) for profile in profiles.values()))
+    return dict(profiles) if common else {}
+
+
+def _with_rows(comparisons: Sequence[Comparison], rows: Sequence[Row]) -> Iterator[tuple[Comparison, list[Row]]]:
+    """Every comparison with the episodes of its cell."""
+    members = by_cell(rows)
+    for comparison in comparisons:
+        yield comparison, next(own for cell, own in members if cell == comparison.cell)
+
+
+def _walks(folder: RunFolder, rows: Sequence[Row], comparisons: Sequence[Comparison]) -> dict[str, list[list[float]]]:
+    """Crafter's walks under every history, with the other limits as wide as they are."""
+    walks: dict[str, list[list[float]]] = {}
+    for comparison, members in _with_rows(comparisons, rows):
+        if comparison.cell.spec.family == "crafter" and is_widest_but(comparison, "history"):
+            name = f"{series_name(comparison, comparisons)}, {window_name(comparison.cell)}"
+            walks[name] = [walk_of(folder.transcript(row["key"])) for row in members]
+    return walks

@@ -1,0 +1,154 @@
+"""How every figure looks, and how it is written.
+
+Colours are those of Okabe and Ito, which people with any of the common colour-vision deficiencies tell apart; a series
+has a marker and a line style of its own besides, so that colour is never the only difference. Legends stand below the
+panels, where there is no data. The same figure has the same bytes as SVG every time: no date, no random ids.
+
+matplotlib is imported when a figure is drawn, and never its `pyplot`, which keeps a global list of open windows.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec
+
+from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.evaluation.intervals import Estimate
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's palette, without the yellow that is too pale for a line on white."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
+"""The lengths of the three lists have no common divisor, so many series pass before one looks like another."""
+
+GREY = "#6E6E6E"
+"""For what is there to compare with: the human's score, the axes of a spider."""
+
+RULES: Any = {
+    "figure.dpi": 100,
+    "savefig.dpi": 150,
+    "font.family": "DejaVu Sans",  # ships with matplotlib, so letters are as wide everywhere
+    "font.size": 10,
+    "axes.titlesize": 11,
+    "axes.titleweight": "bold",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.8,
+    "lines.markersize": 6,
+    "legend.frameon": False,
+    "svg.hashsalt": "smartplay-tools",
+    "svg.fonttype": "path",
+}
+
+Given = ParamSpec("Given")
+
+
+def figure(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
+    """Draw under `RULES`; without matplotlib, say what to install."""
+
+    @functools.wraps(draw)
+    def styled(*args: Given.args, **kwargs: Given.kwargs) -> Figure:
+        try:
+            import matplotlib
+        except ImportError:
+            raise MissingExtraError("Drawing figures", "evaluation") from None
+        with matplotlib.rc_context(RULES):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+def panels(count: int, *, columns: int = 2, size: tuple[float, float] = (4.6, 3.4)) -> tuple[Figure, Sequence[Axes]]:
+    """Return a figure and its `count` panels, in rows of at most `columns`, with room for a legend below."""
+    from matplotlib.figure import Figure
+
+    columns = min(columns, count)
+    rows = -(-count // columns)
+    drawn = Figure(figsize=(size[0] * columns, size[1] * rows + 0.5), layout="constrained")
+    axes = list(drawn.subplots(rows, columns, squeeze=False).flat)
+    for spare in axes[count:]:
+        spare.remove()
+    return drawn, axes[:count]
+
+
+@dataclass(frozen=True)
+class Series:
+    """How one series is drawn."""
+
+    colour: str
+    marker: str
+    line: Any
+
+    @classmethod
+    def number(cls, index: int) -> Series:
+        """The look of the series with that index."""
+        return cls(COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)], LINES[index % len(LINES)])
+
+
+def draw_estimates(
+    axes: Axes, positions: Sequence[float], estimates: Sequence[Estimate], look: Series, label: str | None
+) -> None:
+    """Draw means as a line with markers, and their intervals as bars, where there are intervals."""
+    means = [found.mean for found in estimates]
+    axes.plot(positions, means, color=look.colour, marker=look.marker, linestyle=look.line, label=label)
+    axes.errorbar(positions, means, yerr=bars(estimates), color=look.colour, capsize=3, elinewidth=1.2, fmt="none")
+
+
+def bars(estimates: Sequence[Estimate]) -> list[list[float]]:
+    """How far intervals reach below and above their means; not at all where there is no interval."""
+    below = [0.0 if found.low is None else found.mean - found.low for found in estimates]
+    above = [0.0 if found.high is None else found.high - found.mean for found in estimates]
+    return [below, above]
+
+
+def spread(index: int, count: int) -> float:
+    """How far series `index` of `count` stands beside its place, so that intervals do not cover each other."""
+    return 0.08 * (index - (count - 1) / 2)
+
+
+def from_zero(axes: Axes, values: Iterable[float]) -> None:
+    """Have the axis of scores begin at 0, or below where scores are."""
+    lowest, top = min(values), axes.get_ylim()[1]
+    axes.set_ylim(bottom=0 if lowest >= 0 else lowest - 0.06 * (top - lowest))
+
+
+def legend_below(drawn: Figure, *, columns: int = 4) -> None:
+    """Put one legend for all panels below them; what several panels draw stands in it once."""
+    entries: dict[str, Any] = {}
+    for axes in drawn.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    if entries:
+        drawn.legend(
+            list(entries.values()),
+            list(entries),
+            loc="outside lower center",
+            ncols=min(columns, len(entries)),
+            handlelength=3.2,
+        )
+
+
+def save_figure(drawn: Figure, stem: str | Path) -> list[Path]:
+    """Write a figure as STEM.png and STEM.svg and return both paths."""
+    import matplotlib
+
+    stem = Path(stem)
+    if not stem.name:
+        raise InvalidArgumentError("Name a figure by a path without suffix, such as figures/frontier.")
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    png, svg = (stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg"))
+    with matplotlib.rc_context(RULES):
+        drawn.savefig(png, metadata={"Software": None})
+        drawn.savefig(svg, metadata={"Date": None, "Creator": None})
+    return [png, svg]

@@ -1,0 +1,116 @@
+"""A transcript as the page needs it: turn by turn what was said and answered, and what each prompt showed.
+
+Nothing is interpreted here that the page could not show: the words stay the record's. What the page can work out (the
+prompts, the running sums) is left to it, which is what keeps ten thousand steps small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from smartplay_tools import paper_protocol, prompts
+from smartplay_tools.evaluation.store import FAILURES, UNFINISHED
+from smartplay_tools.rebuild import sent_prompts
+from smartplay_tools.specs import GAMES
+from smartplay_tools.transcript import Event
+
+FACTS = (
+    "game", "player", "seed", "engine", "options", "manual", "batch", "context", "protocol", "tokenizer", "budget",
+)  # fmt: skip
+"""What a start event says that the page shows."""
+
+MOST_REBUILT = 2_000_000
+"""So many turns, over all prompts of an episode, are rebuilt to check them; more would take minutes."""
+
+WORDS = {
+    "observation_left": prompts.OBSERVATION_LEFT,
+    "manual_is_above": prompts.MANUAL_IS_ABOVE,
+    "system": paper_protocol.SYSTEM,
+    "observation": paper_protocol.OBSERVATION,
+    "question": paper_protocol.QUESTION,
+    "choice": paper_protocol.CHOICE,
+}
+"""The fixed words that prompts are put together from."""
+
+
+def episode_data(key: str, events: Sequence[Event], facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an episode as the page's script reads it; `facts` are what its run knows of it."""
+    start = events[0]
+    head = next((event for event in events if event["event"] == "head"), {})
+    end = next((event for event in events if event["event"] == "end"), {})
+    exception = next((event for event in events if event["event"] == "exception"), {})
+    spec = GAMES.get(start["game"])
+    return {
+        "key": key,
+        **{name: start.get(name) for name in FACTS},
+        "family": spec.family if spec else None,
+        "rollout": start["setting"]["rollout"],
+        "trial": facts.get("trial"),
+        "cost": facts.get("cost"),
+        "status": status(end, exception),
+        "head": head.get("messages", []),
+        "tools": head.get("tools", []),
+        "first_observation": head.get("observation"),
+        "turns": turns(events),
+        "result": end.get("result"),
+        "error": exception.get("error") or end.get("result", {}).get("error"),
+        "traceback": exception.get("traceback") or end.get("traceback"),
+        "check": check(events),
+    }
+
+
+def status(end: Event, exception: Event) -> str:
+    """Say how an episode stands: finished, failed, or unfinished if it was stopped from outside or still runs."""
+    reason = end["result"]["end_reason"] if end else None
+    if exception or reason in FAILURES:
+        return "failed"
+    return "unfinished" if reason is None or reason in UNFINISHED else "finished"
+
+
+def turns(events: Sequence[Event]) -> list[dict[str, Any]]:
+    """Return what happened, by turn. A turn may lack its message (no reply came) or its view (nobody kept one)."""
+    found: list[dict[str, Any]] = []
+    for event in events:
+        if "turn" not in event:
+            continue
+        while len(found) <= event["turn"]:
+            found.append({"items": []})
+        turn = found[event["turn"]]
+        match event["event"]:
+            case "view":
+                turn["view"] = {name: value for name, value in event.items() if name not in _KNOWN}
+            case "message" if event["by"] == "player":
+                turn["message"] = event["message"]
+            case "message":
+                turn["items"].append({"message": event["message"], "by": event["by"]})
+            case "usage":
+                turn["usage"] = {name: event.get(name) for name in ("reply", "overrun", "provider")}
+            case "choice":
+                turn["choice"] = {"action": event["action"], "fallback": event["fallback"]}
+            case "call":
+                turn["items"].append({"call": _call(event)})
+    return found
+
+
+_KNOWN = ("event", "turn", "sha256")
+"""What the page needs not be told of a view: hashes are compared when the page is made, see `check`."""
+
+
+def _call(event: Event) -> dict[str, Any]:
+    call = {name: event[name] for name in ("position", "name", "arguments", "text")}
+    kept = {name: value for name, value in event["data"].items() if name != "state_hash"}
+    return {**call, **kept, **({"is_error": True} if event["is_error"] else {})}
+
+
+def check(events: Sequence[Event]) -> dict[str, Any]:
+    """Rebuild every prompt and compare its sha256 with the record's: how many there are, and which differ."""
+    views = [event for event in events if event["event"] == "view"]
+    paper = events[0].get("protocol") == "paper"
+    work = sum(
+        view["step"] - view["first"] if paper else sum(last - first for first, last in view["turns"]) for view in views
+    )
+    if work > MOST_REBUILT:
+        return {"prompts": len(views), "differ": None}
+    differ = [sent.turn for sent in sent_prompts(events) if sent.sha256 != sent.recorded_sha256]
+    return {"prompts": len(views), "differ": differ}

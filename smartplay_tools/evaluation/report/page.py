@@ -1,0 +1,147 @@
+"""The page: templates, styles, scripts and packed episodes put together into one file.
+
+What keeps it safe is in the file's own head: a policy that allows exactly the styles and scripts that this package
+ships, by their hashes, pictures out of the file itself, and nothing else - no network, no inline handler, no form.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import json
+from collections.abc import Iterator
+from importlib import metadata, resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from smartplay_tools.errors import InvalidArgumentError, MissingExtraError, TranscriptError
+from smartplay_tools.evaluation.report.drawings import draw
+from smartplay_tools.evaluation.report.episodes import WORDS, episode_data
+from smartplay_tools.evaluation.report.sources import Source, Sources, find_sources
+from smartplay_tools.evaluation.report.summary import rules, summarize
+from smartplay_tools.evaluation.report.textures import sheet
+from smartplay_tools.transcript import read_transcript
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+SCRIPTS = ("basics.js", "prompts.js", "charts.js", "window.js", "worlds.js", "drawings.js", "player.js", "page.js")
+"""The page's scripts, in the order in which they build on each other."""
+
+FIGURES = "figures"
+"""The folder of a run in which its figures lie, as SVG."""
+
+
+def write_report(run: str | Path, out: str | Path, *, title: str | None = None) -> Path:
+    """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
+
+    An existing file is replaced: a page can be made again, a record cannot.
+    """
+    environment = _environment()
+    run, out = Path(run), Path(out)
+    sources = find_sources(run)
+    if out.suffix != ".html":
+        raise InvalidArgumentError(f"A page is an .html file; {out} is not named like one.")
+    page = environment.get_template("page.html.j2").render(_contents(run, sources, title))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    # What has no place in UTF-8, half a surrogate pair that a model wrote, is in the packed record all the same.
+    out.write_text(page, encoding="utf-8", errors="replace", newline="\n")
+    return out
+
+
+def _environment() -> Environment:
+    try:
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+    except ImportError as error:
+        raise MissingExtraError("The replay page", "evaluation") from error
+    environment = Environment(
+        loader=PackageLoader(__package__),
+        undefined=StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["number"] = number
+    return environment
+
+
+def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
+    """Return everything that the templates ask for."""
+    episodes, packed = [], {}
+    for source in sources.episodes:
+        data = _read(source)
+        packed[source.key] = pack(data)
+        # The turns are packed now, and of a long episode they are what takes the room.
+        episodes.append({name: value for name, value in data.items() if name not in ("turns", "drawing", "head")})
+    index = {"words": WORDS, "episodes": [_listed(episode) for episode in episodes]}
+    if any(episode["family"] == "crafter" for episode in episodes):
+        index["textures"] = sheet()
+    scripts = [_static(name) for name in SCRIPTS]
+    style = _static("page.css")
+    return {
+        "title": title or run.resolve().name.removesuffix(".jsonl"),
+        "lines": summarize(episodes),
+        "episodes": [{**episode, "rules": rules(episode)} for episode in episodes],
+        "figures": list(_figures(run)),
+        "manifest": sources.manifest,
+        "lost": sources.lost,
+        "waiting": sources.waiting,
+        "style": style,
+        "scripts": scripts,
+        "policy": _policy(style, scripts),
+        "index": pack(index),
+        "packed": packed,
+        "version": metadata.version("smartplay-tools"),
+    }
+
+
+def _read(source: Source) -> dict[str, Any]:
+    events = read_transcript(source.transcript)
+    try:
+        return {**episode_data(source.key, events, source.facts), "drawing": draw(events)}
+    except (KeyError, TypeError, IndexError, StopIteration) as error:
+        raise TranscriptError(f"{source.transcript} cannot be shown: {type(error).__name__}: {error}.") from error
+
+
+def _listed(episode: dict[str, Any]) -> dict[str, Any]:
+    """Return what the page has to know of an episode before it is unpacked."""
+    return {name: episode[name] for name in ("key", "game", "player", "seed", "status")}
+
+
+def pack(value: Any) -> str:
+    """Return JSON, compressed and in base64: text without a character that HTML could take for its own."""
+    # The same page for the same run: gzip would write the time of day.
+    plain = json.dumps(value, separators=(",", ":")).encode("ascii")
+    return base64.b64encode(gzip.compress(plain, 9, mtime=0)).decode("ascii")
+
+
+def _static(name: str) -> str:
+    return resources.files(__package__).joinpath("static", name).read_text(encoding="utf-8")
+
+
+def _policy(style: str, scripts: list[str]) -> str:
+    """The content security policy: nothing but these scripts, this style and pictures from the file itself."""
+    allowed = {"script-src": " ".join(map(_hash, scripts)), "style-src": _hash(style), "img-src": "data:"}
+    rest = {"default-src": "'none'", "base-uri": "'none'", "form-action": "'none'"}
+    return "; ".join(f"{what} {source}" for what, source in {**rest, **allowed}.items())
+
+
+def _hash(text: str) -> str:
+    # A template puts the text between tags exactly as it is: the browser hashes what stands there.
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
+
+
+def _figures(run: Path) -> Iterator[dict[str, str]]:
+    """Yield the run's figures as pictures, which cannot run anything, whatever stands in them."""
+    for file in sorted((run / FIGURES).glob("*.svg")) if run.is_dir() else ():
+        image = base64.b64encode(file.read_bytes()).decode("ascii")
+        yield {"name": file.stem.replace("-", " ").replace("_", " "), "image": f"data:image/svg+xml;base64,{image}"}
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """Print a number for people: thousands apart, no needless zeros, a dash for none."""
+    if value is None:
+        return "\N{EN DASH}"
+    text = f"{value:,.{digits}f}"
+    return (text.rstrip("0").rstrip(".") if "." in text else text).replace("-", "\N{MINUS SIGN}")

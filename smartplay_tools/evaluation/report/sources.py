@@ -1,0 +1,78 @@
+"""Sources: which episodes a page shows. A run folder, a folder of transcripts, or one transcript.
+
+What is shown comes from the records themselves, which exist from an episode's first event on; the run adds what only
+it knows: the order of the plan, the trial, the price. Of a run the attempts that came to nothing are shown as well.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.store import RunFolder
+
+
+@dataclass(frozen=True)
+class Source:
+    """An episode: its key in the page, its record, and what its run knows of it."""
+
+    key: str
+    transcript: Path
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The episodes of a page, in their order, and what there is beside them."""
+
+    episodes: Sequence[Source]
+    manifest: dict[str, Any] = field(default_factory=dict)
+    lost: Sequence[dict[str, Any]] = ()
+    """Attempts that broke before their episode began: key, attempt, error."""
+    waiting: int = 0
+    """Planned episodes that nobody has attempted yet."""
+
+
+def find_sources(path: Path) -> Sources:
+    """Return what there is to show in a run folder, a folder of transcripts or one transcript."""
+    if path.is_file():
+        return Sources([Source(path.stem, path)])
+    if not path.exists():
+        raise InvalidArgumentError(f"There is no {path}; name a run folder or a transcript.")
+    if (path / "manifest.json").exists():
+        return _run(RunFolder(path))
+    episodes = [Source(file.stem, file) for file in sorted(path.glob("*.jsonl")) if _has_begun(file)]
+    if not episodes:
+        raise InvalidArgumentError(f"{path} holds no run and no transcripts; name a folder that does.")
+    return Sources(episodes)
+
+
+def _run(folder: RunFolder) -> Sources:
+    manifest, rows = folder.manifest(), {row["key"]: row for row in folder.rows()}
+    found: list[Source] = []
+    waiting = 0
+    for planned in manifest["episodes"]:
+        key = planned["key"]
+        finished = [folder.transcript(key)] if folder.transcript(key).exists() else []
+        attempts = [file for name in ("attempts", "running") for file in sorted((folder.path / name).glob(f"{key}.*"))]
+        waiting += not finished and not attempts
+        facts = {"trial": planned["trial"], "cost": rows.get(key, {}).get("cost")}
+        found += [Source(file.stem, file, facts) for file in (*finished, *attempts) if _has_begun(file)]
+    lost = [failure for failure in folder.failures() if failure["game"] is None]
+    if not found:
+        raise InvalidArgumentError(f"{folder.path} holds no episode yet; there is nothing to show.")
+    return Sources(found, manifest, lost, waiting)
+
+
+def _has_begun(file: Path) -> bool:
+    """Whether a file is the record of an episode, from its first event on."""
+    with file.open(encoding="utf-8", errors="replace") as lines:
+        try:
+            first = json.loads(lines.readline())
+        except json.JSONDecodeError:
+            return False
+    return isinstance(first, dict) and first.get("event") == "start"

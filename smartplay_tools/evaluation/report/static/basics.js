@@ -1,0 +1,69 @@
+"use strict";
+// What all other scripts build on: making elements, unpacking data, printing numbers.
+// Text that came out of a record is only ever set as text, never as markup.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+function $(id) {
+  return document.getElementById(id);
+}
+
+function fill(made, attributes, children) {
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value === null || value === undefined || value === false) continue;
+    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
+    else made.setAttribute(name, value === true ? "" : value);
+  }
+  made.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== ""));
+  return made;
+}
+
+// An HTML element; its children are elements or plain text.
+function element(tag, attributes = {}, ...children) {
+  return fill(document.createElement(tag), attributes, children);
+}
+
+// The same for the elements of an SVG picture.
+function shape(tag, attributes = {}, ...children) {
+  return fill(document.createElementNS(SVG, tag), attributes, children);
+}
+
+// A picture with a name for those who do not see it.
+function picture(width, height, name, ...children) {
+  const attributes = { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": name };
+  return shape("svg", attributes, ...children);
+}
+
+function label(x, y, text, attributes = {}) {
+  return shape("text", { x, y, ...attributes }, String(text));
+}
+
+// Data lie in the page as base64 of gzipped JSON, and are unpacked when somebody asks for them.
+async function unpack(id) {
+  const bytes = Uint8Array.from(atob($(id).textContent), (character) => character.charCodeAt(0));
+  const plain = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(plain).json();
+}
+
+function number(value, digits = 2) {
+  if (value === null || value === undefined) return "–";
+  return value.toLocaleString("en", { maximumFractionDigits: digits }).replace("-", "−");
+}
+
+function percent(share) {
+  return `${number(100 * share, 0)} %`;
+}
+
+function plural(count, word) {
+  return `${number(count)} ${word}${count === 1 ? "" : "s"}`;
+}
+
+function between(low, value, high) {
+  return Math.max(low, Math.min(value, high));
+}
+
+// "3", "3 and 4", "3 to 9": a range of numbers in words.
+function range(first, last) {
+  if (first === last) return `${first}`;
+  return last === first + 1 ? `${first} and ${last}` : `${first} to ${last}`;
+}

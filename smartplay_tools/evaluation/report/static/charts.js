@@ -1,0 +1,88 @@
+"use strict";
+// Curves over the turns of an episode. They share one axis, so that a moment stands at the same place in each of them;
+// a click goes there.
+
+const EDGE = { left: 52, right: 14, top: 10, bottom: 20 };
+
+// Round numbers from 0 to at least the highest, four or five of them.
+function ticks(low, most) {
+  const high = most > low ? most : low + 1;
+  const rough = (high - low) / 4;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((factor) => factor * power).find((size) => size >= rough);
+  const found = [];
+  for (let at = Math.floor(low / step) * step; at < high + step * 0.999; at += step) found.push(Number(at.toFixed(10)));
+  return found;
+}
+
+// The place of a turn on the common axis.
+function turnScale(width, count) {
+  const inner = width - EDGE.left - EDGE.right;
+  const each = inner / Math.max(1, count);
+  return {
+    middle: (turn) => EDGE.left + (turn + 0.5) * each,
+    start: (turn) => EDGE.left + turn * each,
+    turn: (x) => between(0, Math.floor((x - EDGE.left) / each), count - 1),
+    each,
+  };
+}
+
+// Many points on few pixels: of each pixel's points the lowest and the highest are enough.
+function thinned(points, most = 1500) {
+  if (points.length <= most) return points;
+  const size = Math.ceil((2 * points.length) / most);
+  const kept = [];
+  for (let at = 0; at < points.length; at += size) {
+    const bin = points.slice(at, at + size).sort((a, b) => a[1] - b[1]);
+    kept.push(...(bin.length > 1 ? [bin[0], bin.at(-1)] : bin).sort((a, b) => a[0] - b[0]));
+  }
+  return kept;
+}
+
+// A chart: `values` by turn (null where there is none), a `cap` as a line, steps instead of slopes if `stepped`.
+function curve(box, { name, values, cap = null, stepped = false, kind, turn }) {
+  const [width, height] = [Math.max(320, box.clientWidth), 132];
+  const x = turnScale(width, values.length);
+  const known = values.flatMap((value, at) => (value === null ? [] : [[at, value]]));
+  const all = [...known.map(([, value]) => value), 0, ...(cap === null ? [] : [cap])];
+  const marks = ticks(...extent(all));
+  const [low, high] = [marks[0], marks.at(-1)];
+  const y = (value) => height - EDGE.bottom - ((value - low) / (high - low)) * (height - EDGE.top - EDGE.bottom);
+  const points = thinned(known).map(([at, value]) => [x.middle(at), y(value)]);
+  const path = points
+    .map(([px, py], at) => (at === 0 ? `M${px} ${py}` : stepped ? `H${px}V${py}` : `L${px} ${py}`))
+    .join("");
+  const here = values[turn];
+  const drawn = picture(
+    width,
+    height,
+    `${name}, by turn; now ${number(here)}`,
+    marks.map((mark) => [
+      shape("line", { class: "grid", x1: EDGE.left, x2: width - EDGE.right, y1: y(mark), y2: y(mark) }),
+      label(EDGE.left - 8, y(mark) + 4, number(mark), { class: "tick", "text-anchor": "end" }),
+    ]),
+    points.length ? shape("path", { class: `area ${kind}`, d: `${path}V${y(0)}H${points[0][0]}Z` }) : null,
+    shape("path", { class: `curve ${kind}`, d: path }),
+    cap === null ? null : shape("line", { class: "cap", x1: EDGE.left, x2: width - EDGE.right, y1: y(cap), y2: y(cap) }),
+    shape("line", { class: "moment", x1: x.middle(turn), x2: x.middle(turn), y1: EDGE.top, y2: height - EDGE.bottom }),
+    here === null || here === undefined
+      ? null
+      : shape("circle", { class: `dot ${kind}`, cx: x.middle(turn), cy: y(here), r: 4 }),
+    turnTicks(x, values.length, height),
+  );
+  box.replaceChildren(drawn);
+  return x;
+}
+
+// The ends of a list of numbers; `Math.min(...list)` fails on long lists.
+function extent(list) {
+  let [low, high] = [Infinity, -Infinity];
+  for (const value of list) [low, high] = [Math.min(low, value), Math.max(high, value)];
+  return [low, high];
+}
+
+function turnTicks(x, count, height) {
+  return ticks(0, Math.max(1, count - 1))
+    .filter((turn) => turn < count && Number.isInteger(turn))
+    .map((turn) => label(x.middle(turn), height - 4, number(turn), { class: "tick", "text-anchor": "middle" }));
+}

@@ -1,0 +1,132 @@
+"use strict";
+// The page: which part of it is shown, the keys, the table of episodes, light and dark.
+
+const page = { words: null, episodes: [], textures: null };
+
+async function start() {
+  Object.assign(page, await unpack("index"));
+  if (page.textures) await loadSheet(page.textures);
+  connect();
+  await route();
+  document.body.dataset.ready = "true";
+}
+
+// Crafter's textures are one picture; a canvas paints parts of it.
+async function loadSheet(textures) {
+  textures.sheet = new Image();
+  textures.sheet.src = textures.image;
+  await textures.sheet.decode();
+}
+
+// The address says what is shown: `#episode=KEY&turn=N`, or else the run.
+async function route() {
+  const asked = new URLSearchParams(location.hash.slice(1));
+  const key = asked.get("episode");
+  if (page.episodes.some((episode) => episode.key === key)) {
+    const opened = shown.episode?.key !== key || $("player").hidden;
+    await showEpisode(key, Number.parseInt(asked.get("turn") ?? "0", 10) || 0);
+    if (opened) $("episode-title").focus();
+    return;
+  }
+  stop();
+  const [last, wasOpen] = [shown.episode?.key, !$("player").hidden];
+  $("player").hidden = true;
+  $("run").hidden = false;
+  document.title = $("title").textContent;
+  if (wasOpen && last) document.querySelector(`#episodes tr[data-key="${CSS.escape(last)}"] a`)?.focus();
+}
+
+function connect() {
+  window.addEventListener("hashchange", route);
+  window.addEventListener("resize", again);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
+  document.addEventListener("keydown", onKey);
+  $("slider").addEventListener("input", () => goTo(Number($("slider").value)));
+  $("prompt").addEventListener("toggle", () => renderPrompt());
+  const buttons = {
+    first: () => goTo(0), previous: () => goTo(shown.turn - 1), play, next: () => goTo(shown.turn + 1), last: () => goTo(lastTurn()),
+    "next-mistake": () => goToMistake(1), "episode-before": () => goToEpisode(-1), "episode-after": () => goToEpisode(1),
+    theme: toggleTheme, help: () => $("keys").showModal(), "close-keys": () => $("keys").close(),
+  };
+  for (const [id, action] of Object.entries(buttons)) $(id).addEventListener("click", action);
+  $("pace").addEventListener("change", () => {
+    if (shown.timer) [stop(), play()];
+  });
+  $("find").addEventListener("input", filterEpisodes);
+  $("status").addEventListener("change", filterEpisodes);
+  for (const button of document.querySelectorAll("#episodes th button")) button.addEventListener("click", () => sortEpisodes(button));
+}
+
+function again() {
+  if (!$("player").hidden && shown.episode) render();
+}
+
+// --- Keys ------------------------------------------------------------------------------------------------------------
+
+const KEYS = {
+  ArrowLeft: (event) => goTo(shown.turn - (event.shiftKey ? 10 : 1)),
+  ArrowRight: (event) => goTo(shown.turn + (event.shiftKey ? 10 : 1)),
+  Home: () => goTo(0),
+  End: () => goTo(lastTurn()),
+  " ": () => play(),
+  m: () => goToMistake(1),
+  M: () => goToMistake(-1),
+  p: () => $("prompt").toggleAttribute("open"),
+  n: () => goToEpisode(1),
+  b: () => goToEpisode(-1),
+  Escape: () => (location.hash = ""),
+};
+
+function onKey(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open) return;
+  const typing = event.target.matches("input:not([type=range]), select, textarea");
+  if (typing) return;
+  if (event.key === "?") return $("keys").showModal();
+  if (event.key === "t") return toggleTheme();
+  // What has a meaning of its own for the element in focus keeps it.
+  const own = event.target.matches("button, summary, a") ? [" "] : event.target.matches("[type=range]") ? ["Home", "End"] : [];
+  if ($("player").hidden || !(event.key in KEYS) || own.includes(event.key)) return;
+  event.preventDefault();
+  KEYS[event.key](event);
+}
+
+// --- The table of episodes -------------------------------------------------------------------------------------------
+
+function filterEpisodes() {
+  const words = $("find").value.toLowerCase().split(/\s+/).filter(Boolean);
+  const status = $("status").value;
+  let count = 0;
+  for (const row of document.querySelectorAll("#episodes tbody tr")) {
+    const text = row.textContent.toLowerCase();
+    row.hidden = !(words.every((word) => text.includes(word)) && (!status || row.dataset.status === status));
+    count += row.hidden ? 0 : 1;
+  }
+  $("count").textContent = plural(count, "episode");
+}
+
+function sortEpisodes(button) {
+  const header = button.closest("th");
+  const column = header.cellIndex;
+  const down = header.getAttribute("aria-sort") !== "descending";
+  for (const other of header.parentElement.children) other.removeAttribute("aria-sort");
+  header.setAttribute("aria-sort", down ? "descending" : "ascending");
+  const value = (row) => row.cells[column].dataset.value ?? row.cells[column].textContent.trim();
+  const compare = (one, other) => {
+    const [a, b] = [Number(one), Number(other)];
+    return Number.isNaN(a) || Number.isNaN(b) ? one.localeCompare(other) : a - b;
+  };
+  const body = document.querySelector("#episodes tbody");
+  const rows = [...body.rows].sort((one, other) => (down ? -1 : 1) * compare(value(one), value(other)));
+  body.append(...rows);
+}
+
+// --- Light and dark --------------------------------------------------------------------------------------------------
+
+function toggleTheme() {
+  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  const now = document.documentElement.dataset.theme ?? (dark ? "dark" : "light");
+  document.documentElement.dataset.theme = now === "dark" ? "light" : "dark";
+  again();
+}
+
+start();

@@ -1,0 +1,85 @@
+"""Walks: where a player of Minecraft was, and the land around.
+
+Every observation begins with the player's coordinates, whatever the engine, so a walk needs no server. The embedded
+world's climate is a function of its seed, so there the land can be drawn as well - as it is, not as it was seen.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from smartplay_tools.games.minecraft.game import Minecraft
+from smartplay_tools.games.minecraft.voxel.climate import SPACING, Biome, biomes, climate
+from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
+from smartplay_tools.specs import GameSpec
+from smartplay_tools.transcript import Event
+
+FROM_TEXT = "The walk is read from the coordinates in the observations."
+WITH_LAND = (
+    FROM_TEXT + " The land is computed from the world's seed; the player has never seen this map. "
+    "A square is {spacing} x {spacing} blocks."
+)
+
+MARGIN = 48
+"""Blocks of land around the walk."""
+NARROWEST = 0.6
+"""The shorter side of the map, as a share of the longer."""
+LONGEST_SIDE = 160
+"""A map has at most so many squares along a side; their size follows."""
+
+_COORDINATES = re.compile(r"^Coordinate \((-?[\d.]+),(-?[\d.]+),(-?[\d.]+)\)\. Facing ([a-z-]+)\.", re.MULTILINE)
+
+
+def draw_walk(spec: GameSpec, events: Sequence[Event]) -> dict[str, Any]:
+    """Return the positions by step, and the land around them where the engine is the embedded world."""
+    start = events[0]
+    positions = _positions(events)
+    if not positions:
+        return {"kind": None, "source": "No drawing: no observation tells coordinates."}
+    land: dict[str, Any] = {}
+    if start["engine"] == "voxel":
+        game = spec.make(**start["options"], engine="voxel", history=0)
+        assert isinstance(game, Minecraft)
+        game.reset(seed=start["seed"])
+        assert isinstance(game.world, VoxelEngine)
+        x, y, z = game.world.position
+        positions.setdefault(0, (round(x, 2), round(y, 2), round(z, 2), "south"))
+        land = _land(game.world.world.seed, [(x, z) for x, _, z, _ in positions.values()])
+        land["goal"] = sorted(Biome(number).name for number in game.goal.biomes if number in set(Biome))
+    walk = [positions.get(step) for step in range(max(positions) + 1)]
+    source = WITH_LAND.format(spacing=land["spacing"]) if land else FROM_TEXT
+    return {"kind": "minecraft", "source": source, "walk": walk, **land}
+
+
+def _positions(events: Sequence[Event]) -> dict[int, tuple[float, float, float, str]]:
+    """Return x, y, z and the heading by observation, as far as the texts tell."""
+    texts: dict[int, str] = {}
+    for event in events:
+        if event["event"] == "head" and "observation" in event:
+            texts[0] = event["observation"]
+        elif event["event"] == "call" and event["data"].get("observation") is not None:
+            texts[event["data"]["observation"]] = event["text"]
+    # Where the host owns the context, a text tells past observations first: the last one counts.
+    found = {step: _COORDINATES.findall(text) for step, text in texts.items()}
+    return {step: (float(m[-1][0]), float(m[-1][1]), float(m[-1][2]), m[-1][3]) for step, m in found.items() if m}
+
+
+def _land(seed: int, places: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    low, high = np.min(places, axis=0) - MARGIN, np.max(places, axis=0) + MARGIN
+    longest = float((high - low).max())
+    # A straight walk gets some land on both sides, too.
+    narrow = np.maximum(NARROWEST * longest - (high - low), 0) / 2
+    (west, north), (east, south) = low - narrow, high + narrow
+    spacing = SPACING * -(-int(longest) // (SPACING * LONGEST_SIDE))
+    left, top = int(west // spacing), int(north // spacing)
+    x = np.arange(left, int(east // spacing) + 1) * spacing + spacing // 2
+    z = np.arange(top, int(south // spacing) + 1) * spacing + spacing // 2
+    squares = biomes(climate(seed, x[:, None], z[None, :]))
+    names = [Biome(number).name for number in np.unique(squares)]
+    letters = {Biome[name].value: chr(ord("a") + at) for at, name in enumerate(names)}
+    rows = ["".join(letters[number] for number in row) for row in squares.T.tolist()]
+    return {"spacing": spacing, "corner": [left * spacing, top * spacing], "biomes": names, "rows": rows}

@@ -1,0 +1,28 @@
+"""The first player: always the first action of the game. The floor that the original falls back to in silence.
+
+What the original does with an answer in which it finds no action, this player does at every step, so its score is what
+a model gets that says nothing of use. It reads messages only.
+"""
+
+from __future__ import annotations
+
+from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.records import Prompt, Reply
+
+DOING_NOTHING = "Noop"
+"""Crafter's manual lists it last, but it is the first action of the game, which is what the original falls back to."""
+
+
+class FirstPlayer:
+    """Plays the game's first action, by name."""
+
+    name = "first"
+
+    def __init__(self, *, seed: int = 0) -> None:
+        """Every player takes a seed; this one draws nothing."""
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Act."""
+        actions = Reading(prompt).actions
+        action = DOING_NOTHING if DOING_NOTHING in actions else actions[0]
+        return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})

@@ -1,0 +1,91 @@
+"""Players for runs that go wrong: worker processes import them by name."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import smartplay_tools as sp
+
+
+def act(action: str) -> sp.Message:
+    call = {"id": "1", "type": "function", "function": {"name": "act", "arguments": f'{{"action": "{action}"}}'}}
+    return {"role": "assistant", "content": None, "tool_calls": [call]}
+
+
+class FirstMoves:
+    """Plays the slot machine's first arm; `before` runs at every prompt."""
+
+    name = "first moves"
+
+    def __init__(self, *, seed: int, **options: Any) -> None:
+        self.seed, self.options = seed, options
+
+    def reply(self, prompt: sp.Prompt) -> sp.Reply:
+        self.before(prompt)
+        return sp.Reply(act("1"), self.usage(prompt))
+
+    def before(self, prompt: sp.Prompt) -> None: ...
+
+    def usage(self, prompt: sp.Prompt) -> sp.Usage | None:
+        return None
+
+
+class Broken(FirstMoves):
+    """Cannot play at all."""
+
+    def before(self, prompt: sp.Prompt) -> None:
+        raise RuntimeError("no more ideas")
+
+
+class BrokenOnce(FirstMoves):
+    """Breaks at the first prompt of an episode's first attempt; the folder `marks` remembers."""
+
+    def before(self, prompt: sp.Prompt) -> None:
+        mark = Path(self.options["marks"]) / str(self.seed)
+        if not mark.exists():
+            mark.touch()
+            raise RuntimeError("stumbled")
+
+
+class Killer(FirstMoves):
+    """Kills its process in every episode whose seed is the option `victim`."""
+
+    def before(self, prompt: sp.Prompt) -> None:
+        if self.seed == self.options["victim"]:
+            os._exit(9)
+
+
+class Slow(FirstMoves):
+    """Takes its time."""
+
+    def before(self, prompt: sp.Prompt) -> None:
+        time.sleep(self.options.get("seconds", 0.01))
+
+
+class Metered(FirstMoves):
+    """Reports a usage as a provider would: half as much again as we count, the half of it cached."""
+
+    def usage(self, prompt: sp.Prompt) -> sp.Usage | None:
+        return sp.Usage(prompt=1000, reply=100, cached=500)
+
+
+class Waiting:
+    """An asynchronous player, which nobody else may keep waiting."""
+
+    name = "waiting"
+    at_once = most_at_once = 0
+
+    def __init__(self, *, seed: int, **options: Any) -> None: ...
+
+    async def areply(self, prompt: sp.Prompt) -> sp.Reply:
+        import asyncio
+
+        kind = type(self)
+        kind.at_once += 1
+        kind.most_at_once = max(kind.most_at_once, kind.at_once)
+        await asyncio.sleep(0.01)
+        kind.at_once -= 1
+        return sp.Reply(act("1"))

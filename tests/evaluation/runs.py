@@ -1,0 +1,41 @@
+"""Rows as a run writes them, from episodes that are really played and recorded."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.plan import episode_key
+from smartplay_tools.evaluation.prices import Price
+from smartplay_tools.evaluation.store import read_row
+
+
+def play_row(
+    game: str,
+    player: str | sp.Player = "rule",
+    trial: int = 0,
+    *,
+    protocol: str = "tools",
+    options: dict[str, Any] | None = None,
+    price: Price | None = None,
+    **asked: Any,
+) -> dict[str, Any]:
+    """Play an episode, whose seed is its trial, and return its row of `results.jsonl`."""
+    who = sp.get_player(player, seed=trial) if isinstance(player, str) else player
+    with tempfile.TemporaryDirectory() as folder:
+        record = Path(folder) / "record.jsonl"
+        with sp.Episode(game, seed=trial, transcript=record, **asked, **(options or {})) as episode:
+            sp.play(episode, who, protocol=protocol)
+        return read_row(record, trial, price) | {"key": episode_key(sp.read_transcript(record)[0])}
+
+
+def play_rows(game: str, player: str = "rule", trials: int = 5, **asked: Any) -> list[dict[str, Any]]:
+    return [play_row(game, player, trial, **asked) for trial in range(trials)]
+
+
+def failed_row(row: dict[str, Any], attempt: int = 1) -> dict[str, Any]:
+    """Return what `RunFolder.failures` says of an attempt, from the row of an episode that ended in an exception."""
+    names = ("key", "end_reason", "error", "game", "player", "seed")
+    return {**{name: row[name] for name in names}, "attempt": attempt}

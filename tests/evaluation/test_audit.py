@@ -1,0 +1,68 @@
+"""`smartplay-tools replay RUN_DIR`: every record of a run is played again and held against its row."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+
+GAMES = ["BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"]
+
+
+@pytest.fixture
+def run(tmp_path):
+    return sp.evaluate(GAMES, ["rule"], out=tmp_path, trials=2, executor="inline")
+
+
+def audit(run: sp.Run, *arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["replay", str(run.folder.path), "--workers", "1", *arguments])
+    return done.exit_code, done.output
+
+
+def change(path, before: str, after: str) -> None:
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after, 1))
+
+
+def test_a_run_that_is_what_it_says_is_identical(run):
+    assert audit(run) == (0, f"identical: all 4 episodes of {run.folder.path}\n")
+
+
+def test_an_answer_that_the_game_did_not_give_is_found(run):
+    record = run.folder.transcript(run.rows[3]["key"])
+    change(record, '"is_error": false', '"is_error": true')
+    code, output = audit(run)
+    assert code == 1
+    assert "1 of 4 episodes differ" in output
+    assert run.rows[3]["key"] in output
+
+
+def test_a_row_that_is_not_what_the_record_says_is_found(run):
+    change(run.folder.path / "results.jsonl", '"completed": true', '"completed": false')
+    code, output = audit(run)
+    assert code == 1
+    assert "The row says completed is False, the record True." in output
+
+
+def test_records_that_have_changed_places_are_found(run):
+    one, two = (run.folder.transcript(row["key"]) for row in run.rows[:2])
+    text = one.read_text()
+    one.write_text(two.read_text())
+    two.write_text(text)
+    code, output = audit(run, "--json")
+    assert code == 1
+    findings = json.loads(output)
+    assert sum(bool(finding["differences"]) for finding in findings) == 2
+    assert any("The record is of episode" in text for finding in findings for text in finding["differences"])
+
+
+def test_a_record_that_is_no_longer_there_is_found(run):
+    run.folder.transcript(run.rows[0]["key"]).unlink()
+    code, output = audit(run)
+    assert code == 1
+    assert "There is no file" in output

@@ -1,0 +1,79 @@
+"""Capability scores: the paper's formula, the original's weights, and what is left out."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.capabilities import capability_scores
+from smartplay_tools.specs import CAPABILITIES, PAPER_SETTINGS
+
+BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
+
+
+def by_name(normalized, **weights):
+    return {score.capability: score for score in capability_scores(normalized, **weights).scores}
+
+
+def test_a_score_is_the_mean_weighted_by_degrees():
+    """Reasoning: 1 at the bandit, 3 at Hanoi; understanding the odds: 3 and 1."""
+    scores = by_name({BANDIT: [0.4, 0.6], HANOI: [1.0, 1.0]})
+    assert tuple(scores) == CAPABILITIES
+    assert scores["reasoning"].estimate.mean == pytest.approx((1 * 0.5 + 3 * 1) / 4)
+    assert scores["understanding the odds"].estimate.mean == pytest.approx((3 * 0.5 + 1 * 1) / 4)
+
+
+def test_zero_based_weights_drop_what_hardly_matters():
+    scores = by_name({BANDIT: [0.4, 0.6], HANOI: [1.0, 1.0]}, weights="zero-based")
+    assert scores["reasoning"].estimate.mean == 1
+    assert scores["understanding the odds"].estimate.mean == pytest.approx(0.5)
+
+
+def test_where_the_weights_vanish_there_is_no_score_and_a_reason():
+    scores = by_name({BANDIT: [0.5, 0.6], RPS: [0.7, 0.8]}, weights="zero-based")
+    assert scores["planning"].estimate is None
+    assert "zero-based weights vanish" in scores["planning"].reason
+    assert by_name({BANDIT: [0.5, 0.6], RPS: [0.7, 0.8]})["planning"].estimate is not None
+
+
+def test_a_human_scores_one_everywhere():
+    human = {game: [sp.PAPER_RESULTS[0].normalized[game]] * 2 for game in PAPER_SETTINGS}
+    for weights in ("paper", "zero-based"):
+        assert all(s.estimate.mean == pytest.approx(1) for s in capability_scores(human, weights=weights).scores)
+
+
+def test_settings_without_a_normalised_score_are_left_out_and_named():
+    found = capability_scores({HANOI: [0.5, 1.0], "Hanoi4Disk-v0": [None, None]})
+    assert found.left_out == ("Hanoi4Disk-v0",)
+    assert found.settings == (HANOI,)
+    assert found.scores == capability_scores({HANOI: [0.5, 1.0]}).scores
+
+
+def test_without_any_normalised_score_all_are_missing_with_a_reason():
+    found = capability_scores({"Hanoi4Disk-v0": [None]})
+    assert all(score.estimate is None and "normalised" in score.reason for score in found.scores)
+
+
+def test_the_interval_draws_episodes_within_each_setting():
+    """Two settings far apart, each without spread: their mean has none either."""
+    score = by_name({BANDIT: [0.0, 0.0], HANOI: [1.0, 1.0]})["reasoning"].estimate
+    assert (score.low, score.mean, score.high, score.episodes) == (0.75, 0.75, 0.75, 4)
+    spread = by_name({BANDIT: [0.0, 0.0], HANOI: [0.0, 1.0]})["reasoning"].estimate
+    assert (spread.low, spread.high) == (0, 0.75)
+
+
+def test_unknown_weights_are_refused():
+    with pytest.raises(sp.InvalidArgumentError, match="paper, zero-based"):
+        capability_scores({}, weights="equal")
+
+
+def test_a_setting_from_elsewhere_counts_if_it_is_rated(monkeypatch):
+    monkeypatch.setattr(sp.GAMES, "_specs", dict(sp.GAMES._specs))
+    unrated = sp.register(dataclasses.replace(sp.GAMES[HANOI], id="Tower-v0", challenges={}))
+    alone = capability_scores({BANDIT: [0.4, 0.6]})
+    assert capability_scores({BANDIT: [0.4, 0.6], unrated.id: [1.0, 1.0]}).left_out == ("Tower-v0",)
+    assert capability_scores({BANDIT: [0.4, 0.6], unrated.id: [1.0, 1.0]}).scores == alone.scores
+    rated = sp.register(dataclasses.replace(unrated, challenges=sp.GAMES[HANOI].challenges))
+    assert capability_scores({BANDIT: [0.4, 0.6], rated.id: [1.0, 1.0]}).scores != alone.scores

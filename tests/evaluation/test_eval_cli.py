@@ -1,0 +1,155 @@
+"""`smartplay-tools eval` and `merge` as a user runs them."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+from smartplay_tools.cli.progress import showing
+from smartplay_tools.evaluation.plan import make_cells, plan_episodes
+from smartplay_tools.evaluation.runner import run_plan
+
+BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
+
+
+def run(*arguments: object) -> tuple[int, str, str]:
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return done.exit_code, done.stdout, done.stderr
+
+
+def test_a_run_ends_with_its_tables(tmp_path):
+    command = ("eval", "--games", f"{BANDIT},{HANOI}", "--players", "rule", "--trials", 2, "--executor", "inline")
+    code, output, progress = run(*command, "--out", tmp_path)
+    assert code == 0
+    for word in (BANDIT, HANOI, "scores", "capabilities", "different from the paper"):
+        assert word in output
+    assert "4/4 episodes" in progress
+    # The same command again plays nothing and shows the same.
+    assert run(*command, "--out", tmp_path)[:2] == (0, output)
+    assert run("results", tmp_path)[0] == 0
+
+
+def test_a_machine_gets_json_and_nothing_else(tmp_path):
+    code, output, progress = run(
+        "eval", "--games", HANOI, "--trials", 1, "--executor", "inline", "--json", "--out", tmp_path
+    )
+    assert (code, progress) == (0, "")
+    summary = json.loads(output)
+    assert (summary["planned"], summary["finished"], summary["stopped"]) == (1, 1, None)
+    assert summary["cells"][0]["score"]["mean"] == 3
+
+
+def test_the_papers_protocol_can_be_evaluated(tmp_path):
+    code, _, _ = run(
+        "eval",
+        "--games",
+        HANOI,
+        "--players",
+        "random",
+        "--trials",
+        1,
+        "--executor",
+        "inline",
+        "--protocol",
+        "paper",
+        "--out",
+        tmp_path,
+    )
+    (row,) = sp.RunFolder(tmp_path).rows()
+    assert (code, row["protocol"], row["turns"]) == (0, "paper", 60)
+    assert run("replay", tmp_path, "--workers", 1)[0] == 0
+
+
+def test_an_incomplete_run_says_so_and_is_no_success(tmp_path):
+    arguments = ("eval", "--games", HANOI, "--trials", 1, "--executor", "inline", "--out", tmp_path)
+    code, _, said = run(
+        *arguments, "--players", "openai:nobody", "--base-url", "http://127.0.0.1:9/v1", "--player-option", "retries=0"
+    )
+    assert code == 1
+    assert "1 of 1 episodes are not finished" in said
+    assert "The same command tries them again." in said
+    assert {failure["end_reason"] for failure in sp.RunFolder(tmp_path).failures()} == {"player_error"}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (["--players", "rules"], "did you mean rule"),
+        (["--suite", "icml"], "There is no suite 'icml'; there is paper."),
+        (["--prompt-tokens", "50"], f"{HANOI}, rule, prompt_tokens=50: prompt_tokens=50 cannot hold the head"),
+        (["--shard", "half"], "--shard half is no part; write it as 1/4."),
+        (["--price", "3,4"], "--price 3,4 names no player"),
+        (["--price", "rule=3"], "'3' is no price"),
+        (["--player-option", "api_key=x"], "give it in the environment"),
+        (["--player-option", "temperature"], "--player-option temperature has no value"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_sentence(tmp_path, wrong, sentence):
+    code, _, said = run("eval", "--games", HANOI, "--executor", "inline", "--out", tmp_path, *wrong)
+    assert code == 2
+    assert sentence in said
+    assert said.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dry_run_tells_the_price_and_plays_nothing(tmp_path):
+    arguments = (
+        "eval",
+        "--games",
+        f"{HANOI},{BANDIT}",
+        "--players",
+        "openai:gpt-5-mini",
+        "--trials",
+        10,
+        "--out",
+        tmp_path / "run",
+        "--dry-run",
+    )
+    code, output, _ = run(*arguments, "--reply-tokens", 100, "--json")
+    assert code == 0
+    hanoi, bandit = json.loads(output)
+    assert (hanoi["episodes"], hanoi["calls"], hanoi["reply_tokens"]) == (10, 310, 31_000)
+    dollars = (bandit["prompt_tokens"] * 0.25 + bandit["reply_tokens"] * 2) / 1e6
+    assert bandit["cost"] == pytest.approx(dollars, rel=0.01)
+    assert not (tmp_path / "run").exists()
+    _, table, _ = run(*arguments)
+    assert "--reply-tokens makes that a cap" in table
+    assert re.search(r"all +20 ", table)
+
+
+def test_an_estimate_is_not_below_what_random_play_then_takes(tmp_path):
+    _, output, _ = run(
+        "eval", "--games", f"{BANDIT},{HANOI}", "--players", "random", "--trials", 2, "--dry-run", "--json"
+    )
+    played = sp.evaluate([BANDIT, HANOI], ["random"], out=tmp_path, trials=2, executor="inline")
+    for cell in json.loads(output):
+        rows = [row for row in played.rows if row["game"] == cell["cell"]["game"]]
+        took = sum(row["tokens"]["prompt"] for row in rows)
+        assert took <= cell["prompt_tokens"] <= 3 * took
+
+
+def test_shards_are_merged_by_command(tmp_path):
+    arguments = ("eval", "--games", HANOI, "--players", "random", "--trials", 4, "--executor", "inline")
+    for number in (1, 2):
+        assert run(*arguments, "--shard", f"{number}/2", "--out", tmp_path / str(number))[0] == 0
+    code, output, _ = run("merge", tmp_path / "1", tmp_path / "2", "--out", tmp_path / "whole")
+    assert (code, output) == (0, f"{tmp_path / 'whole'}: 4 of 4 episodes are finished.\n")
+    assert run("merge", tmp_path / "1", "--out", tmp_path / "whole")[0] == 2
+
+
+def test_a_terminal_shows_a_bar_for_every_game(tmp_path, capsys):
+    plan = plan_episodes(make_cells([BANDIT, HANOI], ["rule", "random"], [sp.Budget()]), trials=2)
+    console = Console(force_terminal=True, width=120)
+    with showing(console, plan, quiet=False) as on_progress:
+        run_plan(plan, tmp_path, executor="inline", on_progress=on_progress)
+    shown = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "\n", capsys.readouterr().out).replace("\n", "")
+    for game, score in ((BANDIT, "score 3"), (HANOI, "score 1.50")):
+        last = shown.rpartition(game)[2]
+        assert "4/4" in last
+        assert score in last

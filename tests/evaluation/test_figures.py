@@ -1,0 +1,191 @@
+"""Figures draw the numbers they are given, look the same every time, and can be read without colours."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation import figures
+from smartplay_tools.evaluation.comparison import compare
+from smartplay_tools.evaluation.figures.progress import walk_of
+from smartplay_tools.evaluation.figures.style import COLOURS, LINES, MARKERS, RULES, Series
+from smartplay_tools.specs import PAPER_RESULTS
+from tests.evaluation.windows import row
+
+BANDIT, RPS = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0"
+
+
+def episodes(scores, **facts):
+    return [row(seed=seed, score=score, **facts) for seed, score in enumerate(scores)]
+
+
+@pytest.fixture(scope="module")
+def comparisons():
+    return compare(
+        [
+            *episodes([20, 24], history=1, tokens=100),
+            *episodes([30, 34], history=5, tokens=200),
+            *episodes([40, 44], history=None, tokens=400),
+            *episodes([25, 25], history=1, tokens=100, player="random"),
+            *episodes([25, 25], history=None, tokens=400, player="random"),
+            *episodes([10, 12], history=1, tokens=100, game=RPS),
+            *episodes([35, 37], history=None, tokens=500, game=RPS),
+        ]
+    )
+
+
+def lines(axes):
+    """What is drawn as labelled lines: label -> (x, y)."""
+    return {line.get_label(): line.get_xydata().tolist() for line in axes.get_lines() if line.get_label()[0] != "_"}
+
+
+def ticks(axes):
+    return [label.get_text() for label in axes.get_xticklabels()]
+
+
+def test_score_against_history_has_a_panel_for_each_game_and_a_line_for_each_player(comparisons):
+    bandit, rps = figures.score_against_history(comparisons).axes
+    assert (bandit.get_title(), rps.get_title()) == (BANDIT, RPS)
+    assert ticks(bandit) == ["1", "5", "all"]
+    assert [y for _, y in lines(bandit)["rule"]] == [22, 32, 42]
+    assert [y for _, y in lines(bandit)["random"]] == [25, 25]
+    assert [round(x) for x, _ in lines(bandit)["random"]] == [0, 2]  # at "1" and at "all"
+    assert lines(bandit)["human (paper)"][0][1] == 45
+    assert bandit.get_ylim()[0] == 0
+
+
+def test_only_the_widest_of_the_other_limits_is_drawn():
+    rows = [r for p in (500, None) for h in (1, 5) for r in episodes([h + (p is None)], history=h, prompt_tokens=p)]
+    (panel,) = figures.score_against_history(compare(rows)).axes
+    assert [y for _, y in lines(panel)["rule"]] == [2, 6]
+    (panel,) = figures.score_against_prompt_tokens(compare(rows)).axes
+    assert ticks(panel) == ["500", "no cap"]
+    assert [y for _, y in lines(panel)["rule"]] == [5, 6]
+
+
+def test_what_tells_lines_apart_stands_in_their_names():
+    rows = [r for m in ("tool", "pinned") for h in (1, 5) for r in episodes([h], history=h, manual=m)]
+    (panel,) = figures.score_against_history(compare(rows)).axes
+    assert set(lines(panel)) == {"rule, manual tool", "rule, manual pinned", "human (paper)"}
+
+
+def test_there_is_no_human_where_scores_are_not_comparable():
+    rows = [r | {"normalized_score": None} for h in (1, 5) for r in episodes([h], history=h)]
+    (panel,) = figures.score_against_history(compare(rows)).axes
+    assert set(lines(panel)) == {"rule"}
+
+
+def test_slack_is_drawn_as_differences_and_shares():
+    rows = [r for s, lost in ((0.0, 0), (0.5, 3)) for r in episodes([40 - lost, 44 - lost], history=10, slack=s)]
+    scores, shares = figures.effects_of_slack(compare(rows, along=("slack",))).axes
+    name = f"{BANDIT}, rule, 10 steps"
+    assert [y for _, y in lines(scores)[name]] == [-3]
+    assert [y for _, y in lines(shares)[name]] == [0.5, 0.5]
+    assert ticks(scores) == ticks(shares) == ["0", "0.5"]
+    with pytest.raises(sp.InvalidArgumentError, match="slack alone"):
+        figures.effects_of_slack(compare(rows[:2], along=("slack",)))
+
+
+def test_the_frontier_is_labelled_with_its_windows(comparisons):
+    bandit, _ = figures.frontier(comparisons).axes
+    assert lines(bandit)["Pareto front (filled)"] == [[100, 25], [200, 32], [400, 42]]
+    assert {text.get_text() for text in bandit.texts} == {"1 step", "5 steps", "all steps"}
+    with pytest.raises(sp.InvalidArgumentError, match="no episode of the run has cost"):
+        figures.frontier(comparisons, price="cost")
+
+
+def test_the_spider_sets_everybody_against_the_same_settings():
+    players = {"rule": {BANDIT: [1.0, 0.8], RPS: [0.9]}, "random": {BANDIT: [0.5], RPS: [None]}}
+    drawn = figures.capability_spider(players)
+    own, paper = drawn.axes
+    assert set(lines(own)) == {"human (paper)", "rule", "random"}
+    assert set(lines(paper)) == {"human (paper)", *(result.player for result in PAPER_RESULTS[1:])}
+    # The bandit alone is common: every capability is its normalised score.
+    assert {round(y, 9) for _, y in lines(own)["rule"]} == {0.9}
+    assert {y for _, y in lines(paper)["Claude"]} == {0.72}
+    assert "1 of the paper's 7 settings" in drawn.get_suptitle()
+
+
+def test_what_is_beyond_the_rim_of_the_spider_is_told():
+    own, _ = figures.capability_spider({"champion": {BANDIT: [3.0]}}).axes
+    assert "champion (up to 3.0, drawn at the rim)" in lines(own)
+
+
+def test_a_spider_needs_a_setting_in_common():
+    with pytest.raises(sp.InvalidArgumentError, match="all its players"):
+        figures.capability_spider({"one": {BANDIT: [1.0]}, "other": {RPS: [1.0]}})
+    with pytest.raises(sp.InvalidArgumentError, match="at least one player"):
+        figures.capability_spider({})
+
+
+def test_scores_over_steps_come_from_the_record(tmp_path):
+    record = tmp_path / "crafter.jsonl"
+    budget = sp.Budget(tool_calls=40)
+    with sp.Episode("Crafter-v0", seed=3, budget=budget, transcript=record) as episode:
+        result = sp.play(episode, sp.get_player("rule"))
+    walk = walk_of(record)
+    assert len(walk) == result.steps + 1
+    assert (walk[0], walk[-1]) == (0, result.score)
+    called = [event["data"] for event in sp.read_transcript(record) if event["event"] == "call"]
+    assert all(walk[data["step"]] == data["score"] for data in called if "score" in data)
+
+
+def test_an_episode_that_is_over_keeps_its_score():
+    (axes,) = figures.score_over_steps({"two": [[0.0, 2.0], [0.0, 2.0, 4.0]]}).axes
+    assert lines(axes)["two"] == [[0, 0], [1, 2], [2, 3]]
+    with pytest.raises(sp.InvalidArgumentError, match="at least one episode"):
+        figures.score_over_steps({"nobody": []})
+
+
+def test_a_figure_has_the_same_bytes_every_time(comparisons, tmp_path):
+    first, second = (
+        [path.read_bytes() for path in figures.save_figure(figures.frontier(comparisons), tmp_path / name / "frontier")]
+        for name in ("one", "other")
+    )
+    assert first == second
+    png, svg = first
+    assert png.startswith(b"\x89PNG")
+    assert b"<dc:date>" not in svg
+    assert str(tmp_path).encode() not in svg
+
+
+def test_colour_is_never_the_only_difference():
+    looks = [Series.number(index) for index in range(24)]
+    assert len({(look.marker, str(look.line)) for look in looks}) == len(looks)
+    assert len({look.colour for look in looks}) == len(COLOURS) == 7
+    assert len(MARKERS) == 8
+    assert len(LINES) == 5
+
+
+def test_legends_do_not_cover_data(comparisons):
+    """Every legend stands below every panel, in pixels of the drawn figure."""
+    for drawn in (figures.score_against_history(comparisons), figures.frontier(comparisons)):
+        drawn.draw_without_rendering()
+        (legend,) = drawn.legends
+        top = legend.get_window_extent().y1
+        assert all(axes.get_tightbbox().y0 >= top for axes in drawn.axes)
+
+
+def test_drawing_leaves_matplotlib_as_it_was_and_opens_no_windows(comparisons):
+    import matplotlib
+
+    before = {name: matplotlib.rcParams[name] for name in RULES}
+    figures.score_against_history(comparisons)
+    assert {name: matplotlib.rcParams[name] for name in RULES} == before != RULES
+    assert "matplotlib.pyplot" not in sys.modules
+
+
+def test_without_matplotlib_the_remedy_is_named():
+    """In a process of its own, from whose imports matplotlib is barred."""
+    script = (
+        "import sys; sys.modules['matplotlib'] = None\n"
+        "import smartplay_tools as sp\n"
+        "from smartplay_tools.evaluation import figures\n"
+        "try: figures.score_against_history([])\n"
+        "except sp.MissingExtraError as error: print(error)\n"
+    )
+    shown = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "pip install 'smartplay-tools[evaluation]'" in shown.stdout

@@ -1,0 +1,118 @@
+"""A run that is killed or stopped at any moment, and run again, ends as one that never was."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import smartplay_tools as sp
+
+BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
+ROOT = Path(__file__).parents[2]
+
+SCRIPT = """
+import sys
+import smartplay_tools as sp
+from tests.evaluation.players import Slow
+
+if __name__ == "__main__":
+    out, executor, seconds = sys.argv[1], sys.argv[2], float(sys.argv[3])
+    run = sp.evaluate({games!r}, {{"slow": Slow}}, out=out, trials={trials}, executor=executor, workers=2,
+                      player_options={{"seconds": seconds}}, on_progress=lambda p: print(p.finished, flush=True))
+    print("stopped by", run.stopped, flush=True)
+    sys.exit(0 if run.complete else 1)
+"""
+
+
+def start(out: Path, executor: str, *, games: list[str], trials: int, seconds: float) -> subprocess.Popen[str]:
+    """A run in a process of its own."""
+    script = out.parent / "script.py"
+    script.write_text(SCRIPT.format(games=games, trials=trials))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+    command = [sys.executable, str(script), str(out), executor, str(seconds)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+
+
+def children(pid: int) -> list[int]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+            if parent == pid:
+                found.append(int(entry.name))
+    return found
+
+
+def kill_and_run_to_the_end(tmp_path: Path, executor: str, *, kills: int, trials: int) -> None:
+    games, chance = [BANDIT, HANOI], random.Random(f"kills {executor}")
+    with start(tmp_path / "whole", executor, games=games, trials=trials, seconds=0.001) as process:
+        assert process.wait(120) == 0
+    for _ in range(kills):
+        with start(tmp_path / "killed", executor, games=games, trials=trials, seconds=0.001) as process:
+            assert process.stdout is not None
+            process.stdout.readline()  # the run has begun
+            time.sleep(chance.random() * 0.8)
+            process.kill()
+    with start(tmp_path / "killed", executor, games=games, trials=trials, seconds=0.001) as process:
+        assert process.wait(120) == 0
+    whole, killed = (tmp_path / name / "results.jsonl" for name in ("whole", "killed"))
+    assert whole.read_bytes() == killed.read_bytes()
+    assert {failure["end_reason"] for failure in sp.RunFolder(tmp_path / "killed").failures()} <= {"interrupted"}
+    assert list((tmp_path / "killed" / "running").iterdir()) == []
+
+
+def test_a_run_that_was_killed_three_times_has_the_rows_of_one_that_was_not(tmp_path):
+    kill_and_run_to_the_end(tmp_path, "inline", kills=3, trials=6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", ["inline", "processes"])
+def test_a_run_that_was_killed_twenty_times_has_the_rows_of_one_that_was_not(tmp_path, executor):
+    kill_and_run_to_the_end(tmp_path, executor, kills=20, trials=40)
+
+
+@pytest.mark.parametrize(
+    ("executor", "number"),
+    [("inline", signal.SIGINT), ("processes", signal.SIGTERM), ("async", signal.SIGTERM)],
+)
+def test_a_signal_stops_a_run_between_two_turns(tmp_path, executor, number):
+    with start(tmp_path / "run", executor, games=[BANDIT], trials=40, seconds=0.05) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.stdout.readline()  # an episode is finished
+        began = time.monotonic()
+        process.send_signal(number)
+        output, _ = process.communicate(timeout=60)
+        assert time.monotonic() - began < 20
+        assert process.returncode == 1
+    assert f"stopped by {number.name}" in output
+    folder = sp.RunFolder(tmp_path / "run")
+    assert 0 < len(folder.rows()) < 40
+    interrupted = folder.failures()
+    assert {failure["end_reason"] for failure in interrupted} == {"interrupted"}
+    assert len(interrupted) <= 3
+    assert list((tmp_path / "run" / "running").iterdir()) == []
+
+
+def test_no_worker_outlives_a_run_that_was_killed(tmp_path):
+    with start(tmp_path / "run", "processes", games=[BANDIT], trials=40, seconds=0.05) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.stdout.readline()
+        workers = children(process.pid)
+        assert len(workers) >= 2
+        process.kill()
+    deadline = time.monotonic() + 20
+    while any(Path(f"/proc/{pid}").exists() for pid in workers):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)

@@ -1,0 +1,81 @@
+"""Episodes are compared with those of the same seed, and with no others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from smartplay_tools.evaluation import pairs
+from tests.evaluation.windows import row
+
+
+def test_each_episode_is_compared_with_that_of_its_seed():
+    small = [row(seed=1, score=10), row(seed=2, score=20), row(seed=3, score=30)]
+    full = [row(seed=3, score=31), row(seed=1, score=15), row(seed=2, score=20)]
+    assert pairs.differences(small, full, pairs.score) == [-5, 0, -1]
+    found = pairs.paired_difference(small, full, pairs.score)
+    assert (found.mean, found.episodes) == (-2, 3)
+    assert found.low < -2 < found.high <= 0
+
+
+def test_an_episode_without_counterpart_is_in_no_pair():
+    small, full = [row(seed=1, score=10), row(seed=2, score=99)], [row(seed=1, score=15), row(seed=3, score=0)]
+    assert pairs.differences(small, full, pairs.score) == [-5]
+    assert pairs.paired_difference([row(seed=2)], full, pairs.score) is None
+
+
+def test_one_pair_has_a_difference_and_no_interval():
+    found = pairs.paired_difference([row(seed=1, score=10)], [row(seed=1, score=15)], pairs.score)
+    assert (found.mean, found.low, found.high) == (-5, None, None)
+
+
+def test_what_all_seeds_share_cancels_out():
+    """Luck of 100 points between seeds, and a cost of 1 or 2 in each: unpaired, nobody could see it."""
+    luck = np.random.default_rng(0).normal(0, 100, 40)
+    full = [row(seed=seed, score=float(points)) for seed, points in enumerate(luck)]
+    small = [row(seed=seed, score=float(points) - 1 - seed % 2) for seed, points in enumerate(luck)]
+    found = pairs.paired_difference(small, full, pairs.score)
+    assert found.mean == pytest.approx(-1.5)
+    assert -1.7 < found.low < found.high < -1.3
+    alone = pairs.estimate(full, pairs.score)
+    assert alone.high - alone.low > 40
+
+
+def test_the_interval_does_not_depend_on_the_order_of_the_rows():
+    full = [row(seed=seed, score=float(seed)) for seed in range(12)]
+    small = [row(seed=seed, score=float(seed * 7 % 12)) for seed in range(12)]
+    forwards = pairs.paired_difference(small, full, pairs.score)
+    assert pairs.paired_difference(small[::-1], full, pairs.score) == forwards
+
+
+def test_intervals_cover_the_truth_about_as_often_as_they_say():
+    """200 samples of 30 skewed differences with mean 0: 95 % intervals hold it in about 190 of them."""
+    generator = np.random.default_rng(7)
+    full = [row(seed=seed) for seed in range(30)]
+    held = 0
+    for _ in range(200):
+        drawn = generator.exponential(1.0, 30) - 1.0
+        small = [row(seed=seed, score=float(value)) for seed, value in enumerate(drawn)]
+        found = pairs.paired_difference(small, full, pairs.score)
+        held += found.low <= 0 <= found.high
+    assert 178 <= held <= 198
+
+
+def test_measures_of_an_episode():
+    one = row(score=40, tokens=400, cost=0.25)
+    one["tokens"] |= {"reply": 20, "prefix": 100}
+    found = {name: measure(one) for name, measure in pairs.MEASURES.items()}
+    assert found == {
+        "score": 40,
+        "normalized_score": pytest.approx(40 / 45),
+        "tokens": 420,
+        "prefix_share": 0.25,
+        "cost": 0.25,
+    }
+
+
+def test_an_episode_without_prompts_or_price_has_no_share_and_no_cost():
+    one = row(tokens=0)
+    assert pairs.prefix_share(one) is None
+    assert pairs.cost(one) is None
+    assert pairs.estimate([one], pairs.cost) is None

@@ -1,0 +1,69 @@
+"""A run on a local Ray cluster, with a worker that is killed in the midst of it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import smartplay_tools as sp
+
+pytest.importorskip("ray", reason="the extra `ray` is not installed")
+pytestmark = pytest.mark.slow
+
+BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
+ROOT = Path(__file__).parents[2]
+
+# Ray leaves threads and sockets behind that warn; it gets a process of its own, as a user's run has.
+SCRIPT = """
+import os, signal, sys
+from pathlib import Path
+import smartplay_tools as sp
+from tests.evaluation.players import FirstMoves
+
+class KilledOnce(FirstMoves):
+    def before(self, prompt):
+        mark = Path(self.options["marks"]) / "killed"
+        if not mark.exists() and len(prompt.messages) > 20:
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+
+if __name__ == "__main__":
+    out, cap = Path(sys.argv[1]), int(sys.argv[2]) or None
+    options = {"marks": str(out.parent)}
+    run = sp.evaluate([%r, %r], {"first": KilledOnce}, out=out, trials=4, executor="ray", workers=2, run_tokens=cap,
+                      player_options=options, budgets=sp.Budget(reply_tokens=100))
+    print(run.complete, len(run.rows), len(run.failures))
+"""
+
+
+def run(tmp_path: Path, name: str, cap: int = 0) -> str:
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT % (BANDIT, HANOI))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])}
+    command = [sys.executable, str(script), str(tmp_path / name), str(cap)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip().splitlines()[-1]
+
+
+def test_a_killed_worker_costs_no_row_and_makes_none_twice(tmp_path):
+    assert run(tmp_path, "run") == "True 8 0"
+    assert (tmp_path / "killed").exists()
+    rows = sp.RunFolder(tmp_path / "run").rows()
+    assert len({row["key"] for row in rows}) == 8
+    # With the mark there nobody is killed: the same run, undisturbed, has the same bytes.
+    assert run(tmp_path, "undisturbed") == "True 8 0"
+    first, second = (tmp_path / name / "results.jsonl" for name in ("run", "undisturbed"))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_a_cap_holds_on_a_cluster(tmp_path):
+    (tmp_path / "killed").touch()
+    run(tmp_path, "run", cap=60_000)
+    rows = sp.RunFolder(tmp_path / "run").rows()
+    assert sum(row["tokens"]["prompt"] + row["tokens"]["reply"] for row in rows) <= 60_000
+    assert "run_budget" in {row["end_reason"] for row in rows}

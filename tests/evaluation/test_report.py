@@ -1,0 +1,351 @@
+"""The replay page as a file: what is in it, what is not, how large it is, and what it says of runs that went wrong."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+from smartplay_tools.evaluation.report import write_report
+from smartplay_tools.evaluation.report.drawings import draw
+from smartplay_tools.evaluation.report.episodes import check
+from smartplay_tools.games.base import TextGame
+from tests.evaluation.players import Broken, FirstMoves
+from tests.evaluation.report_runs import BANDIT, HANOI, HOSTILE, RPS, act, converse, hostile, record, reply
+
+OPENS_NOTHING = {"meta", "link", "style", "script", "img"}
+"""Elements that could load something, and that the page may have; their addresses are looked at."""
+
+
+class Page(HTMLParser):
+    """What a browser would find in a page: its elements, its scripts, its packed data, its words."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.styles: list[str] = []
+        self.packed: dict[str, str] = {}
+        self.words = ""
+        self._inside: tuple[str, dict[str, str | None]] = ("", {})
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._inside = tag, dict(attrs)
+        self.elements.append(self._inside)
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = "", {}
+
+    def handle_data(self, data: str) -> None:
+        tag, attributes = self._inside
+        if tag == "script" and "id" in attributes:
+            self.packed[attributes["id"] or ""] = data
+        elif tag == "script":
+            self.scripts.append(data)
+        elif tag == "style":
+            self.styles.append(data)
+        else:
+            self.words += data
+
+    def unpack(self, name: str) -> Any:
+        return json.loads(gzip.decompress(base64.b64decode(self.packed[name])))
+
+    def episode(self, key: str) -> Any:
+        return self.unpack(f"episode-{key}")
+
+
+def page_of(run: Path, **options: Any) -> Page:
+    return Page(write_report(run, run.parent / "page.html", **options))
+
+
+def test_a_page_of_one_transcript_is_one_file_that_loads_nothing(tmp_path):
+    page = page_of(record(tmp_path / "hanoi.jsonl", HANOI, prompt_tokens=700))
+    assert list(page.packed) == ["index", "episode-hanoi"]
+    for tag, attributes in page.elements:
+        assert not [name for name in attributes if name.startswith("on")], "no inline handlers"
+        assert tag not in {"iframe", "object", "embed", "base", "audio", "video"}
+        for name in ("src", "href", "action", "data", "srcset"):
+            assert (attributes.get(name) or "#").startswith(("#", "data:")), (tag, attributes)
+
+
+def test_the_policy_allows_the_page_s_own_scripts_and_style_by_their_hashes_and_nothing_else(tmp_path):
+    page = page_of(record(tmp_path / "hanoi.jsonl", HANOI))
+    policy = next(a["content"] for tag, a in page.elements if a.get("http-equiv") == "Content-Security-Policy")
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+
+    def hashes(texts: list[str]) -> str:
+        digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts)
+        return " ".join(f"'sha256-{digest}'" for digest in digests)
+
+    none = dict.fromkeys(("default-src", "base-uri", "form-action"), "'none'")
+    own = {"script-src": hashes(page.scripts), "style-src": hashes(page.styles), "img-src": "data:"}
+    assert rules == {**none, **own}
+
+
+def test_what_a_model_writes_never_becomes_markup(tmp_path):
+    page = page_of(hostile(tmp_path / "hostile.jsonl"), title=HOSTILE)
+    assert [tag for tag, _ in page.elements if tag == "img"] == []
+    assert len(page.scripts) == len([tag for tag, _ in page.elements if tag == "script"]) - len(page.packed)
+    assert not any("document.title='taken'" in script for script in page.scripts)
+    assert page.words.count(HOSTILE) >= 3  # the title and the player, as words
+    turns = page.episode("hostile")["turns"]
+    assert turns[0]["message"]["content"] == turns[0]["message"]["reasoning_content"] == HOSTILE
+    assert turns[1]["message"]["tool_calls"][0]["function"]["name"] == HOSTILE
+    assert "\ud800" in turns[2]["message"]["content"]
+
+
+def test_a_hostile_file_name_is_a_key_like_any_other(tmp_path):
+    name = "a\"><img src=x onerror='x'>&b"
+    page = page_of(record(tmp_path / f"{name}.jsonl", HANOI))
+    assert f"episode-{name}" in page.packed
+    assert "img" not in {tag for tag, _ in page.elements}
+
+
+def test_the_same_run_gives_the_same_bytes(tmp_path):
+    record(tmp_path / "run" / "hanoi.jsonl", HANOI)
+    first, second = (write_report(tmp_path / "run", tmp_path / f"{name}.html").read_bytes() for name in "ab")
+    assert first == second
+
+
+def test_prompts_are_not_stored_but_what_they_showed_is(tmp_path):
+    path = record(tmp_path / "rps.jsonl", RPS, prompt_tokens=900)
+    page = page_of(path)
+    turns = page.episode("rps")["turns"]
+    views = [event for event in sp.read_transcript(path) if event["event"] == "view"]
+    for view in views:
+        assert turns[view["turn"]]["view"]["turns"] == view["turns"]
+        assert turns[view["turn"]]["view"]["marked"] == view["marked"]
+    assert json.dumps(turns).count("New round begins.") <= len(views) + 1
+
+
+# Runs.
+
+
+def test_a_run_shows_its_results_in_the_order_of_the_plan(tmp_path):
+    run = sp.evaluate([HANOI, BANDIT], ["rule", "random"], out=tmp_path / "run", trials=2, executor="inline")
+    page = page_of(tmp_path / "run")
+    assert [episode["key"] for episode in page.unpack("index")["episodes"]] == [row["key"] for row in run.rows]
+    assert page.episode(run.rows[1]["key"])["trial"] == 1
+    assert "8 episodes." in page.words
+    assert "of a human" in page.words
+
+
+def test_failed_unfinished_and_lost_attempts_are_shown_as_such(tmp_path):
+    players = {"broken": Broken, "first": FirstMoves}
+    run = sp.evaluate([BANDIT], players, out=tmp_path / "run", trials=1, executor="inline")
+    first = run.rows[0]["key"]
+    [broken] = {row["key"] for row in run.failures}
+    finished = (tmp_path / "run" / "episodes" / f"{first}.jsonl").read_text()
+    torn = "".join(finished.splitlines(keepends=True)[:20]) + '{"event": "mess'
+    (tmp_path / "run" / "running" / f"{broken}.9.jsonl").write_text(torn)
+    lost = '{"event": "exception", "error": "NoWayError: <b>no way</b>", "traceback": null}\n'
+    (tmp_path / "run" / "attempts" / f"{broken}.8.jsonl").write_text(lost)
+
+    page = page_of(tmp_path / "run")
+    status = {episode["key"]: episode["status"] for episode in page.unpack("index")["episodes"]}
+    assert status[first] == "finished"
+    assert status[f"{broken}.1"] == "failed"
+    assert status[f"{broken}.9"] == "unfinished"
+    assert f"{broken}.8" not in status
+    assert "NoWayError: <b>no way</b>" in page.words
+    failed = page.episode(f"{broken}.1")
+    assert failed["error"] == "RuntimeError: no more ideas"
+    assert "no more ideas" in failed["traceback"]
+    assert failed["turns"][0]["view"]
+    assert "message" not in failed["turns"][0]
+
+
+def test_a_folder_of_transcripts_is_a_run_too(tmp_path):
+    record(tmp_path / "run" / "b.jsonl", HANOI)
+    record(tmp_path / "run" / "a.jsonl", BANDIT)
+    (tmp_path / "run" / "notes.jsonl").write_text('{"event": "other"}\n')
+    page = page_of(tmp_path / "run")
+    assert [episode["key"] for episode in page.unpack("index")["episodes"]] == ["a", "b"]
+
+
+def test_a_host_s_episode_has_calls_and_no_prompts(tmp_path):
+    with sp.Episode(HANOI, seed=7, context="host", transcript=tmp_path / "host.jsonl") as episode:
+        episode.call("act", {"action": "1"})
+        episode.call("act", {"action": "fly"})
+    data = page_of(tmp_path / "host.jsonl").episode("host")
+    assert [("view" in turn, "message" in turn) for turn in data["turns"]] == [(False, False)] * 2
+    assert data["turns"][1]["items"][0]["call"]["is_error"]
+    assert len(data["drawing"]["changes"]) == 2
+
+
+def test_figures_of_a_run_are_pictures_that_cannot_run_anything(tmp_path):
+    record(tmp_path / "run" / "hanoi.jsonl", HANOI)
+    (tmp_path / "run" / "figures").mkdir()
+    svg = '<svg xmlns="http://www.w3.org/2000/svg"><script>alert(1)</script></svg>'
+    (tmp_path / "run" / "figures" / "score-by-history.svg").write_text(svg)
+    page = page_of(tmp_path / "run")
+    [image] = [attributes for tag, attributes in page.elements if tag == "img"]
+    assert base64.b64decode(image["src"].removeprefix("data:image/svg+xml;base64,")).decode() == svg
+    assert image["alt"] == "Figure: score by history"
+
+
+# What is checked when a page is made.
+
+
+def test_every_prompt_is_rebuilt_and_compared_with_its_sha256(tmp_path):
+    path = record(tmp_path / "bandit.jsonl", BANDIT, prompt_tokens=700)
+    events = sp.read_transcript(path)
+    prompts = sum(event["event"] == "view" for event in events)
+    assert check(events) == {"prompts": prompts, "differ": []}
+    call = next(event for event in events if event["event"] == "call")
+    call["text"] = call["text"].replace("1", "7")
+    assert check(events)["differ"][0] == 1
+
+
+def test_a_drawing_is_left_out_where_the_game_goes_another_way(tmp_path):
+    events = sp.read_transcript(record(tmp_path / "bandit.jsonl", BANDIT))
+    events[0]["seed"] = 8
+    drawing = draw(events)
+    assert drawing["kind"] is None
+    assert "went another way" in drawing["source"]
+
+
+def test_a_game_that_is_not_registered_here_is_shown_without_a_drawing(tmp_path):
+    path = record(tmp_path / "hanoi.jsonl", HANOI)
+    path.write_text(path.read_text().replace(HANOI, "Hanoi9Disk-v0"))
+    data = page_of(path).episode("hanoi")
+    assert data["drawing"]["kind"] is None
+    assert "Hanoi9Disk-v0" in data["drawing"]["source"]
+    assert len(data["turns"]) == 8
+
+
+def test_results_that_were_cut_are_drawn_all_the_same(tmp_path):
+    path = record(tmp_path / "hanoi.jsonl", HANOI, "random", result_tokens=20)
+    assert "tokens cut]" in path.read_text()
+    drawing = page_of(path).episode("hanoi")["drawing"]
+    assert len(drawing["changes"]) == 31
+
+
+class Ladder(TextGame):
+    """Climb ten rungs: a game of somebody else's."""
+
+    actions = ("Up", "Down")
+    manual = "Climb."
+
+    def __init__(self, **options: Any) -> None:
+        self._rung = 0
+        super().__init__(longest_observation=9, characters="Rung 0123456789", **options)
+
+    def _reset(self) -> str:
+        self._rung = 0
+        return "Rung 0"
+
+    def _step(self, action: int) -> tuple[str, float, bool, bool]:
+        self._rung = max(0, self._rung + (1 - 2 * action))
+        self.score = self._rung
+        return f"Rung {self._rung}", 0.0, self._rung == 10, False
+
+    def _state(self) -> Any:
+        return self._rung
+
+    def drawing(self) -> dict[str, Any]:
+        return {"text": "\n".join("<o>" if rung == self._rung else "|-|" for rung in range(10, -1, -1))}
+
+
+def test_a_game_of_somebody_else_s_is_drawn_in_characters(tmp_path, monkeypatch):
+    spec = sp.GameSpec(
+        id="Ladder-v0",
+        family="ladder",
+        entry_point=f"{__name__}:Ladder",
+        history=2,
+        rollout=5,
+        trials=1,
+        challenges={},
+    )
+    monkeypatch.setitem(sp.GAMES, "Ladder-v0", spec)
+    path = converse(tmp_path / "ladder.jsonl", "Ladder-v0", [reply(act("1"))] * 5)
+    drawing = page_of(path).episode("ladder")["drawing"]
+    assert drawing["kind"] == "text"
+    assert drawing["changes"][2]["text"].splitlines()[8] == "<o>"
+
+
+# The drawings' data.
+
+
+def test_minecraft_s_walk_is_read_from_the_text_and_lies_on_its_land(tmp_path):
+    path = record(tmp_path / "walk.jsonl", "MinedojoCreative0-v0", "random", tool_calls=12)
+    drawing = page_of(path).episode("walk")["drawing"]
+    last = [event for event in sp.read_transcript(path) if event["event"] == "call"][-1]
+    x, y, z, heading = drawing["walk"][-1]
+    assert f"Coordinate ({x:.2f},{y:.2f},{z:.2f}). Facing {heading}." in last["text"]
+    west, north = drawing["corner"]
+    assert west <= x <= west + drawing["spacing"] * len(drawing["rows"][0])
+    assert north <= z <= north + drawing["spacing"] * len(drawing["rows"])
+    assert "PLAINS" in drawing["goal"]
+
+
+def test_crafter_s_picture_shows_what_the_text_tells(tmp_path):
+    path = record(tmp_path / "crafter.jsonl", "Crafter-v0", "random", tool_calls=30)
+    page = page_of(path)
+    sheet = page.unpack("index")["textures"]
+    drawing = page.episode("crafter")["drawing"]
+    now: dict[str, Any] = {}
+    acts = [event for event in sp.read_transcript(path) if event["event"] == "call" and event["data"].get("legal")]
+    for change, event in zip(drawing["changes"][1:], acts, strict=True):
+        now |= change
+        for name, amount in zip(sheet["vitals"], now.get("carried", [9] * 4), strict=False):
+            assert f"- {name}: {amount}/9" in event["text"]
+    assert len(drawing["changes"][0]["ground"]) == 63
+    assert set(drawing["changes"][0]["ground"]) <= set("abcdefghijkl.")
+    assert sheet["image"].startswith("data:image/png;base64,")
+
+
+# The command.
+
+
+def test_the_command_writes_the_page_and_says_where(tmp_path):
+    record(tmp_path / "hanoi.jsonl", HANOI)
+    result = CliRunner().invoke(
+        app, ["report", str(tmp_path / "hanoi.jsonl"), "--out", str(tmp_path / "new" / "p.html")]
+    )
+    assert result.exit_code == 0, result.output
+    assert re.search(r"p\.html \(0\.\d MB\)", result.output.replace("\n", ""))
+    assert (tmp_path / "new" / "p.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "out", "remedy"),
+    [
+        ("nowhere", "p.html", "name a run folder or a transcript"),
+        ("empty", "p.html", "holds no run and no transcripts"),
+        ("hanoi.jsonl", "p.pdf", r"is an \.html file"),
+        ("torn.jsonl", "p.html", "is not a transcript"),
+    ],
+)
+def test_what_cannot_be_shown_is_said_in_a_sentence(tmp_path, name, out, remedy):
+    record(tmp_path / "hanoi.jsonl", HANOI)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "torn.jsonl").write_text("{}\n")
+    with pytest.raises(sp.SmartPlayError, match=remedy):
+        write_report(tmp_path / name, tmp_path / out)
+
+
+def test_without_jinja2_the_remedy_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    with pytest.raises(sp.MissingExtraError, match=r"pip install 'smartplay-tools\[evaluation\]'"):
+        write_report(record(tmp_path / "hanoi.jsonl", HANOI), tmp_path / "p.html")
+
+
+@pytest.mark.slow
+def test_a_run_of_100_short_episodes_stays_under_10_megabytes(tmp_path):
+    games = [HANOI, BANDIT, RPS, "MessengerL1-v0", "MessengerL2-v0"]
+    sp.evaluate(games, ["rule", "random"], out=tmp_path / "run", trials=10, executor="inline")
+    page = write_report(tmp_path / "run", tmp_path / "p.html")
+    assert page.stat().st_size < 10_000_000

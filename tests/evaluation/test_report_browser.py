@@ -1,0 +1,441 @@
+"""The replay page in a browser: prompts word for word, moving about, what a person sees; that nothing runs or loads.
+
+Every test fails on an error in the browser's console and on any request that leaves the file.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.report import write_report
+from smartplay_tools.games.crafter.game import Crafter
+from smartplay_tools.rebuild import sent_prompts
+from tests import scripts
+from tests.evaluation.report_runs import BANDIT, HANOI, HOSTILE, RPS, act, converse, hostile, record, reply
+
+CHROMIUM = shutil.which("chromium")
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync"
+)
+
+if CHROMIUM is None:
+    pytest.skip("there is no chromium on this machine", allow_module_level=True)
+sync_api = pytest.importorskip("playwright.sync_api")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS.split())
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def show(browser, tmp_path) -> Iterator[Any]:
+    """Make the page of a run and open it; what went wrong in the browser fails the test in the end."""
+    wrong: list[str] = []
+    contexts = []
+
+    def opened(run: Path | None, fragment: str = "", **options: Any) -> Any:
+        out = tmp_path / "page.html"
+        if run is not None:
+            write_report(run, out)
+        context = browser.new_context(offline=True, **options)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: wrong.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("dialog", lambda dialog: wrong.append(f"dialog: {dialog.message}"))
+        page.on("request", lambda request: _note_request(request.url, wrong))
+        page.goto(out.as_uri() + fragment)
+        page.wait_for_selector("body[data-ready]")
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert wrong == []
+
+
+def _note_request(url: str, wrong: list[str]) -> None:
+    if not url.startswith(("file:", "data:", "blob:")):
+        wrong.append(f"request: {url}")
+
+
+# Prompts, word for word.
+
+ALL_PROMPTS = """async (key) => {
+  const episode = await openEpisode(key);
+  return episode.turns.map((_, at) => sentMessages(episode, page.words, at));
+}"""
+
+
+def assert_the_same_prompts(page: Any, path: Path) -> int:
+    """Compare every prompt that the page puts together with what the library rebuilds; return how many there were."""
+    shown = page.evaluate(ALL_PROMPTS, path.stem)
+    sent = list(sent_prompts(sp.read_transcript(path)))
+    expected: list[Any] = [None] * len(shown)
+    for one in sent:
+        assert one.sha256 == one.recorded_sha256
+        expected[one.turn] = json.loads(json.dumps(one.prompt.messages))
+    assert shown == expected
+    return len(sent)
+
+
+def test_every_prompt_is_put_together_word_for_word(show, tmp_path):
+    run = tmp_path / "run"
+    several = [reply(act("1"), act("2"), act("1")), reply(("read_manual", "")), reply(("observe", ""), act("1"))]
+    paths = [
+        record(run / "fills.jsonl", BANDIT, prompt_tokens=700),
+        record(run / "slack.jsonl", BANDIT, "random", prompt_tokens=800, slack=0.5),
+        record(run / "history.jsonl", RPS, history=3),
+        record(run / "pinned.jsonl", RPS, manual="pinned", prompt_tokens=900, history=10),
+        record(run / "paper.jsonl", HANOI, protocol="paper", manual="pinned", prompt_tokens=600),
+        record(run / "paper-history.jsonl", BANDIT, "random", protocol="paper", manual="none", history=2),
+        record(run / "messenger.jsonl", "MessengerL2-v0", prompt_tokens=700),
+        converse(run / "marks.jsonl", BANDIT, several * 5, budget=sp.Budget(history=1)),
+        hostile(run / "hostile.jsonl"),
+    ]
+    views = [event for path in paths for event in sp.read_transcript(path) if event["event"] == "view"]
+    assert any(view.get("marked") for view in views), "some results are marked"
+    assert any(view["dropped_turns"] for view in views), "some turns are dropped"
+    page = show(run)
+    assert sum(assert_the_same_prompts(page, path) for path in paths) == len(views)
+
+
+def test_arbitrary_conversations_are_put_together_word_for_word(show, tmp_path):
+    """Several calls in a message, ids that repeat, other tools' results, user messages, text in parts."""
+    chance, run = random.Random(5), tmp_path / "run"
+    run.mkdir()
+    for number in range(25):
+        script = [scripts._move(*_drawn(chance)) for _ in range(12)]
+        budget = sp.Budget(history=chance.choice([0, 1, 2, None]), prompt_tokens=chance.choice([700, 900, None]))
+        rules = {"manual": chance.choice(["tool", "pinned", "none"]), "host": chance.random() < 0.5}
+        played = scripts.converse(chance.choice(scripts.GAMES), script, seed=number, budget=budget, **rules)
+        lines = "".join(json.dumps(event) + "\n" for event in played.events)
+        (run / f"{number}.jsonl").write_text(lines)
+    page = show(run)
+    assert sum(assert_the_same_prompts(page, path) for path in sorted(run.glob("*.jsonl"))) > 100
+
+
+def _drawn(chance: random.Random) -> tuple[Any, Any, Any]:
+    calls = [(chance.choice(scripts.CALLS), chance.choice("ab")) for _ in range(chance.randrange(4))]
+    return chance.choice(scripts.WORDS), calls, chance.choice(scripts.AFTER)
+
+
+def test_the_prompt_can_be_read_on_the_page(show, tmp_path):
+    path = converse(tmp_path / "marks.jsonl", BANDIT, [reply(act("1"), act("2"))] * 6, budget=sp.Budget(history=0))
+    page = show(path, "#episode=marks&turn=4")
+    assert page.locator("#messages .message").count() == 0, "made when it is opened"
+    page.get_by_text("The prompt, word for word", exact=True).click()
+    [last] = [sent for sent in sent_prompts(sp.read_transcript(path)) if sent.turn == 4]
+    cards = page.locator("#messages .message:not(.schema)")
+    assert cards.count() == len(last.prompt.messages)
+    for at, message in enumerate(last.prompt.messages):
+        if message["content"]:
+            assert cards.nth(at).locator("pre").text_content() == message["content"]
+    assert "[observation left the history window]" in page.locator(".message.is-marked pre").first.text_content()
+
+
+# The context band.
+
+
+def test_the_band_says_which_turns_were_seen_marked_or_dropped_and_how_full_the_budget_was(show, tmp_path):
+    several = [reply(act("1"), act("2"))] * 12
+    budget = sp.Budget(history=4, prompt_tokens=900)
+    path = converse(tmp_path / "band.jsonl", BANDIT, several, budget=budget)
+    view = next(event for event in sp.read_transcript(path) if event["event"] == "view" and event["turn"] == 9)
+    page = show(path, "#episode=band&turn=9")
+    seen = {turn for first, last in view["turns"] for turn in range(first, last + 1)}
+    marked = {turn for turn, _ in view["marked"]}
+    assert marked
+    assert len(seen) < 9
+    cells = page.locator("#band .cell")
+    states = [cells.nth(at).get_attribute("class") for at in range(1, 10)]
+    expected = ["marked" if at in marked else "seen" if at in seen else "dropped" for at in range(9)]
+    assert states == [f"cell {state}" for state in expected]
+    assert f"{view['tokens']:,} of 900 tokens" in page.locator("#gauge").text_content()
+    assert "nothing of turns 0 to" in page.locator("#sentence").text_content()
+    page.locator("#band .cell.seen").last.click()
+    assert page.locator("#turn-title").text_content() == "Turn 8"
+
+
+# Moving about.
+
+
+def test_keys_slider_and_buttons_move_and_the_address_follows(show, tmp_path):
+    page = show(record(tmp_path / "bandit.jsonl", BANDIT, prompt_tokens=700), "#episode=bandit&turn=3")
+    place = page.locator("#place")
+
+    def turn() -> int:
+        assert page.evaluate("location.hash") == f"#episode=bandit&turn={page.locator('#slider').input_value()}"
+        return int(page.locator("#slider").input_value())
+
+    assert turn() == 3
+    for keys, expected in [
+        (["ArrowRight"], 4),
+        (["Shift+ArrowRight"], 14),
+        (["ArrowLeft"], 13),
+        (["End"], 49),
+        (["ArrowRight"], 49),
+        (["Home"], 0),
+    ]:
+        for key in keys:
+            page.keyboard.press(key)
+        assert turn() == expected
+    page.get_by_role("slider", name="Turn").focus()
+    page.keyboard.press("ArrowRight")
+    assert turn() == 1
+    page.get_by_role("slider", name="Turn").fill("20")
+    assert turn() == 20
+    page.get_by_role("button", name="Next turn").click()
+    assert place.text_content() == "turn 21 of 49, step 22"
+    assert page.locator("#announce").text_content() == "Turn 21. act answered"
+    page.get_by_role("button", name="Last turn").click()
+    assert turn() == 49
+
+
+def test_playing_goes_on_by_itself_and_stops_at_the_end(show, tmp_path):
+    page = show(record(tmp_path / "hanoi.jsonl", HANOI), "#episode=hanoi&turn=0")
+    page.get_by_label("pace").select_option("very fast")
+    page.locator("h1:visible").click()
+    page.keyboard.press(" ")
+    page.wait_for_function("() => document.getElementById('slider').value === '7'")
+    page.get_by_role("button", name="Play", exact=True).wait_for()
+
+
+def test_from_the_run_to_an_episode_and_back_by_keyboard_alone(show, tmp_path):
+    record(tmp_path / "run" / "a.jsonl", HANOI)
+    record(tmp_path / "run" / "b.jsonl", BANDIT)
+    page = show(tmp_path / "run")
+    page.get_by_role("link", name=BANDIT).focus()
+    page.keyboard.press("Enter")
+    page.locator("#player:visible").wait_for()
+    assert page.evaluate("document.activeElement.id") == "episode-title"
+    page.keyboard.press("b")
+    page.wait_for_function("() => document.title.startsWith('Hanoi')")
+    page.keyboard.press("Escape")
+    page.locator("#run:visible").wait_for()
+    assert page.evaluate("document.activeElement.textContent") == HANOI
+    page.keyboard.press("?")
+    assert page.get_by_role("dialog", name="Keys").is_visible()
+    page.keyboard.press("Escape")
+    assert not page.get_by_role("dialog", name="Keys").is_visible()
+
+
+def test_episodes_can_be_found_and_sorted(show, tmp_path):
+    for name, game in (("a", HANOI), ("b", BANDIT), ("c", RPS)):
+        record(tmp_path / "run" / f"{name}.jsonl", game)
+    page = show(tmp_path / "run")
+    rows = page.locator("#episodes tbody tr:visible")
+    page.get_by_role("searchbox", name="Find").fill("bandit roll")
+    assert rows.count() == 1
+    assert page.locator("#count").text_content() == "1 episode"
+    page.get_by_role("searchbox", name="Find").fill("")
+    page.get_by_role("button", name="steps").click()
+    assert rows.locator("th").all_text_contents()[-1] == HANOI
+    page.get_by_role("button", name="steps").click()
+    assert rows.locator("th").all_text_contents()[0] == HANOI
+
+
+def test_mistakes_are_marked_and_found(show, tmp_path):
+    replies = [reply(act("1")), reply(act("fly")), reply(act("2")), reply(content="Hm."), reply(act("1"))]
+    page = show(converse(tmp_path / "wrong.jsonl", BANDIT, replies), "#episode=wrong&turn=0")
+    assert page.get_by_role("img", name="Mistakes in 2 turns").count() == 1
+    page.keyboard.press("m")
+    assert page.locator("#turn-title").text_content() == "Turn 1"
+    assert "error: illegal" in page.locator(".answer.error h4").text_content()
+    page.get_by_role("button", name="next mistake").click()
+    assert "called no tool" in page.locator("#answers").text_content()
+    page.keyboard.press("M")
+    assert page.locator("#turn-title").text_content() == "Turn 1"
+
+
+def test_of_several_calls_in_a_message_each_can_be_looked_at(show, tmp_path):
+    replies = [reply(act("1"), act("2"), act("4"))]
+    page = show(converse(tmp_path / "hanoi.jsonl", HANOI, replies), "#episode=hanoi&turn=0")
+    assert page.locator("#game-step").text_content() == "after step 3"
+    page.get_by_role("button", name="show the game here").first.click()
+    assert page.locator("#game-step").text_content() == "after step 1"
+    assert page.get_by_role("img", name="A: 2, 1; B: 0; C: empty").count() == 1
+
+
+# What a person sees.
+
+
+def test_every_game_is_drawn(show, tmp_path):
+    run = tmp_path / "run"
+    record(run / "bandit.jsonl", BANDIT)
+    record(run / "rps.jsonl", RPS)
+    record(run / "hanoi.jsonl", HANOI)
+    record(run / "messenger.jsonl", "MessengerL2-v0")
+    record(run / "crafter.jsonl", "Crafter-v0", "random", tool_calls=20)
+    record(run / "minecraft.jsonl", "MinedojoCreative0-v0", "random", tool_calls=5)
+    page = show(run)
+    expected = {
+        "bandit": "2 of 3 pulls went to the better machine.|1 of 3 pulls|3 of 3 pulls|0 of 3 pulls",
+        "rps": "rounds were played with it",
+        "hanoi": "Move the top disk of rod",
+        "messenger": "The message is",
+        "crafter": "daylight",
+        "minecraft": "North is up",
+    }
+    for key, words in expected.items():
+        page.evaluate("(key) => (location.hash = `#episode=${key}&turn=2`)", key)
+        page.wait_for_function("(key) => location.hash.includes(key) && shown.episode?.key === key", arg=key)
+        assert any(word in page.locator("#game").text_content() for word in words.split("|"))
+        assert page.locator("#game [role=img]").count() >= 1
+        source = "read from the coordinates" if key == "minecraft" else "played again"
+        assert source in page.locator("#source").text_content()
+        drawn = page.locator("#game").screenshot()
+        page.keyboard.press("ArrowLeft")
+        assert page.locator("#game").screenshot() != drawn, "another step, another picture"
+
+
+def test_failed_and_unfinished_episodes_can_be_opened(show, tmp_path):
+    whole = record(tmp_path / "run" / "whole.jsonl", BANDIT).read_text().splitlines(keepends=True)
+    (tmp_path / "run" / "start.jsonl").write_text(whole[0])
+    (tmp_path / "run" / "prompt.jsonl").write_text("".join(whole[:3]))
+    with sp.Episode(HANOI, seed=1, transcript=tmp_path / "run" / "failed.jsonl") as episode:
+        _fail(episode)
+    page = show(tmp_path / "run", "#episode=start&turn=0")
+    assert "unfinished" in page.locator("#chips").text_content()
+    for key, words in (("prompt", "No reply came to this prompt."), ("failed", "No reply came to this prompt.")):
+        page.evaluate("(key) => (location.hash = `#episode=${key}&turn=0`)", key)
+        page.wait_for_function("(key) => shown.episode?.key === key", arg=key)
+        assert words in page.locator("#said").text_content()
+    page.get_by_text("Rules, budget and versions").click()
+    assert "RuntimeError: gone" in page.locator("#rules").text_content()
+    assert "Traceback" in page.locator("#rules pre").text_content()
+
+
+def _fail(episode: sp.Episode) -> None:
+    class Gone:
+        name = "gone"
+
+        def reply(self, prompt: sp.Prompt) -> sp.Reply:
+            raise RuntimeError("gone")
+
+    sp.play(episode, Gone())
+
+
+def test_light_and_dark_follow_the_reader_and_the_button(show, tmp_path):
+    record(tmp_path / "hanoi.jsonl", HANOI)
+
+    def ground(page: Any) -> str:
+        return page.evaluate("getComputedStyle(document.body).backgroundColor")
+
+    light = show(tmp_path / "hanoi.jsonl", color_scheme="light")
+    dark = show(None, color_scheme="dark")
+    was_light, was_dark = ground(light), ground(dark)
+    assert was_light != was_dark
+    light.get_by_role("button", name="Light or dark").click()
+    dark.keyboard.press("t")
+    assert (ground(light), ground(dark)) == (was_dark, was_light)
+
+
+UNNAMED = """() => [...document.querySelectorAll(
+  'button, input, select, a, [role=img], canvas, img, table, dialog, [role=region]')]
+  .filter((one) => one.checkVisibility())
+  .filter((one) => !(one.ariaLabel || one.getAttribute('aria-labelledby') || one.labels?.length || one.alt
+    || (!one.matches('[role=img]') && one.textContent.trim()))).map((one) => one.outerHTML.slice(0, 120))"""
+
+
+def test_everything_that_can_be_used_or_looked_at_has_a_name(show, tmp_path):
+    for name, game in (("rps", RPS), ("crafter", "Crafter-v0"), ("bandit", BANDIT)):
+        record(tmp_path / "run" / f"{name}.jsonl", game, "random", tool_calls=10)
+    page = show(tmp_path / "run")
+    assert page.evaluate(UNNAMED) == []
+    for key in ("rps", "crafter", "bandit"):
+        page.evaluate("(key) => (location.hash = `#episode=${key}&turn=2`)", key)
+        page.wait_for_function("(key) => shown.episode?.key === key", arg=key)
+        assert page.evaluate(UNNAMED) == []
+
+
+# Nothing runs, nothing loads.
+
+
+def test_what_a_model_wrote_is_read_and_never_run(show, tmp_path):
+    path = hostile(tmp_path / "hostile.jsonl")
+    page = show(path)
+    assert HOSTILE in page.locator("#episodes").text_content()
+    for turn in range(5):
+        page.evaluate("(turn) => (location.hash = `#episode=hostile&turn=${turn}`)", turn)
+        page.wait_for_function("(turn) => shown.turn === turn && !$('player').hidden", arg=turn)
+        page.evaluate("() => document.querySelectorAll('details').forEach((one) => (one.open = true))")
+        page.wait_for_timeout(30)
+        assert HOSTILE in page.locator("#player").text_content()
+        assert page.evaluate("document.querySelectorAll('main img').length") == 0
+        assert page.evaluate("document.scripts.length") == page.evaluate(
+            "document.querySelectorAll('body > script').length"
+        )
+    assert page.title() != "taken"
+
+
+def test_the_policy_holds_even_if_markup_came_in(browser, tmp_path):
+    """The second wall: were a text ever set as markup, the browser would refuse to run it or to load for it."""
+    out = write_report(record(tmp_path / "hanoi.jsonl", HANOI), tmp_path / "p.html")
+    context = browser.new_context()
+    page = context.new_page()
+    requests: list[str] = []
+    page.on("request", lambda request: _note_request(request.url, requests))
+    refused: list[str] = []
+    page.on("console", lambda message: refused.append(message.text))
+    page.goto(out.as_uri())
+    page.wait_for_selector("body[data-ready]")
+    page.evaluate("""() => {
+      const image = "<img src='http://127.0.0.1:9/x' onerror=\\"document.title='taken'\\">";
+      document.body.insertAdjacentHTML("beforeend", image);
+      const script = document.createElement("script");
+      script.textContent = "document.title = 'taken'";
+      document.body.append(script);
+    }""")
+    page.wait_for_timeout(200)
+    fetched = page.evaluate("fetch('http://127.0.0.1:9/x').then(() => 'fetched', () => 'refused')")
+    assert fetched == "refused"
+    assert page.title() != "taken"
+    assert len([text for text in refused if "Content Security Policy" in text]) >= 3
+    context.close()
+
+
+# Ten thousand steps.
+
+
+class Undying(Crafter):
+    """Crafter with a player who is healed before every step and outlives lava: the longest episode there can be."""
+
+    def _step(self, action: int) -> tuple[str, float, bool, bool]:
+        self._world.player.inventory.update(dict.fromkeys(("health", "food", "drink", "energy"), 9))
+        text, reward, _, truncated = super()._step(action)
+        return text, reward, False, truncated
+
+
+@pytest.mark.slow
+def test_an_episode_of_ten_thousand_steps_is_made_opened_and_moved_through(show, tmp_path, monkeypatch):
+    spec = replace(sp.get_spec("Crafter-v0"), id="Undying-v0", entry_point=f"{__name__}:Undying")
+    monkeypatch.setitem(sp.GAMES, "Undying-v0", spec)
+    path = record(tmp_path / "long.jsonl", "Undying-v0", "random")
+    began = time.monotonic()
+    out = write_report(path, tmp_path / "page.html")
+    assert time.monotonic() - began < 60
+    assert out.stat().st_size < 10_000_000
+    page = show(None, "#episode=long&turn=9000")
+    assert page.locator("#place").text_content() == "turn 9,000 of 9,998, step 9,001"
+    took = page.evaluate("""() => {
+      const began = performance.now();
+      for (let turn = 9100; turn < 9110; turn += 1) goTo(turn);
+      return (performance.now() - began) / 10;
+    }""")
+    assert took < 500, "milliseconds for a step"

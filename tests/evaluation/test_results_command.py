@@ -1,0 +1,107 @@
+"""`smartplay-tools results`: a run at any time, for people, for machines and for notebooks."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+from smartplay_tools.evaluation.runner import evaluate
+from smartplay_tools.evaluation.store import RunFolder
+
+GAMES = ["Hanoi3Disk-v0", "MessengerL1-v0"]
+
+
+def run(*words: object) -> Result:
+    result = CliRunner(env={"COLUMNS": "100"}).invoke(app, ["results", *map(str, words)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+class Unlucky:
+    """Fails at the first prompt of every episode."""
+
+    name = "unlucky"
+
+    def reply(self, prompt: sp.Prompt) -> sp.Reply:
+        raise RuntimeError("no luck today")
+
+
+def make_unlucky(*, seed: int) -> Unlucky:
+    return Unlucky()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("runs") / "first"
+    evaluate(GAMES, ("random", "rule"), out=path, trials=2, executor="inline")
+    return path
+
+
+def test_it_shows_the_run(folder):
+    shown = run(folder)
+    assert shown.exit_code == 0
+    assert "8 of 8 episodes finished" in shown.output
+    assert "how far it is" not in shown.output
+    assert all(game in shown.output for game in GAMES)
+    assert "capabilities, the paper's weights" in shown.output
+
+
+def test_the_other_weights(folder):
+    assert "degree - 1" in run(folder, "--weights", "zero-based").output
+    refused = run(folder, "--weights", "equal")
+    assert refused.exit_code == 2
+    assert "paper, zero-based" in refused.output
+
+
+def test_json_for_machines(folder):
+    printed = json.loads(run(folder, "--json").output)
+    assert (printed["planned"], printed["finished"], printed["failed_attempts"]) == (8, 8, 0)
+    assert [cell["cell"]["player"] for cell in printed["cells"]] == ["random", "rule"] * 2
+
+
+def test_files_for_notebooks(folder, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    run(folder, "--csv", tmp_path / "run.csv", "--parquet", tmp_path / "run.parquet")
+    with (tmp_path / "run.csv").open(encoding="utf-8", newline="") as file:
+        keys = [line["key"] for line in csv.DictReader(file)]
+    assert keys == [row["key"] for row in RunFolder(folder).rows()]
+    assert parquet.read_table(tmp_path / "run.parquet")["key"].to_pylist() == keys
+
+
+def test_a_run_under_way_shows_what_there_is(folder, tmp_path):
+    """The folder as it stands after three episodes, the fourth being written."""
+    there = tmp_path / "half"
+    there.mkdir()
+    (there / "manifest.json").write_bytes((folder / "manifest.json").read_bytes())
+    lines = (folder / "results.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
+    (there / "results.jsonl").write_text("".join(lines[:3]) + lines[3][:40], encoding="utf-8")
+    shown = run(there)
+    assert "3 of 8 episodes finished" in shown.output
+    assert "how far it is" in shown.output
+    (there / "results.jsonl").unlink()
+    assert "0 of 8 episodes finished" in run(there).output
+
+
+def test_failures_are_shown_apart(tmp_path):
+    path = tmp_path / "run"
+    evaluate([GAMES[0]], {"unlucky": make_unlucky}, out=path, trials=1, executor="inline")
+    shown = run(path)
+    assert "0 of 1 episodes finished, 4 failed attempts" in shown.output
+    assert "RuntimeError: no luck today" in shown.output
+
+
+def test_a_shard_is_as_long_as_its_part(tmp_path):
+    evaluate(GAMES, ("random",), out=tmp_path, trials=3, executor="inline", shard=(2, 4))
+    assert "2 of 2 episodes finished" in run(tmp_path).output
+
+
+def test_a_folder_without_a_run_is_one_sentence(tmp_path):
+    refused = run(tmp_path)
+    assert refused.exit_code == 2
+    assert "holds no run" in refused.output

@@ -1,0 +1,254 @@
+"""Runs: what is played, what is kept, and that neither workers, failures nor interruptions change a result."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+from pathlib import Path
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.merging import merge
+from smartplay_tools.evaluation.plan import trial_seed
+from tests.evaluation.players import Broken, BrokenOnce, Killer, Waiting
+
+BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
+GAMES = [BANDIT, HANOI]
+
+
+def results(folder: Path) -> bytes:
+    return (folder / "results.jsonl").read_bytes()
+
+
+def test_a_run_has_a_row_and_a_record_for_every_game_player_and_trial(tmp_path):
+    run = sp.evaluate(GAMES, ["rule", "random"], out=tmp_path, trials=2, executor="inline")
+    assert run.complete
+    assert [(row["game"], row["player"], row["trial"]) for row in run.rows] == [
+        (game, player, trial) for game in GAMES for player in ("rule", "random") for trial in (0, 1)
+    ]
+    for row in run.rows:
+        record = run.folder.transcript(row["key"])
+        assert sp.replay(record).identical
+        assert sp.read_transcript(record)[-1]["result"]["score"] == row["score"]
+    assert run.failures == []
+
+
+def test_a_trial_has_the_same_seed_in_every_cell_and_another_one_in_another_run(tmp_path):
+    run = sp.evaluate([HANOI], ["rule", "random"], out=tmp_path / "a", trials=3, executor="inline", seed=5)
+    seeds = [row["seed"] for row in run.rows]
+    assert seeds[:3] == seeds[3:] == [trial_seed(5, HANOI, trial) for trial in range(3)]
+    assert len({trial_seed(seed, game, 0) for seed in range(50) for game in sp.GAMES}) == 50 * len(sp.GAMES)
+
+
+def test_the_papers_suite_has_the_papers_games_and_trials(tmp_path):
+    with pytest.raises(sp.InvalidArgumentError, match="no suite 'papers'"):
+        sp.evaluate(suite="papers", out=tmp_path)
+    from smartplay_tools.evaluation.plan import make_cells, plan_episodes, suite_games
+
+    plan = plan_episodes(make_cells(suite_games("paper", []), ["rule"], [sp.Budget()]))
+    trials = {game: sum(e.cell.game == game for e in plan.episodes) for game in suite_games("paper", [])}
+    assert list(trials.values()) == [20, 20, 10, 100, 100, 10, 20]
+
+
+@pytest.mark.parametrize(("executor", "workers"), [("processes", 2), ("async", 5)])
+def test_the_results_do_not_depend_on_executor_or_workers(tmp_path, executor, workers):
+    for name, how in {"one": ("inline", 1), "many": (executor, workers)}.items():
+        run = sp.evaluate(GAMES, ["random"], out=tmp_path / name, trials=4, executor=how[0], workers=how[1])
+        assert run.complete
+    assert results(tmp_path / "one") == results(tmp_path / "many")
+
+
+def test_running_it_again_plays_nothing_again(tmp_path):
+    sp.evaluate(GAMES, out=tmp_path, trials=2, executor="inline")
+    before, timings = results(tmp_path), (tmp_path / "timings.jsonl").read_bytes()
+    run = sp.evaluate(GAMES, out=tmp_path, trials=2, executor="inline")
+    assert run.complete
+    assert results(tmp_path) == before
+    assert (tmp_path / "timings.jsonl").read_bytes() == timings
+
+
+def test_a_run_can_be_extended_by_trials_games_and_players(tmp_path):
+    sp.evaluate([HANOI], ["rule"], out=tmp_path / "a", trials=1, executor="inline")
+    sp.evaluate(GAMES, ["rule", "random"], out=tmp_path / "a", trials=2, executor="inline")
+    sp.evaluate(GAMES, ["rule", "random"], out=tmp_path / "b", trials=2, executor="inline")
+    assert results(tmp_path / "a") == results(tmp_path / "b")
+
+
+def test_another_run_does_not_go_into_the_same_folder(tmp_path):
+    sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline")
+    with pytest.raises(sp.InvalidArgumentError, match="holds another run: 1 of its 1 episodes"):
+        sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline", seed=1)
+
+
+def test_two_runs_cannot_write_one_folder_at_the_same_time(tmp_path):
+    with sp.RunFolder(tmp_path).writing(), pytest.raises(sp.InvalidArgumentError, match="Another process is writing"):
+        sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline")
+
+
+def test_what_cannot_be_played_is_told_before_the_first_episode_with_its_cells(tmp_path):
+    budgets = [sp.Budget(prompt_tokens=100), sp.Budget(prompt_tokens=2000)]
+    with pytest.raises(sp.InvalidArgumentError) as caught:
+        sp.evaluate(GAMES, out=tmp_path, budgets=budgets, executor="inline")
+    for game in GAMES:
+        assert f"{game}, rule, prompt_tokens=100: prompt_tokens=100 cannot hold the head" in str(caught.value)
+    assert "prompt_tokens=2000" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"players": ["rul"]}, "There is no player 'rul'; did you mean rule?"),
+        ({"players": []}, "at least one player"),
+        ({"games": ["Hanoi-v0"]}, "did you mean"),
+        ({"games": []}, "Name games"),
+        ({"games": [HANOI, HANOI]}, "the same episode twice"),
+        ({"trials": 0}, "at least 1"),
+        ({"workers": 0}, "at least 1"),
+        ({"executor": "fork"}, "no executor 'fork'"),
+        ({"shard": (3, 2)}, "no shard 3 of 2"),
+        ({"engine": "voxel"}, "None of the games has an engine 'voxel'"),
+        ({"options": {"area": 9}}, "None of the games has an option 'area'"),
+        ({"protocol": "telepathy"}, "protocol must be one of"),
+        ({"players": ["openai:x"], "run_cost": 1.0, "player_options": {"base_url": "http://127.0.0.1:9"}}, "--price"),
+    ],
+)
+def test_a_mistake_of_the_user_is_one_sentence(tmp_path, wrong, message):
+    with pytest.raises(sp.SmartPlayError, match=message):
+        sp.evaluate(**{"games": [HANOI], "players": ["rule"], "out": tmp_path, "executor": "inline", **wrong})
+
+
+def test_an_option_and_an_engine_go_to_the_games_that_know_them(tmp_path):
+    from smartplay_tools.evaluation.plan import make_cells
+
+    cells = make_cells(
+        [HANOI, "MessengerL1-v0", "MinedojoCreative0-v0"],
+        ["rule"],
+        [sp.Budget()],
+        engine="voxel",
+        options={"split": "train"},
+    )
+    assert [(cell.engine, dict(cell.options)) for cell in cells] == [
+        (None, {}),
+        (None, {"split": "train"}),
+        ("voxel", {}),
+    ]
+
+
+# What goes wrong.
+
+
+def test_a_failed_episode_is_tried_again_and_both_attempts_are_on_record(tmp_path):
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    run = sp.evaluate(
+        [BANDIT],
+        {"broken": BrokenOnce},
+        out=tmp_path / "run",
+        trials=3,
+        executor="inline",
+        player_options={"marks": str(marks)},
+    )
+    assert run.complete
+    assert [(f["attempt"], f["end_reason"], f["error"]) for f in run.failures] == [
+        (1, "player_error", "RuntimeError: stumbled")
+    ] * 3
+    assert [row["attempt"] for row in run.folder.timings()] == [1, 1, 1, 2, 2, 2]
+
+
+def test_an_episode_that_always_fails_is_tried_four_times_a_run_and_is_no_result(tmp_path):
+    run = sp.evaluate(
+        [BANDIT], {"broken": Broken, "rule": sp.get_player("rule").__class__}, out=tmp_path, trials=1, executor="inline"
+    )
+    assert not run.complete
+    assert [row["player"] for row in run.rows] == ["rule"]
+    assert [failure["attempt"] for failure in run.failures] == [1, 2, 3, 4]
+    record = sp.read_transcript(tmp_path / "attempts" / f"{run.failures[0]['key']}.1.jsonl")
+    assert "no more ideas" in record[-1]["traceback"]
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_takes_no_other_episode_with_it(tmp_path):
+    victim = trial_seed(0, BANDIT, 1)
+    run = sp.evaluate(
+        [BANDIT],
+        {"killer": Killer},
+        out=tmp_path,
+        trials=4,
+        executor="processes",
+        workers=2,
+        player_options={"victim": victim},
+    )
+    assert [row["trial"] for row in run.rows] == [0, 2, 3]
+    assert {failure["seed"] for failure in run.failures} == {victim}
+    assert {failure["error"] for failure in run.failures} == {"The worker process died while it played this episode."}
+    assert multiprocessing.active_children() == []
+
+
+def test_a_torn_row_and_a_lost_row_are_made_again_from_the_records(tmp_path):
+    sp.evaluate(GAMES, out=tmp_path, trials=2, executor="inline")
+    whole = results(tmp_path)
+    (tmp_path / "results.jsonl").write_bytes(whole[: len(whole) // 2])
+    assert 0 < len(sp.RunFolder(tmp_path).rows()) < 4
+    run = sp.evaluate(GAMES, out=tmp_path, trials=2, executor="inline")
+    assert results(tmp_path) == whole
+    assert len(run.folder.timings()) == 4
+
+
+def test_a_record_that_was_being_written_is_an_interrupted_attempt(tmp_path):
+    run = sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline")
+    (record,) = (tmp_path / "episodes").iterdir()
+    whole = results(tmp_path)
+    text = record.read_text()
+    (tmp_path / "running" / f"{record.stem}.1.jsonl").write_text(text[: len(text) // 2])
+    record.unlink()
+    run = sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline")
+    assert results(tmp_path) == whole
+    assert [(f["end_reason"], f["game"]) for f in run.failures] == [("interrupted", HANOI)]
+
+
+# Many at once, and many machines.
+
+
+def test_players_that_wait_play_side_by_side(tmp_path):
+    Waiting.most_at_once = 0
+    run = sp.evaluate([BANDIT], {"waiting": Waiting}, out=tmp_path, trials=12, workers=8)
+    assert run.complete
+    assert 4 <= Waiting.most_at_once <= 8
+
+
+def test_shards_put_together_are_the_whole_run(tmp_path):
+    arguments = {"players": ["random"], "trials": 3, "executor": "inline"}
+    sp.evaluate(GAMES, out=tmp_path / "whole", **arguments)
+    for number in (1, 2):
+        run = sp.evaluate(GAMES, out=tmp_path / str(number), shard=(number, 2), **arguments)
+        assert (len(run.rows), run.complete) == (3, True)
+    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    assert results(tmp_path / "merged") == results(tmp_path / "whole")
+    again = sp.evaluate(GAMES, out=tmp_path / "merged", **arguments)
+    assert len(again.folder.timings()) == 6
+
+
+def test_a_merge_without_all_shards_can_be_played_to_its_end(tmp_path):
+    arguments = {"players": ["random"], "trials": 3, "executor": "inline"}
+    sp.evaluate(GAMES, out=tmp_path / "whole", **arguments)
+    sp.evaluate(GAMES, out=tmp_path / "1", shard=(1, 2), **arguments)
+    merge([tmp_path / "1"], tmp_path / "merged")
+    sp.evaluate(GAMES, out=tmp_path / "merged", **arguments)
+    assert results(tmp_path / "merged") == results(tmp_path / "whole")
+
+
+def test_what_does_not_belong_together_is_not_merged(tmp_path):
+    sp.evaluate([HANOI], ["rule"], out=tmp_path / "a", trials=1, executor="inline")
+    sp.evaluate([HANOI], ["random"], out=tmp_path / "b", trials=1, executor="inline")
+    with pytest.raises(sp.InvalidArgumentError, match="not parts of the same run"):
+        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+    with pytest.raises(sp.InvalidArgumentError, match="holds a run already"):
+        merge([tmp_path / "a"], tmp_path / "b")
+    rows = [json.loads(line) | {"score": -1.0} for line in results(tmp_path / "a").splitlines()]
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / "manifest.json").write_bytes((tmp_path / "a" / "manifest.json").read_bytes())
+    (tmp_path / "d" / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    with pytest.raises(sp.InvalidArgumentError, match="played twice with different results"):
+        merge([tmp_path / "a", tmp_path / "d"], tmp_path / "e")

@@ -1,0 +1,164 @@
+"""A grid of windows is played on the same seeds, resumed, and made into tables and figures."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from itertools import product
+
+import pytest
+from pyarrow import parquet
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+from smartplay_tools.evaluation.sweep import grid, sweep
+
+BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
+
+
+def windows(cells):
+    return [(cell.budget.history, cell.budget.prompt_tokens, cell.budget.slack) for cell in cells]
+
+
+# The grid.
+
+
+def test_a_grid_is_every_combination_in_the_order_of_the_lists():
+    cells = grid([HANOI, BANDIT], ["rule", "random"], history=[1, None], slack=[0, 0.5], manual=["tool", "pinned"])
+    assert len(cells) == 2 * 2 * 2 * 2 * 2
+    outer = list(product((HANOI, BANDIT), ("rule", "random"), ("tool", "pinned")))
+    assert [(c.game, c.player, c.manual) for c in cells[::4]] == outer
+    assert windows(cells[:4]) == [(1, None, 0), (1, None, 0.5), (None, None, 0), (None, None, 0.5)]
+
+
+def test_what_does_not_vary_is_the_same_in_every_cell():
+    cells = grid([BANDIT], ["rule"], history=[1, 5], budget=sp.Budget(tool_calls=7, history=3), batch="first_act")
+    assert {(c.budget.tool_calls, c.batch) for c in cells} == {(7, "first_act")}
+    assert [c.budget.history for c in cells] == [1, 5]
+
+
+def test_a_window_that_is_named_twice_is_played_once():
+    """50 is the paper's history of the bandit, and not of Hanoi, where it is a window of its own."""
+    cells = grid([BANDIT, HANOI], ["rule"], history=["game", 50, 1, 1], prompt_tokens=[None, None])
+    assert [(c.game, c.budget.history) for c in cells] == [
+        (BANDIT, "game"), (BANDIT, 1), (HANOI, "game"), (HANOI, 50), (HANOI, 1),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("values", [[], 5, "game"])
+def test_values_are_lists(values):
+    with pytest.raises(sp.InvalidArgumentError, match="history is a list"):
+        grid([BANDIT], ["rule"], history=values)
+
+
+def test_a_sweep_of_nothing_is_refused(tmp_path):
+    with pytest.raises(sp.InvalidArgumentError, match="at least one game and one player"):
+        sweep([], ["rule"], out=tmp_path)
+
+
+def test_windows_that_cannot_hold_the_head_are_named_before_anything_is_played(tmp_path):
+    with pytest.raises(sp.InvalidArgumentError, match=r"prompt_tokens=40.*prompt_tokens=60") as caught:
+        sweep([BANDIT], ["rule"], prompt_tokens=[40, 60, 1000], out=tmp_path / "run", executor="inline")
+    assert "prompt_tokens=1000" not in str(caught.value)
+    assert not (tmp_path / "run").exists()
+
+
+# Playing it.
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    out = tmp_path_factory.mktemp("sweep")
+    return sweep([BANDIT], ["rule", "random"], history=[1, 50], slack=[0, 0.5], trials=6, out=out, executor="inline")
+
+
+def test_every_cell_meets_the_same_seeds(played):
+    cells = {(row["player"], *(row["budget"][name] for name in ("history", "slack"))) for row in played.rows}
+    assert len(cells) == 8
+    seeds = {
+        tuple(row["seed"] for row in played.rows if (row["player"], row["budget"]["history"]) == ("rule", history))
+        for history in (1, 50)
+    }
+    assert len(seeds) == 1
+
+
+def test_whoever_remembers_less_earns_less_and_whoever_looks_at_nothing_does_not_care(played):
+    rows = {(row["player"], row["history"], row["slack"]): row for row in played.summary}
+    full, forgetful = rows["rule", 50, 0], rows["rule", 1, 0]
+    assert full["full_context"]
+    assert forgetful["score_difference_high"] < 0
+    assert forgetful["tokens_difference"] < 0
+    assert forgetful["pairs"] == 6
+    for window in ((1, 0), (1, 0.5), (50, 0.5)):
+        control = rows["random", *window]
+        assert (control["score_difference_low"], control["score_difference_high"]) == (0, 0)
+
+
+def test_the_same_call_resumes_it(played):
+    before = {path: path.stat().st_mtime_ns for path in (played.run.folder.path / "episodes").iterdir()}
+    again = sweep(
+        [BANDIT], ["rule", "random"], history=[1, 50], slack=[0, 0.5], trials=6, out=played.run.folder.path,
+        executor="inline",
+    )  # fmt: skip
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert again.summary == played.summary
+
+
+def test_it_writes_tables_and_figures(played):
+    written = {path.relative_to(played.run.folder.path).as_posix() for path in played.write()}
+    stems = ("score-against-history", "effects-of-slack", "frontier", "capabilities")
+    assert written == {"table.csv", "table.parquet", "summary.csv"} | {
+        f"figures/{stem}.{suffix}" for stem in stems for suffix in ("png", "svg")
+    }
+    folder = played.run.folder.path
+    assert parquet.read_table(folder / "table.parquet").num_rows == len(played.rows) == 48
+    with (folder / "summary.csv").open(encoding="utf-8", newline="") as file:
+        summary = list(csv.DictReader(file))
+    assert [float(row["score"]) for row in summary] == [row["score"] for row in played.summary]
+    assert summary[0]["cost_difference"] == "0.0"
+
+
+# The command.
+
+
+def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
+    command = ["sweep", "--games", BANDIT, "--history", "1,game,50", "--prompt-tokens", "600,none", "--slack", "0",
+               "--manual", "tool,pinned", "--trials", "2", "--executor", "inline", "--out", str(tmp_path)]  # fmt: skip
+    shown = CliRunner().invoke(app, command)
+    assert shown.exit_code == 0, shown.output
+    assert f"{BANDIT}, rule, manual pinned" in shown.stdout
+    assert len(re.findall(r"^50 +none +0 .* full context", shown.stdout, flags=re.MULTILINE)) == 2
+    assert (tmp_path / "figures" / "score-against-prompt-tokens.svg").exists()
+
+    summary = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)
+    assert len(summary) == 2 * 2 * 2
+    assert [row["history"] for row in summary[:4]] == [1, 1, 50, 50]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--history", "1,many"], "--history many"),
+        (["--history", ","], "--history is empty"),
+        (["--prompt-tokens", "0"], "--prompt-tokens 0"),
+        (["--slack", "0,2"], "--slack 2"),
+        (["--slack", "much"], "--slack much is no number"),
+        (["--manual", "lost"], "'lost'"),
+        (["--players", "nobody"], "'nobody'"),
+    ],
+)
+def test_a_mistake_is_told_in_a_sentence(options, said, tmp_path):
+    shown = CliRunner().invoke(app, ["sweep", "--games", BANDIT, "--out", str(tmp_path / "run"), *options])
+    assert shown.exit_code == 2
+    assert said in shown.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_dry_run_plays_nothing(tmp_path):
+    command = ["sweep", "--games", BANDIT, "--history", "1,5", "--dry-run", "--out", str(tmp_path / "run")]
+    shown = CliRunner().invoke(app, command)
+    assert shown.exit_code == 0
+    assert shown.stdout.count(f"{BANDIT}, rule") == 2
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,138 @@
+"""The package that `docs/add-a-game.md` walks through: built from the page, installed, and played as any game is."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parents[1]
+PAGE = TESTS.parent / "docs" / "add-a-game.md"
+
+
+def blocks(language: str) -> list[str]:
+    """The page's code of one kind."""
+    fence = re.compile(rf"^```{language}\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
+    return fence.findall(PAGE.read_text(encoding="utf-8"))
+
+
+def commands(under: str) -> list[str]:
+    """The commands of a section of the page."""
+    _, section = PAGE.read_text(encoding="utf-8").split(f"\n## {under}\n")
+    return [line for line in section.partition("\n## ")[0].splitlines() if line.startswith("smartplay-tools ")]
+
+
+COMMANDS = """
+import json, sys
+from typer.testing import CliRunner
+from smartplay_tools.cli import app
+
+results = [CliRunner().invoke(app, words) for words in json.load(sys.stdin)]
+print(json.dumps([[result.exit_code, result.output] for result in results]))
+"""
+
+
+class Installed:
+    """A folder with the page's package in it, for programs that find it there."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        found = os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH")]))
+        self._environment = {**os.environ, "PYTHONPATH": found, "COLUMNS": "120"}
+
+    def python(self, *arguments: str, given: str = "", cwd: Path | None = None) -> str:
+        shown = subprocess.run(
+            [sys.executable, "-W", "error", *arguments],
+            env=self._environment,
+            cwd=cwd,
+            input=given,
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        assert shown.returncode == 0, shown.stdout + shown.stderr
+        return shown.stdout
+
+    def commands(self, *lines: str, cwd: Path | None = None) -> list[tuple[int, str]]:
+        """The exit code and the output of each command, all run by one other process."""
+        words = [shlex.split(line)[1:] for line in lines]
+        results = json.loads(self.python("-c", COMMANDS, given=json.dumps(words), cwd=cwd))
+        return [(code, output) for code, output in results]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("target")
+    (game,) = blocks("python")
+    player = blocks("python continued")[0]
+    (project,) = blocks("toml")
+    (source / "higher_or_lower.py").write_text(f"{game}\n\n{player}", encoding="utf-8")
+    (source / "pyproject.toml").write_text(project, encoding="utf-8")
+    options = ["--quiet", "--disable-pip-version-check", "--no-index", "--no-deps", "--no-build-isolation"]
+    subprocess.run([sys.executable, "-m", "pip", "install", *options, "--target", target, source], check=True)
+    return Installed(target)
+
+
+def test_the_page_keeps_its_promise_of_a_short_game():
+    (game,) = blocks("python")
+    lines = [line for line in game.splitlines() if line.strip() and not line.startswith("# ---")]
+    assert len(lines) <= 65
+
+
+def test_the_page_s_commands_work(installed, tmp_path):
+    results = installed.commands(*commands(under="A package"), cwd=tmp_path)
+    assert [code for code, _ in results] == [0, 0, 0, 0], results
+    games, manual, play, replay = [output for _, output in results]
+    assert "HigherOrLower-v0" in games
+    assert "1. Guess 1" in manual
+    assert "terminated" in play
+    assert "identical" in replay
+
+
+@pytest.mark.slow
+def test_it_is_evaluated_by_its_name_in_worker_processes(installed, tmp_path):
+    results = installed.commands(*commands(under="Evaluate"), cwd=tmp_path)
+    assert {code for code, _ in results} == {0}, results
+    rows = (tmp_path / "runs" / "players" / "results.jsonl").read_text(encoding="utf-8").splitlines()
+    assert [(row["player"], row["trial"]) for row in map(json.loads, rows)] == [
+        (player, trial) for player in ("binary-search", "random") for trial in range(5)
+    ]
+
+
+def test_its_results_are_like_those_of_any_game(installed):
+    command = "smartplay-tools play HigherOrLower-v0 --player binary-search --seed 7 --json"
+    (_, whole), (_, shorter) = installed.commands(command, f"{command} --history 0")
+    result = json.loads(whole)
+    assert (result["score"], result["completed"], result["end_reason"]) == (5, True, "terminated")
+    assert result["normalized_score"] is None
+    assert result["deviations"] == {}
+    result = json.loads(shorter)
+    assert result["score"] < 5
+    assert result["deviations"] == {"history": {"paper": 20, "played": 0}}
+
+
+def test_names_that_are_nearly_right_are_told(installed):
+    wrong = "smartplay-tools play HigherOrLower-v0 --player binary-serch", "smartplay-tools play HigherOrLowr-v0"
+    (code, player), (other_code, game) = installed.commands(*wrong)
+    assert (code, other_code) == (2, 2)
+    assert "did you mean binary-search?" in player
+    assert "did you mean HigherOrLower-v0?" in game
+
+
+def test_listing_the_games_does_not_import_it(installed):
+    script = "import sys, smartplay_tools as sp; print(list(sp.GAMES)[-1], 'higher_or_lower' in sys.modules)"
+    assert installed.python("-c", script) == "HigherOrLower-v0 False\n"
+
+
+@pytest.mark.slow
+def test_it_holds_what_every_game_promises(installed):
+    contract = TESTS / "games" / "test_contract.py"
+    shown = installed.python("-m", "pytest", "-q", "-p", "no:cacheprovider", str(contract), "-k", "HigherOrLower")
+    every = contract.read_text(encoding="utf-8").count("\ndef test_")
+    assert f"{every - 1} passed" in shown, shown  # all but the one that is about Gymnasium's prefix

@@ -1,0 +1,158 @@
+"""Settings are found by id: the benchmark's, those a program registers, those that installed packages declare."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import gymnasium
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.registry import Games
+
+HANOI = sp.GAMES["Hanoi3Disk-v0"]
+TOWER = dataclasses.replace(HANOI, id="Tower-v0", kwargs={"disks": 5}, rollout=40)
+MODULE = """
+import dataclasses
+import smartplay_tools as sp
+
+TOWER = dataclasses.replace(sp.GAMES["Hanoi3Disk-v0"], id="Tower-v0", kwargs={"disks": 5}, rollout=40)
+"""
+
+Install = Callable[..., None]
+
+
+@pytest.fixture
+def games() -> Games:
+    return Games([HANOI])
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
+    """Install a package of one module that declares settings, as a package index's client would leave it."""
+
+    def write(entry_points: dict[str, str], module: str = MODULE) -> None:
+        (tmp_path / "tower_pack.py").write_text(module, encoding="utf-8")
+        metadata = tmp_path / "tower_pack-1.0.dist-info"
+        metadata.mkdir()
+        (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: tower-pack\nVersion: 1.0\n", encoding="utf-8")
+        lines = ["[smartplay_tools.games]", *(f"{name} = {value}" for name, value in entry_points.items())]
+        (metadata / "entry_points.txt").write_text("\n".join(lines), encoding="utf-8")
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.delitem(sys.modules, "tower_pack", raising=False)
+
+    return write
+
+
+def test_a_registered_setting_is_known_by_its_id(games):
+    with pytest.raises(sp.UnknownNameError, match="did you mean"):
+        games["Hanoi5Disk-v0"]
+    assert games.register(TOWER) is TOWER
+    assert games["Tower-v0"] is TOWER
+    assert list(games) == ["Hanoi3Disk-v0", "Tower-v0"]
+    assert len(games) == 2
+    assert gymnasium.make("smartplay/Tower-v0").spec.max_episode_steps == 40
+
+
+def test_registering_again_replaces(games):
+    """A notebook's cell is run more than once."""
+    games.register(TOWER)
+    games.register(dataclasses.replace(TOWER, rollout=50))
+    assert games["Tower-v0"].rollout == 50
+    assert gymnasium.make("smartplay/Tower-v0").spec.max_episode_steps == 50
+
+
+@pytest.mark.parametrize("name", ["Tower", "a/b-v0", "../x-v0", "", "Tower -v0", "smartplay/Tower-v0"])
+def test_an_id_can_be_a_file_name_and_has_a_version(games, name):
+    with pytest.raises(sp.InvalidArgumentError, match="Nim-v0"):
+        games.register(dataclasses.replace(TOWER, id=name))
+
+
+def test_the_benchmark_s_settings_stay_what_they_are(games, install):
+    with pytest.raises(sp.InvalidArgumentError, match="a setting of the benchmark"):
+        games.register(dataclasses.replace(TOWER, id="Hanoi3Disk-v0"))
+    install({"Hanoi3Disk-v0": "tower_pack:TOWER"})
+    assert Games([HANOI])["Hanoi3Disk-v0"] is HANOI
+    assert list(Games([HANOI])) == ["Hanoi3Disk-v0"]
+
+
+def test_an_installed_setting_is_listed_without_importing_it(install):
+    install({"Tower-v0": "tower_pack:TOWER"})
+    games = Games([HANOI])
+    assert list(games) == ["Hanoi3Disk-v0", "Tower-v0"]
+    with pytest.raises(sp.UnknownNameError, match="did you mean Tower-v0"):
+        games["Towers-v0"]
+    assert "tower_pack" not in sys.modules
+    assert games["Tower-v0"] == TOWER
+    assert "tower_pack" in sys.modules
+
+
+def test_gymnasium_knows_an_installed_setting_from_the_start(install):
+    install({"Tower-v0": "tower_pack:TOWER"})
+    Games([HANOI])
+    for _ in ("the first one imports the package", "from then on it is as if it had always been there"):
+        environment = gymnasium.make("smartplay/Tower-v0", render_mode="ansi")
+        assert environment.spec.max_episode_steps == 40
+        environment.reset(seed=1)
+        ends = [environment.step(0)[2:4] for _ in range(40)]
+        assert ends == [(False, False)] * 39 + [(False, True)]
+
+
+@pytest.mark.parametrize(
+    ("value", "module", "complaint"),
+    [
+        (
+            "tower_pack:TOWER",
+            "import a_package_that_is_not_installed",
+            "cannot be loaded, mend or remove it: No module named",
+        ),
+        ("tower_pack:TOWR", MODULE, "has no attribute 'TOWR'"),
+        ("tower_pack:sp", MODULE, "tower_pack:sp is no GameSpec of that id"),
+    ],
+)
+def test_a_declaration_that_does_not_hold_is_told_in_one_sentence(install, value, module, complaint):
+    install({"Tower-v0": value}, module)
+    with pytest.raises(sp.InvalidArgumentError, match="Tower-v0") as raised:
+        Games([HANOI])["Tower-v0"]
+    assert "the package tower-pack" in str(raised.value)
+    assert complaint in str(raised.value)
+
+
+@pytest.mark.parametrize("spec", sp.GAMES.values(), ids=lambda spec: spec.id)
+def test_a_setting_travels_to_other_processes(spec):
+    assert pickle.loads(pickle.dumps(spec)) == spec
+
+
+def test_a_setting_may_name_its_class_by_the_class_itself():
+    spec = dataclasses.replace(HANOI, entry_point=HANOI.load())
+    assert pickle.loads(pickle.dumps(spec)).load() is HANOI.load()
+    with sp.Episode(spec, seed=1) as episode:
+        assert sp.play(episode, sp.get_player("rule")).completed
+
+
+SCRIPT = """
+import dataclasses, multiprocessing
+import smartplay_tools as sp
+
+sp.register(dataclasses.replace(sp.GAMES["Hanoi3Disk-v0"], id="Tower-v0", kwargs={"disks": 4}))
+
+def score(seed):
+    with sp.Episode("Tower-v0", seed=seed) as episode:
+        return sp.play(episode, sp.get_player("rule")).score
+
+if __name__ == "__main__":
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        print(pool.map(score, range(2)))
+"""
+
+
+def test_what_a_script_registers_its_worker_processes_know(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT, encoding="utf-8")
+    shown = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, timeout=60)
+    assert shown.stdout == "[4.0, 4.0]\n"
