@@ -40,7 +40,7 @@ class LangChainPlayer(ModelPlayer):
         parameters: further arguments of `init_chat_model`, such as `temperature=0`.
 
     LangChain's models keep their connections themselves, some of them for all models of a process: `close` leaves
-    them alone.
+    them alone, and `areply` belongs to the event loop that asked first.
     """
 
     def __init__(
