@@ -5,13 +5,13 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types check benchmarks clean
+.PHONY: demo test lint types check docs experiment benchmarks clean
 
 # A marker that is older than pyproject.toml means that the environment has to be made again.
 $(VENV)/.ready: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit("smartplay-tools needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,dev,docs]'
 	touch $@
 
 demo: $(VENV)/.ready  ## play real games through tool calls under a budget
@@ -29,8 +29,14 @@ types: $(VENV)/.ready
 
 check: lint types test  ## what has to be green before a commit
 
+docs: $(VENV)/.ready  ## the documentation as a site, in docs/_build; a warning is an error
+	$(BIN)/sphinx-build -W --keep-going -E -b html docs docs/_build
+
+experiment: $(VENV)/.ready  ## what a smaller context costs: play it, draw it, print it
+	$(BIN)/python experiments/context.py
+
 benchmarks: $(VENV)/.ready  ## measure, and print tables
 	for file in $(filter-out benchmarks/scores.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$file || exit 1; done
 
 clean:
-	rm -rf $(VENV) build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist docs/_build docs/jupyter_execute .hypothesis .mypy_cache .pytest_cache .ruff_cache

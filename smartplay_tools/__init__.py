@@ -22,6 +22,7 @@ from smartplay_tools.errors import (
 )
 from smartplay_tools.evaluation.runner import Run, evaluate
 from smartplay_tools.evaluation.store import RunFolder
+from smartplay_tools.evaluation.sweep import Sweep, sweep
 from smartplay_tools.games.base import TextGame, with_action_list
 from smartplay_tools.messages import Message, MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.paper_protocol import PaperConversation
@@ -76,6 +77,7 @@ __all__ = [
     "RunFolder",
     "ScriptedPlayer",
     "SmartPlayError",
+    "Sweep",
     "TextGame",
     "TokenCounter",
     "Tokenizer",
@@ -99,6 +101,7 @@ __all__ = [
     "register",
     "replay",
     "schema",
+    "sweep",
     "text_of",
     "with_action_list",
 ]

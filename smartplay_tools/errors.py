@@ -3,6 +3,7 @@
     SmartPlayError
     ├── InvalidArgumentError  an argument or a budget that cannot be; also a ValueError
     ├── UnknownNameError      no game, player or tokenizer of that name; the message lists near ones
+    ├── EngineError           a game's engine, a program of its own, does not start or has stopped
     ├── MissingExtraError     a feature whose optional dependency is not installed; the message is the remedy
     ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
@@ -40,6 +41,10 @@ class UnknownNameError(SmartPlayError, KeyError):
     def __str__(self) -> str:
         # KeyError prints the repr of its argument, which would quote the sentence.
         return self.message
+
+
+class EngineError(SmartPlayError, RuntimeError):
+    """An engine that runs outside of this process does not start, does not answer or has stopped."""
 
 
 class MissingExtraError(SmartPlayError, ImportError):

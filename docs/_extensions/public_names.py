@@ -25,6 +25,8 @@ from sphinx.ext.napoleon import Config, GoogleDocstring
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.docutils import SphinxDirective
 
+import smartplay_tools
+
 ADAPTERS = Path(__file__).parents[2] / "adapters"
 
 LONGEST_TYPE = 100
@@ -87,6 +89,12 @@ def public_names(module: ModuleType) -> list[str]:
 
 def _describe(module: ModuleType, name: str) -> str:
     thing = getattr(module, name)
+    if (
+        name in public_names(smartplay_tools)
+        and thing is getattr(smartplay_tools, name)
+        and module is not smartplay_tools
+    ):
+        return f":py:obj:`smartplay_tools.{name}`, under this name too."
     if KINDS["functions"](thing):
         return f".. autofunction:: {module.__name__}.{name}"
     if KINDS["errors"](thing):
@@ -131,6 +139,16 @@ def _process_docstring(app: Sphinx, what: str, name: str, thing: Any, options: A
         thing
     ):  # anywhere else "a: b" is a sentence, not a list of arguments
         lines[:] = str(GoogleDocstring(lines, NAPOLEON, app, what, name, thing, options)).splitlines()
+    elif what == "attribute":
+        lines[:] = [*lines, "", *_default(*name.rsplit(".", 2))]
+
+
+def _default(module: str, owner: str, field: str) -> list[str]:
+    """What a field of a pydantic model is where it is not given: its class keeps no attribute that tells."""
+    model = getattr(importlib.import_module(module), owner)
+    if not issubclass(model, BaseModel) or field not in model.model_fields or model.model_fields[field].is_required():
+        return []
+    return [f"Default: ``{model.model_fields[field].get_default(call_default_factory=True)!r}``."]
 
 
 def _process_signature(

@@ -11,7 +11,20 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from smartplay_tools.cli import demo, evaluate, games, merge, play, replay, report, results, serve, sweep
+from smartplay_tools.cli import (
+    demo,
+    doctor,
+    evaluate,
+    games,
+    merge,
+    minedojo,
+    play,
+    replay,
+    report,
+    results,
+    serve,
+    sweep,
+)
 from smartplay_tools.errors import SmartPlayError
 
 
@@ -33,9 +46,10 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-for command in (games.games, games.manual, games.schema, play.play, replay.replay, demo.demo):
+for command in (games.games, games.manual, games.schema, play.play, replay.replay, demo.demo, doctor.doctor):
     app.command(no_args_is_help=False)(command)
 app.command("eval", no_args_is_help=True)(evaluate.evaluate)
 for of_runs in (sweep.sweep, results.results, report.report, merge.merge):
     app.command(no_args_is_help=True)(of_runs)
 app.add_typer(serve.app, name="serve")
+app.add_typer(minedojo.app, name="minedojo")

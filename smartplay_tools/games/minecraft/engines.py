@@ -24,8 +24,13 @@ class Engine(Protocol):
 
     def __init__(self, *, text: TextMode) -> None: ...
 
+    @property
+    def versions(self) -> Mapping[str, str]:
+        """Name to version of the programs that play, where they are not this package; they stand in the result."""
+        ...
+
     def reset(self, seed: int, goal: Goal) -> Observation:
-        """Make the world of that seed and put the player into it, outside the goal."""
+        """Make the world of that seed and put the player into it, outside the goal if the engine can choose."""
         ...
 
     def act(self, degrees: int, strides: Sequence[Stride], goal: Goal) -> Observation:
@@ -44,6 +49,7 @@ class Engine(Protocol):
 ENGINES: Mapping[str, str] = MappingProxyType(
     {
         "voxel": "smartplay_tools.games.minecraft.voxel.engine:VoxelEngine",
+        "minedojo": "smartplay_tools.games.minecraft.minedojo.engine:MineDojoEngine",
     }
 )
 """Name to class, imported when a game asks for it."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import functools
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -36,6 +37,9 @@ class VoxelEngine:
     """A world of blocks in this process; it needs nothing but NumPy and SciPy."""
 
     default_text: ClassVar[TextMode] = "corrected"
+
+    versions: Mapping[str, str] = MappingProxyType({})
+    """None but this package's own."""
 
     def __init__(self, *, text: TextMode) -> None:
         self._text = text

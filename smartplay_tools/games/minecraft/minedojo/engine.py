@@ -1,0 +1,200 @@
+"""MineDojoEngine: the paper's engine behind the contract's interface."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, NoReturn
+
+import numpy as np
+
+from smartplay_tools.errors import EngineError, InvalidArgumentError
+from smartplay_tools.games.minecraft.minedojo import worker
+from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
+from smartplay_tools.games.minecraft.observation import (
+    NEAR,
+    RAY_OFFSETS,
+    RAY_RANGES,
+    Observation,
+    TextMode,
+    malmo_rays,
+)
+from smartplay_tools.games.minecraft.tasks import PAPER_GOALS, TURN_STEP, Goal, Stride
+
+INTERPRETER = "SMARTPLAY_MINEDOJO_PYTHON"
+"""The variable that names the Python in which MineDojo is installed."""
+
+LOG = "SMARTPLAY_MINEDOJO_LOG"
+"""The variable that names a file for what MineDojo and the client say; without it their log goes with them."""
+
+START_SECONDS, CALL_SECONDS = "SMARTPLAY_MINEDOJO_START_SECONDS", "SMARTPLAY_MINEDOJO_CALL_SECONDS"
+"""The variables that change how long is waited."""
+
+SECONDS: Mapping[str, float] = {START_SECONDS: 900.0, CALL_SECONDS: 300.0}
+"""How long a start with its new world may take, in which the client may be built, and an action."""
+
+A_DAY = 86_400.0
+"""The longest that can be waited."""
+
+IMAGE = (160, 256)
+"""Rows and columns of the picture that the original asks for, and does not look at."""
+
+_TASKS = {goal.name: number for number, goal in PAPER_GOALS.items()}
+
+_STILL = (0, 0, 0, 12, 12, 0, 0, 0)
+"""MineDojo's action that does nothing: walk, strafe, jump/sneak/sprint, pitch, yaw, and three for the hands."""
+_WALK, _STRAFE, _GAIT, _YAW = 0, 1, 2, 4
+_JUMP, _SPRINT = 1, 3
+
+
+class MineDojoEngine:
+    """Minecraft, played through MineDojo in a process of its own.
+
+    A start takes minutes; a new world in the same client takes less. As in the original, a start may lie in the goal,
+    and nothing makes two plays of a seed alike but the map: the game's own clock and dice are not ours.
+
+    If MineDojo fails or does not answer in time, the call is an EngineError and everything that ran is ended; the next
+    reset starts anew.
+    """
+
+    default_text: ClassVar[TextMode] = "paper"
+
+    def __init__(self, *, text: TextMode) -> None:
+        # The client's rays and names are what they are, whatever is made of them in words.
+        self._worker: WorkerProcess | None = None
+        self._seen: Observation | None = None
+        self.versions: Mapping[str, str] = {}
+        """MineDojo's and gym's, once they play."""
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("A MineDojo engine is a process and cannot be copied: play its actions again on a new one.")
+
+    def reset(self, seed: int, goal: Goal) -> Observation:
+        """Make the world of that seed, in the client that is there or a new one."""
+        self._seen = None
+        seconds = _seconds(START_SECONDS)
+        if self._worker is None or not self._worker.alive:
+            self._worker = start(_interpreter())
+            self.versions = _make(self._worker, seconds, task=_TASKS[goal.name], seed=seed)
+        try:
+            # To Minecraft a seed of 0 is none at all.
+            answer = self._worker.call("reset", seconds=seconds, world_seed=str(seed or 2**32))
+        except EngineError as error:
+            raise EngineError(f"{error} The game's client needs Java 8; {LOG}=FILE keeps what it says.") from error
+        self._seen = _observation(answer)
+        return self._seen
+
+    def act(self, degrees: int, strides: Sequence[Stride], goal: Goal) -> Observation:
+        """Turn for one tick, then walk."""
+        assert self._worker is not None, "reset comes before act"
+        actions = [_turned(degrees), *map(_walked, strides)]
+        answer = self._worker.call("act", seconds=_seconds(CALL_SECONDS), actions=actions, goal=sorted(goal.biomes))
+        self._seen = _observation(answer)
+        return self._seen
+
+    def state(self) -> bytes:
+        """What is known of the state, which is what was seen last: the client does not tell the rest."""
+        seen = self._seen
+        assert seen is not None, "reset comes before state"
+        numbers = [*seen.position.tolist(), seen.yaw, seen.pitch, float(seen.biome)]
+        names = [array.ravel().tolist() for array in (seen.blocks, seen.ray_blocks, seen.ray_entities)]
+        return repr((numbers, names)).encode()
+
+    def close(self) -> None:
+        """End the client."""
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
+
+
+def start(python: str) -> WorkerProcess:
+    """Start a worker in the interpreter of that path."""
+    # -I: no module of this process's, nor of the working directory, is taken for one of MineDojo's.
+    command = [python, "-I", str(Path(worker.__file__))]
+    log = os.environ.get(LOG)
+    # MineDojo then prints what the client prints, so that a log tells why one does not start.
+    verbose = os.environ.get("MINEDOJO_DEBUG_LOG", "1")
+    return WorkerProcess(command, log=Path(log).absolute() if log else None, MINEDOJO_DEBUG_LOG=verbose)
+
+
+def check_package(python: str) -> dict[str, str]:
+    """Import MineDojo in that interpreter and make a task, which starts no client yet; return the versions."""
+    seconds = _seconds(START_SECONDS)
+    process = start(python)
+    try:
+        return _make(process, seconds, task=0, seed=0)
+    finally:
+        process.close()
+
+
+def _interpreter() -> str:
+    python = os.environ.get(INTERPRETER)
+    if not python:
+        raise InvalidArgumentError(
+            "The engine minedojo needs an environment of its own: `smartplay-tools minedojo install --venv DIR` makes "
+            f"it, and {INTERPRETER} has to name its Python."
+        )
+    return python
+
+
+def _make(process: WorkerProcess, seconds: float, *, task: int, seed: int) -> dict[str, str]:
+    versions: dict[str, str] = process.call("make", seconds=seconds, task=task, settings=_settings(seed))
+    return versions
+
+
+def _seconds(variable: str) -> float:
+    text = os.environ.get(variable)
+    try:
+        seconds = SECONDS[variable] if text is None else float(text)
+    except ValueError:
+        seconds = 0.0
+    if not 0 < seconds <= A_DAY:
+        raise InvalidArgumentError(f"{variable} must be a number of seconds, above 0 and at most a day, not {text!r}.")
+    return seconds
+
+
+def _settings(seed: int) -> dict[str, Any]:
+    """What the original makes its environment with; the seed is that of the client's own generator."""
+    reach = NEAR // 2
+    rays = [(pitch, yaw, limit) for (pitch, yaw), limit in zip(RAY_OFFSETS.tolist(), RAY_RANGES.tolist(), strict=True)]
+    return {
+        "image_size": IMAGE,
+        "fast_reset": False,
+        "use_voxel": True,
+        "voxel_size": {f"{axis}{end}": side for axis in "xyz" for end, side in (("min", -reach), ("max", reach))},
+        "use_lidar": True,
+        "lidar_rays": rays,
+        "seed": seed,
+    }
+
+
+def _turned(degrees: int) -> list[int]:
+    action = list(_STILL)
+    action[_YAW] += degrees // TURN_STEP
+    return action
+
+
+def _walked(stride: Stride) -> list[int]:
+    action = list(_STILL)
+    action[_WALK] = 1
+    action[_STRAFE] = {0: 0, 1: 1, -1: 2}[stride.left]
+    action[_GAIT] = _JUMP if stride.jump else _SPRINT
+    return action
+
+
+def _observation(answer: dict[str, Any]) -> Observation:
+    rays = answer["rays"]
+    return Observation(
+        position=np.array(answer["position"], np.float32),
+        yaw=answer["yaw"],
+        pitch=answer["pitch"],
+        biome=answer["biome"],
+        blocks=np.array(answer["blocks"]),
+        # Whatever the text, these are the rays that the client casts.
+        ray_directions=malmo_rays(answer["yaw"], answer["pitch"]),
+        ray_blocks=np.array(rays["block_name"]),
+        ray_block_distances=np.array(rays["block_distance"], np.float32),
+        ray_entities=np.array(rays["entity_name"]),
+        ray_entity_distances=np.array(rays["entity_distance"], np.float32),
+    )

@@ -1,0 +1,176 @@
+"""Worker: the script that drives MineDojo. It runs in MineDojo's interpreter, so it imports nothing of this package.
+
+A request is a line of JSON on the standard input, {"call": name, ...}; the answer is a line of JSON on what was the
+standard output, {"ok": result} or {"error": sentence}. The calls are the methods of `Minedojo`.
+
+The worker lives exactly as long as whoever started it wants: when the standard input closes, or the parent is gone
+(killed, too), it ends every process of its family and removes its working directory, whatever it is in the middle of.
+Minecraft runs in a session of its own, and MineDojo's watchdog in another; what makes them a family is a variable in
+their environment.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import os
+import queue
+import select
+import shutil
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+FAMILY = "SMARTPLAY_MINEDOJO_FAMILY"
+"""The variable whose value all processes of one worker share, and nobody else has."""
+
+PARENT_CHECK_SECONDS = 1.0
+"""How often the worker looks whether its parent is there: other children of a killed parent can hold the pipe open."""
+
+
+def end_family(mark: str) -> None:
+    """Kill every process that has this mark in its environment, save this one; for systems with a /proc."""
+    wanted = f"{FAMILY}={mark}".encode()
+    for _ in range(10):  # one that is being started while this looks is seen the next time
+        found = [pid for pid in _processes() if wanted in _environment(pid)]
+        if not found:
+            return
+        for pid in found:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+
+
+def _processes() -> list[int]:
+    folder = Path("/proc")
+    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    return [int(name) for name in names if name.isdigit() and int(name) != os.getpid()]
+
+
+def _environment(pid: int) -> list[bytes]:
+    try:
+        return Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    except OSError:  # gone by now, or somebody else's
+        return []
+
+
+class Minedojo:
+    """The calls: MineDojo's environment, as far as the game needs it."""
+
+    def __init__(self) -> None:
+        self._environment: Any = None
+
+    def make(self, task: int, settings: dict[str, Any]) -> dict[str, str]:
+        """Make the environment of a creative task, which starts nothing yet; return the versions."""
+        minedojo = importlib.import_module("minedojo")
+        self._environment = minedojo.make(f"creative:{task}", **settings)
+        return {name: metadata.version(name) for name in ("minedojo", "gym")}
+
+    def reset(self, world_seed: str) -> dict[str, Any]:
+        """Start the client, the first time, and a new world of that seed."""
+        # MineDojo takes a world seed only when it makes an environment, and another environment is another client.
+        # And unless told otherwise it goes on in the world that is there.
+        (generator,) = self._environment.unwrapped._sim_spec._world_generator_handlers
+        generator.world_seed, generator.force_reset = world_seed, True
+        return _observation(self._environment.reset())
+
+    def act(self, actions: list[list[int]], goal: list[int]) -> dict[str, Any]:
+        """Play actions, a tick each, until one but the first ends in a goal biome."""
+        array = importlib.import_module("numpy").array
+        seen: dict[str, Any] = {}
+        for number, action in enumerate(actions):
+            seen, _, done, _ = self._environment.step(array(action))
+            if done:  # no task ends by itself: MineDojo says so when it has lost the client, and repeats itself
+                raise RuntimeError("the game's client has ended the episode or is gone")
+            if number and int(seen["location_stats"]["biome_id"]) in goal:
+                break
+        return _observation(seen)
+
+    def close(self) -> None:
+        """End the client the way MineDojo does."""
+        if self._environment is not None:
+            self._environment.close()
+            self._environment = None
+
+
+def _observation(seen: dict[str, Any]) -> dict[str, Any]:
+    place, rays = seen["location_stats"], seen["rays"]
+    names = ("block_name", "block_distance", "entity_name", "entity_distance")
+    return {
+        "position": place["pos"].tolist(),
+        "yaw": float(place["yaw"][0]),
+        "pitch": float(place["pitch"][0]),
+        "biome": int(place["biome_id"]),
+        "blocks": seen["voxels"]["block_name"].tolist(),
+        "rays": {name: rays[name].tolist() for name in names},
+    }
+
+
+class Pipe:
+    """The two ends that the parent holds, moved away from where MineDojo and its children would find them."""
+
+    def __init__(self) -> None:
+        self._requests = os.dup(0)
+        self._answers = os.dup(1)
+        nothing = os.open(os.devnull, os.O_RDONLY)
+        os.dup2(nothing, 0)
+        os.dup2(2, 1)  # MineDojo prints
+        self._parent = os.getppid()
+        self._lines: queue.Queue[bytes] = queue.Queue()
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def requests(self) -> Iterable[dict[str, Any]]:
+        """Every request as it comes; the process ends with the last."""
+        while True:
+            yield json.loads(self._lines.get())
+
+    def answer(self, value: dict[str, Any]) -> None:
+        """Send an answer."""
+        data = json.dumps(value, separators=(",", ":")).encode() + b"\n"
+        while data:
+            data = data[os.write(self._answers, data) :]
+
+    def _listen(self) -> None:
+        rest = b""
+        while True:
+            if os.getppid() != self._parent:
+                end()
+            if not select.select([self._requests], [], [], PARENT_CHECK_SECONDS)[0]:
+                continue
+            data = os.read(self._requests, 65_536)
+            if not data:
+                end()
+            *lines, rest = (rest + data).split(b"\n")
+            for line in lines:
+                self._lines.put(line)
+
+
+def end() -> None:
+    """End the family, remove the working directory, and go, with nobody asked."""
+    end_family(os.environ[FAMILY])
+    shutil.rmtree(Path.cwd(), ignore_errors=True)
+    os._exit(0)
+
+
+def main() -> None:
+    """Answer requests until there are no more."""
+    pipe, minedojo = Pipe(), Minedojo()
+    for request in pipe.requests():
+        name = request.pop("call")
+        try:
+            answer = {"ok": getattr(minedojo, name)(**request)}
+        except Exception as error:  # the parent decides what it means
+            traceback.print_exc()
+            lines = str(error).strip().splitlines() or [""]
+            answer = {"error": f"{type(error).__name__}: {lines[-1].strip()}"}
+        sys.stderr.flush()
+        pipe.answer(answer)
+
+
+if __name__ == "__main__":
+    main()

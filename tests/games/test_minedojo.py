@@ -1,0 +1,487 @@
+"""The MineDojo engine: a worker that cannot be trusted, and the real package in front of a double of its client."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.errors import EngineError
+from smartplay_tools.games.minecraft.doctor import check_engines
+from smartplay_tools.games.minecraft.minedojo import worker
+from smartplay_tools.games.minecraft.minedojo.engine import (
+    CALL_SECONDS,
+    INTERPRETER,
+    LOG,
+    START_SECONDS,
+    MineDojoEngine,
+)
+from smartplay_tools.games.minecraft.minedojo.install import install
+from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
+from smartplay_tools.games.minecraft.observation import Observation
+from smartplay_tools.games.minecraft.tasks import PAPER_GOALS, Goal, strides, turn
+from smartplay_tools.games.minecraft.text import describe
+from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
+
+GAME = "MinedojoCreative0-v0"
+PLAINS = PAPER_GOALS[0]
+ROOT = Path(sp.__file__).parents[1]
+
+
+@pytest.fixture(autouse=True)
+def temporary(tmp_path, monkeypatch):
+    """Where workers have their directories, so that a test sees what they leave behind."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+def program(path: Path, *lines: str) -> str:
+    """A shell script."""
+    path.write_text("\n".join(["#!/bin/sh", *lines, ""]))
+    path.chmod(0o755)
+    return str(path)
+
+
+def is_running(pid: int) -> bool:
+    """Whether there is such a process, and it is not just waiting for somebody to ask how it ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def is_soon(condition) -> bool:
+    deadline = time.monotonic() + 30
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return condition()
+
+
+# A worker that does everything wrong: a program that reads requests, and these lines for each.
+
+UNTRUSTWORTHY = {
+    "a program that exits": ("sys.exit(3)", r"worker is gone \(exit code 3\)"),
+    "a program that is killed": ("os.kill(os.getpid(), 9)", r"worker is gone \(exit code -9\)"),
+    "a program that hangs": ("time.sleep(60)", "has not answered 'act' within 0.5 seconds"),
+    "a program that ignores its end": (
+        "signal.signal(signal.SIGTERM, signal.SIG_IGN); os.close(0); time.sleep(60)",
+        "has not answered 'act' within 0.5 seconds",
+    ),
+    "half an answer": ("answer('{\"ok\": ')\ntime.sleep(60)", "has not answered 'act' within 0.5 seconds"),
+    "no JSON": ("answer('Loaded 3131 tasks\\n')", "answered something else than an answer: b'Loaded 3131 tasks"),
+    "JSON that is no answer": ("answer('[1, 2]\\n')", "answered something else than an answer"),
+    "two answers": ('answer(\'{"ok": 1}\\n{"ok": 2}\\n\')', "answered something else than an answer"),
+    "a failure": ('answer(\'{"error": "EOFError: no game"}\\n\')', "has failed in 'act': EOFError: no game"),
+}
+
+
+def script(folder: Path, lines: str, **answers: object) -> list[str]:
+    """A program that writes a word to its log, does the lines for every call of `act`, and answers the others."""
+    indented = "\n".join(f"    {line}" for line in lines.splitlines())
+    known = {"make": {"minedojo": "0.1"}, "reset": 1, "close": None} | answers
+    (folder / "answers.json").write_text(json.dumps({name: {"ok": value} for name, value in known.items()}))
+    path = folder / "worker.py"
+    path.write_text(
+        "import json, os, pathlib, signal, subprocess, sys, time\n"
+        "known = json.loads(pathlib.Path(__file__).with_name('answers.json').read_text())\n"
+        "def answer(text):\n    sys.stdout.write(text); sys.stdout.flush()\n"
+        "print('ready', file=sys.stderr, flush=True)\n"
+        "for request in sys.stdin:\n"
+        "    call = json.loads(request)['call']\n"
+        "    if call in known:\n"
+        "        answer(json.dumps(known[call]) + '\\n'); continue\n"
+        f"{indented}\n"
+    )
+    return [sys.executable, str(path)]
+
+
+@pytest.mark.parametrize(("lines", "sentence"), UNTRUSTWORTHY.values(), ids=UNTRUSTWORTHY)
+def test_a_worker_that_fails_is_an_error_and_leaves_nothing(lines, sentence, tmp_path, temporary):
+    process = WorkerProcess(script(tmp_path, lines))
+    assert process.call("reset", seconds=30) == 1
+    assert len(list(temporary.iterdir())) == 1
+    with pytest.raises(EngineError, match=sentence) as caught:
+        process.call("act", seconds=0.5 if "within" in sentence else 60)
+    assert any("ready" in note for note in caught.value.__notes__)
+    assert not process.alive
+    assert not list(temporary.iterdir())
+    process.close()
+
+
+def test_an_answer_may_come_in_pieces(tmp_path):
+    process = WorkerProcess(script(tmp_path, "answer('{\"ok\": [1,')\ntime.sleep(0.1)\nanswer(' 2]}\\n')"))
+    assert process.call("act", seconds=30) == [1, 2]
+    process.close()
+
+
+def test_what_a_worker_has_started_ends_with_it(tmp_path):
+    """Also in a session of its own, as the game's client is, and if the worker cannot end it any more."""
+    lines = (
+        "child = subprocess.Popen(['sleep', '60'], start_new_session=True)\n"
+        "answer(json.dumps({'ok': child.pid}) + '\\n')\n"
+        "os.kill(os.getpid(), signal.SIGSTOP)"
+    )
+    process = WorkerProcess(script(tmp_path, lines))
+    child = process.call("act", seconds=30)
+    assert is_running(child)
+    process.end()
+    assert is_soon(lambda: not is_running(child))
+
+
+def test_a_log_can_be_kept(tmp_path, temporary):
+    log = tmp_path / "kept.log"
+    log.write_text("before\n")
+    process = WorkerProcess(script(tmp_path, "answer('1')"), log=log)
+    process.call("reset", seconds=30)
+    process.close()
+    assert log.read_text() == "before\nready\n"
+    assert not list(temporary.iterdir())
+
+
+def test_a_forgotten_worker_ends(tmp_path, temporary):
+    process = WorkerProcess(script(tmp_path, "answer('1')"))
+    pid = process._process.pid
+    del process
+    assert is_soon(lambda: not is_running(pid))
+    assert not list(temporary.iterdir())
+
+
+def test_an_interrupt_ends_a_worker_that_would_answer_later(tmp_path):
+    process = WorkerProcess(script(tmp_path, "time.sleep(60)"))
+    process.call("reset", seconds=30)
+    signal.signal(signal.SIGALRM, lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            process.call("act", seconds=30)
+    finally:
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    assert not process.alive
+
+
+KILLED = """
+import subprocess, sys, time
+from smartplay_tools.games.minecraft.doctor import check_engines
+from smartplay_tools.games.minecraft.minedojo import worker
+from smartplay_tools.games.minecraft.minedojo.engine import start
+process = start(sys.executable)
+process.call("close", seconds=30)
+mark = {}
+for item in open(f"/proc/{process._process.pid}/environ", "rb").read().split(b"\\0"):
+    name, _, value = item.partition(b"=")
+    mark[name.decode()] = value.decode()
+client = subprocess.Popen(["sleep", "60"], env={worker.FAMILY: mark[worker.FAMILY]}, start_new_session=True)
+print(process._process.pid, client.pid, flush=True)
+time.sleep(60)
+"""
+"""A program with a worker, and with a process that is of the worker's family; nothing but the worker can end that."""
+
+
+def test_the_worker_ends_its_family_when_its_parent_is_killed(tmp_path, temporary):
+    environment = {**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", KILLED]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as parent:
+        script, client = map(int, parent.stdout.readline().split())
+        assert is_running(script)
+        assert is_running(client)
+        parent.kill()
+    assert is_soon(lambda: not is_running(script))
+    assert is_soon(lambda: not is_running(client))
+    assert is_soon(lambda: not list(temporary.iterdir()))
+
+
+def test_the_worker_s_script_needs_nothing_of_this_package():
+    """It runs in MineDojo's interpreter, isolated, where there is none of it."""
+    command = [sys.executable, "-I", "-S", worker.__file__]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    nowhere = {"env": {worker.FAMILY: "nobody"}, "cwd": tempfile.mkdtemp()}
+    with subprocess.Popen(command, text=True, **pipes, **nowhere) as process:
+        answers = []
+        for request in ({"call": "close"}, {"call": "make", "task": 0, "settings": {}}):
+            print(json.dumps(request), file=process.stdin, flush=True)
+            answers.append(json.loads(process.stdout.readline()))
+    assert answers == [{"ok": None}, {"error": "ModuleNotFoundError: No module named 'minedojo'"}]
+    assert process.returncode == 0
+
+
+# The engine, with an interpreter that is none.
+
+
+def told(seen: Observation) -> dict:
+    """An observation as the worker tells it."""
+    rays = {
+        "block_name": seen.ray_blocks,
+        "block_distance": seen.ray_block_distances,
+        "entity_name": seen.ray_entities,
+        "entity_distance": seen.ray_entity_distances,
+    }
+    place = {"position": seen.position.tolist(), "yaw": seen.yaw, "pitch": seen.pitch, "biome": seen.biome}
+    return {**place, "blocks": seen.blocks.tolist(), "rays": {name: array.tolist() for name, array in rays.items()}}
+
+
+@pytest.fixture
+def interpreter(tmp_path, monkeypatch):
+    """Make an interpreter that answers a reset with the voxel world's observation, and does as told for `act`."""
+
+    def make(lines: str) -> None:
+        seen = told(VoxelEngine(text="paper").reset(1, PLAINS))
+        python, path = script(tmp_path, lines, reset=seen)
+        monkeypatch.setenv(INTERPRETER, program(tmp_path / "python", f"exec {python} {path}"))
+
+    return make
+
+
+def test_a_crash_ends_the_episode_on_the_record_and_the_next_reset_starts_anew(interpreter, tmp_path):
+    interpreter("sys.exit(1)")
+    with sp.Episode(GAME, seed=1, engine="minedojo", transcript=tmp_path / "crash.jsonl") as episode:
+        assert episode.call("observe").text.startswith("Coordinate (")
+        result = episode.call("act", {"action": "Move North"})
+        assert (result.is_error, result.done) == (True, True)
+        assert episode.game.reset(seed=2)[0].startswith("Coordinate (")
+    assert (episode.result.end_reason, episode.result.steps) == ("game_error", 0)
+    assert episode.result.error == "EngineError: MineDojo's worker is gone (exit code 1)."
+    assert "ready" in sp.read_transcript(tmp_path / "crash.jsonl")[-1]["traceback"]
+
+
+def test_a_late_answer_ends_the_episode(interpreter, monkeypatch):
+    interpreter("time.sleep(60)")
+    monkeypatch.setenv(CALL_SECONDS, "0.3")
+    with sp.Episode(GAME, seed=1, engine="minedojo") as episode:
+        episode.call("act", {"action": "1"})
+    assert episode.result.end_reason == "game_error"
+    assert "has not answered 'act' within 0.3 seconds" in episode.result.error
+
+
+def test_a_late_start_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setenv(INTERPRETER, program(tmp_path / "python", "sleep 60"))
+    monkeypatch.setenv(START_SECONDS, "0.3")
+    with pytest.raises(EngineError, match=r"has not answered 'make' within 0\.3 seconds; it was ended"):
+        sp.Episode(GAME, seed=1, engine="minedojo")
+
+
+def test_without_an_interpreter_the_sentence_names_the_remedy(monkeypatch):
+    monkeypatch.delenv(INTERPRETER, raising=False)
+    with pytest.raises(sp.InvalidArgumentError, match="smartplay-tools minedojo install --venv DIR"):
+        sp.Episode(GAME, seed=1, engine="minedojo")
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "sentence"),
+    [
+        (INTERPRETER, "/nowhere/python", "/nowhere/python cannot be run: No such file or directory"),
+        (INTERPRETER, "/", "/ cannot be run: Permission denied"),
+        (LOG, "/nowhere/game.log", "/nowhere/game.log cannot be written: No such file or directory"),
+        *(
+            (START_SECONDS, value, f"{START_SECONDS} must be a number .* not '{value}'")
+            for value in ("soon", "0", "inf")
+        ),
+    ],
+)
+def test_a_wrong_variable_is_one_sentence(variable, value, sentence, monkeypatch, temporary):
+    monkeypatch.setenv(INTERPRETER, sys.executable)
+    monkeypatch.setenv(variable, value)
+    with pytest.raises(sp.InvalidArgumentError, match=sentence):
+        sp.Episode(GAME, seed=1, engine="minedojo")
+    assert not list(temporary.iterdir())
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, pickle.dumps])
+def test_a_process_is_not_copied(copied):
+    with pytest.raises(TypeError, match="is a process and cannot be copied"):
+        copied(MineDojoEngine(text="paper"))
+
+
+def test_an_interpreter_without_minedojo_is_one_sentence(monkeypatch):
+    monkeypatch.setenv(INTERPRETER, sys.executable)
+    with pytest.raises(EngineError, match="'make': ModuleNotFoundError: No module named 'minedojo'"):
+        sp.Episode(GAME, seed=1, engine="minedojo")
+
+
+def test_only_this_engine_is_compared_with_people(interpreter):
+    """Its text is the paper's, and nothing that is played differs from the paper."""
+    interpreter("answer(json.dumps(known['reset']) + '\\n')")
+    spec = dataclasses.replace(sp.GAMES[GAME], rollout=2)
+    played = {}
+    for engine in ("minedojo", "voxel"):
+        with sp.Episode(spec, seed=0, engine=engine) as episode:
+            played[engine] = sp.play(episode, sp.get_player("random", seed=0))
+    assert (played["minedojo"].engine, played["minedojo"].normalized_score) == ("minedojo", 0.0)
+    assert played["voxel"].normalized_score is None
+    assert "engine" not in played["minedojo"].deviations
+    assert "text" not in played["minedojo"].deviations
+    assert set(played["voxel"].deviations) >= {"engine", "text"}
+
+
+def test_the_doctor_says_which_minedojo_plays(interpreter):
+    interpreter("")
+    (check,) = (check for check in check_engines() if check.engine == "minedojo")
+    assert check.works
+    assert check.detail.startswith("a new world in")
+    assert check.detail.endswith(" (minedojo 0.1)")
+
+
+def test_the_doctor_says_what_to_do_without_it(monkeypatch):
+    monkeypatch.delenv(INTERPRETER, raising=False)
+    (check,) = (check for check in check_engines() if check.engine == "minedojo")
+    assert not check.works
+    assert "smartplay-tools minedojo install --venv DIR" in check.detail
+
+
+# Making the environment.
+
+
+def test_an_environment_is_made_in_a_new_folder_only(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(sp.InvalidArgumentError, match="is there already; name a new folder"):
+        install(tmp_path)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        (["echo 3 12"], "MineDojo needs Python 3.11; .* is 3.12"),
+        (["exit 1"], "MineDojo needs Python 3.11; .* is no Python"),
+    ],
+)
+def test_another_python_is_refused(lines, sentence, tmp_path):
+    with pytest.raises(sp.InvalidArgumentError, match=sentence):
+        install(tmp_path / "venv", program(tmp_path / "python", *lines))
+
+
+def test_a_python_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(sp.InvalidArgumentError, match="/nowhere/python cannot be run: No such file"):
+        install(tmp_path / "venv", "/nowhere/python")
+
+
+def test_a_failed_installation_says_why_and_leaves_no_folder(tmp_path):
+    """Here, an index without the packages."""
+    pip = f"{tmp_path}/venv/bin/python"
+    maker = program(
+        tmp_path / "python",
+        'if [ "$1" = -c ]; then echo 3 11; exit; fi',
+        f"mkdir -p {tmp_path}/venv/bin",
+        f"echo '#!/bin/sh' > {pip}",
+        f"echo 'echo ERROR: No matching distribution found for pip==24.0; echo; exit 1' >> {pip}",
+        f"chmod +x {pip}",
+    )
+    with pytest.raises(EngineError, match=r"is the package index in reach\? \(ERROR: No matching distribution"):
+        install(tmp_path / "venv", maker)
+    assert not (tmp_path / "venv").exists()
+
+
+# The real package. `smartplay-tools minedojo install` makes what is needed.
+
+
+@pytest.fixture
+def client(tmp_path, monkeypatch):
+    """Put a double of the game's client in place of Java; the function returned has it fail."""
+    if not os.environ.get(INTERPRETER):
+        pytest.skip(f"{INTERPRETER} does not name a Python with MineDojo")
+    double = Path(__file__).with_name("malmo_double.py")
+    (tmp_path / "bin").mkdir()
+    program(tmp_path / "bin" / "java", f'PYTHONPATH="{ROOT}" exec {sys.executable} {double} "$@"')
+    monkeypatch.setenv("PATH", f"{tmp_path}/bin", prepend=":")
+    monkeypatch.delenv("JAVA_HOME", raising=False)
+    monkeypatch.delenv("MINEDOJO_HEADLESS", raising=False)
+    monkeypatch.setenv("MALMO_DOUBLE_GOAL", ",".join(map(str, sorted(PLAINS.biomes))))
+    return lambda fault: monkeypatch.setenv("MALMO_DOUBLE_FAULT", fault)
+
+
+def assert_same(seen: Observation, expected: Observation) -> None:
+    """Array by array, to the bit."""
+    for name, value in vars(expected).items():
+        np.testing.assert_array_equal(getattr(seen, name), value, err_msg=name)
+        assert np.asarray(getattr(seen, name)).dtype.kind == np.asarray(value).dtype.kind, name
+    assert describe(seen, "paper", "Move North") == describe(expected, "paper", "Move North")
+
+
+@pytest.mark.slow
+def test_through_the_real_package_everything_is_as_the_voxel_engine_sees_it(client, temporary):
+    """Make, reset, 20 actions, a second reset, a walk that ends on a beach, and the end, with nothing left."""
+    engine, expected = MineDojoEngine(text="paper"), VoxelEngine(text="paper")
+    beach = Goal("beach", frozenset({16}))
+    entities: set[str] = set()
+    try:
+        looks = [(number % 4, 4) for number in range(19)]
+        for seed, goal, walks in ((24, PLAINS, [(0, 50), *looks]), (4, beach, [(1, 50)])):
+            random = np.random.default_rng(seed)
+            seen = expected.reset(seed, PLAINS)
+            assert_same(engine.reset(seed, PLAINS), seen)
+            for action, ticks in walks:
+                degrees, keys = turn(action, seen.yaw), strides(random)[:ticks]
+                seen = expected.act(degrees, keys, goal)
+                assert_same(engine.act(degrees, keys, goal), seen)
+                entities |= set(seen.ray_entities.tolist())
+        assert seen.biome in beach.biomes
+        assert entities - {"null"}
+        assert engine.versions["minedojo"] == "0.1"
+        pid = engine._worker._process.pid
+    finally:
+        engine.close()
+    assert not is_running(pid)
+    assert not list(temporary.iterdir())
+
+
+KILLED_IN_THE_GAME = """
+import smartplay_tools as sp, time
+episode = sp.Episode("MinedojoCreative0-v0", seed=1, engine="minedojo")
+print(episode.game._world._worker._process.pid, flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.slow
+def test_the_game_ends_when_the_player_s_program_is_killed(client, temporary):
+    environment = {**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", KILLED_IN_THE_GAME]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as parent:
+        mark = worker._environment(int(parent.stdout.readline()))
+        (family,) = (item for item in mark if item.startswith(worker.FAMILY.encode()))
+        started = [pid for pid in worker._processes() if family in worker._environment(pid)]
+        assert len(started) >= 3  # the worker, MineDojo's watchdog, and the client with its launcher
+        parent.kill()
+    assert is_soon(lambda: not any(map(is_running, started)))
+    assert is_soon(lambda: not list(temporary.iterdir()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [("exit:5", "RuntimeError: the game's client has ended the episode or is gone"), ("hang:5", "within 6 seconds")],
+    ids=["it exits", "it hangs"],
+)
+def test_a_client_that_breaks_down_ends_the_episode(fault, sentence, client, monkeypatch, temporary):
+    client(fault)
+    monkeypatch.setenv(CALL_SECONDS, "6" if "within" in sentence else "60")
+    with sp.Episode(GAME, seed=7, engine="voxel", text="paper") as episode:
+        expected = episode.call("observe").text
+    with sp.Episode(GAME, seed=7, engine="minedojo") as episode:
+        assert episode.call("observe").text == expected
+        assert episode.call("act", {"action": "Move North"}).is_error
+        assert not list(temporary.iterdir())
+    assert episode.result.end_reason == "game_error"
+    assert sentence in episode.result.error
+
+
+@pytest.mark.slow
+def test_a_client_that_does_not_start_is_one_sentence_and_its_own_words_are_in_the_log(client):
+    client("start")
+    with pytest.raises(EngineError, match="'reset': EOFError: Minecraft process finished unexpectedly") as caught:
+        sp.Episode(GAME, seed=7, engine="minedojo")
+    assert "needs Java 8" in str(caught.value)
+    assert "the game could not be started" in caught.value.__cause__.__notes__[0]
