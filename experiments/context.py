@@ -22,18 +22,21 @@ from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.cells import by_cell
 from smartplay_tools.evaluation.comparison import Comparison, compare
 from smartplay_tools.evaluation.intervals import Estimate
-from smartplay_tools.evaluation.pairs import paired_difference, score
+from smartplay_tools.evaluation.pairs import differences, paired_difference, score
 from smartplay_tools.evaluation.sweep import Sweep, sweep
 
 DOCS = Path(__file__).parents[1] / "docs"
 SMALL_GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0")
 
+CONTROL = "random"
+
 QUESTIONS: dict[str, dict[str, Any]] = {
     "history": {
         "games": SMALL_GAMES,
-        "players": ("rule", "random"),
+        "players": ("rule", CONTROL),
         "history": (0, 1, 2, 5, 10, 20, 50),
         "trials": 100,
     },
@@ -73,7 +76,7 @@ def main() -> None:
     tables: dict[str, str] = {}
     for name in asked.questions:
         played = _ask(name, asked)
-        tables[name] = _table(name, played)
+        tables[name] = table(name, played)
         print(f"## {name}\n\n{tables[name]}\n", flush=True)
     (asked.out / "tables.md").write_text("\n\n".join(tables.values()) + "\n", encoding="utf-8")
     if asked.publish:
@@ -88,6 +91,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--trials", type=int, help="episodes of every cell")
     parser.add_argument("--seed", type=int, default=0, help="the source of all randomness")
     parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
+    parser.add_argument("--reply-tokens", type=int, help="cap on every reply, which a model needs")
     parser.add_argument("--run-tokens", type=int, help="cap on the tokens of each question")
     parser.add_argument("--out", type=Path, default=Path("runs/context"), help="the folder of the runs")
     parser.add_argument("--publish", action="store_true", help="put figures and tables into the documentation")
@@ -100,6 +104,9 @@ def _ask(name: str, asked: argparse.Namespace) -> Sweep:
         arguments["players"] = tuple(asked.player)
     if asked.base_url:
         arguments["player_options"] = {"base_url": asked.base_url}
+    if asked.reply_tokens:
+        budget = arguments.get("budget", sp.Budget())
+        arguments["budget"] = budget.model_copy(update={"reply_tokens": asked.reply_tokens})
     if asked.trials:
         arguments["trials"] = asked.trials
     played = sweep(
@@ -112,7 +119,7 @@ def _ask(name: str, asked: argparse.Namespace) -> Sweep:
     return played
 
 
-def _table(name: str, played: Sweep) -> str:
+def table(name: str, played: Sweep) -> str:
     """The answer to a question, in Markdown."""
     along = ("slack",) if name == "slack" else ("history", "prompt_tokens", "slack")
     comparisons = compare(played.rows, along=along)
@@ -122,21 +129,34 @@ def _table(name: str, played: Sweep) -> str:
         ("player", lambda c: c.cell.player),
         (varied.replace("_", " "), lambda c: _limit(c.cell.budget[varied])),
         ("episodes", lambda c: str(c.episodes)),
-        ("score", lambda c: _interval(c.means["score"])),
-        ("difference", lambda c: _interval(c.differences.get("score"), sign="+")),
-        ("tokens", lambda c: f"{c.means['tokens'].mean:,.0f}"),
+        ("score [95 %]", lambda c: _interval(c.means["score"])),
+        ("difference [95 %]", lambda c: "reference" if c.is_full else _interval(c.differences.get("score"), "+")),
+        ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
         ("prefix-stable", lambda c: _percent(c.means["prefix_share"])),
     ]
     if name == "slack":
-        columns.append(("gain", lambda c: _points(c.differences.get("prefix_share"))))
+        columns.append(("gain (percentage points)", lambda c: _points(c.differences.get("prefix_share"))))
     lines = [_row(heading for heading, _ in columns), _row("---" for _ in columns)]
-    lines += [_row(show(comparison) for _, show in columns) for comparison in comparisons]
-    return "\n".join(lines + ([] if name != "crafter" else ["", *_notes(played)]))
+    shown = [c for c in comparisons if name != "history" or c.cell.player != CONTROL]
+    lines += [_row(show(comparison) for _, show in columns) for comparison in shown]
+    more = {"history": _control, "crafter": _notes}.get(name)
+    return "\n".join(lines + (["", *more(played)] if more else []))
+
+
+def _control(played: Sweep) -> list[str]:
+    """How often a player that looks at nothing scores another way than in full context, seed by seed."""
+    cells = [(cell, rows) for cell, rows in by_cell(played.rows) if cell.player == CONTROL]
+    widest = max(QUESTIONS["history"]["history"])
+    full = {cell.game: rows for cell, rows in cells if cell.budget["history"] == widest}
+    others = [(cell, rows) for cell, rows in cells if cell.budget["history"] != widest]
+    pairs = [pair for cell, rows in others for pair in differences(rows, full[cell.game], score)]
+    changed = sum(difference != 0 for difference in pairs)
+    return [f"The control, `{CONTROL}`: {len(pairs):,} pairs, of which {changed} differ in score."] if pairs else []
 
 
 def _notes(played: Sweep) -> list[str]:
     """What notes change under each history, seed by seed."""
-    lines = [_row(("history", "pairs", "rule-notes less rule")), _row(("---",) * 3)]
+    lines = [_row(("history", "pairs", "score of rule-notes less that of rule [95 %]")), _row(("---",) * 3)]
     for history in QUESTIONS["crafter"]["history"]:
         rows = [row for row in played.rows if row["budget"]["history"] == history]
         with_notes, without = ([row for row in rows if row["player"] == name] for name in ("rule-notes", "rule"))
@@ -155,7 +175,7 @@ def publish(tables: dict[str, str], out: Path) -> None:
     page.write_text(text, encoding="utf-8")
     for name in tables:
         for path in sorted((out / name / "figures").iterdir()):
-            if f"{name}-{path.stem}.svg" in text:
+            if f"figures/{name}-{path.name})" in text:
                 shutil.copyfile(path, DOCS / "figures" / f"{name}-{path.name}")
 
 
@@ -169,8 +189,8 @@ def _limit(value: float | None) -> str:
 
 def _interval(found: Estimate | None, sign: str = "-") -> str:
     if found is None:
-        return ""
-    digits = ",.0f" if abs(found.mean) >= 1000 or abs(found.high or 0) >= 1000 else ",.2f"
+        return "no pairs"
+    digits = ",.0f" if max(abs(found.mean), abs(found.high or 0)) >= 100 else ",.2f"
     mean = f"{found.mean:{sign}{digits}}"
     if found.low is None or found.high is None or found.low == found.high:
         return mean
@@ -184,7 +204,8 @@ def _percent(found: Estimate) -> str:
 def _points(found: Estimate | None) -> str:
     if found is None or found.low is None or found.high is None:
         return ""
-    return f"{100 * found.mean:+.1f} % [{100 * found.low:+.1f}, {100 * found.high:+.1f}]"
+    mean, low, high = (f"{100 * share:+.1f}" for share in (found.mean, found.low, found.high))
+    return mean if low == high else f"{mean} [{low}, {high}]"
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -41,7 +41,7 @@ from smartplay_tools.evaluation.sweep import Sweep, grid
 NOTES = (
     "+-: to full context, paired by seed; in brackets: 95 % bootstrap intervals (BCa); =: all episodes are equal",
     "tokens: prompts and replies of an episode; stable: of its prompts, in a prefix that did not change",
-    "*: on the game's Pareto front of score against tokens",
+    "*: on the game's Pareto front of score against tokens; $: on that of score against cost",
 )
 
 _GRID = "The grid: lists with commas"
@@ -174,11 +174,13 @@ def _sections(comparisons: Iterable[Comparison]) -> dict[str, list[Comparison]]:
     return sections
 
 
-def _table(comparisons: Iterable[Comparison]) -> Table:
-    table = compact_table("history", "prompt", "slack", "score", "+-", "tokens", "stable", "")
+def _table(comparisons: Sequence[Comparison]) -> Table:
+    priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
+    money = ["USD"] if priced else []
+    table = compact_table("history", "prompt", "slack", "score", "+-", "tokens", "stable", *money, "")
     for comparison in comparisons:
         cell, means = comparison.cell, comparison.means
-        share = means.get("prefix_share")
+        share, cost = means.get("prefix_share"), means.get("cost")
         table.add_row(
             *("none" if cell.budget[name] is None else str(cell.budget[name]) for name in ("history", "prompt_tokens")),
             f"{cell.budget['slack']:g}",
@@ -186,7 +188,8 @@ def _table(comparisons: Iterable[Comparison]) -> Table:
             "full context" if comparison.is_full else _interval(comparison.differences.get("score"), sign="+"),
             short(round(means["tokens"].mean)),
             "-" if share is None else f"{share.mean:.0%}",
-            "*" if comparison.on_token_front else "",
+            *(["unknown" if cost is None else f"{cost.mean:.2g}"] if priced else []),
+            ("*" if comparison.on_token_front else "") + ("$" if priced and comparison.on_cost_front else ""),
         )
     return table
 

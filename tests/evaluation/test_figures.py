@@ -140,6 +140,12 @@ def test_an_episode_that_is_over_keeps_its_score():
         figures.score_over_steps({"nobody": []})
 
 
+def test_groups_that_went_the_same_way_share_a_line():
+    same, other = [[0.0, 1.0], [0.0, 3.0]], [[0.0, 5.0]]
+    (axes,) = figures.score_over_steps({"a": same, "b": other, "c": [list(walk) for walk in same]}).axes
+    assert lines(axes) == {"a = c": [[0, 0], [1, 2]], "b": [[0, 0], [1, 5]]}
+
+
 def test_a_figure_has_the_same_bytes_every_time(comparisons, tmp_path):
     first, second = (
         [path.read_bytes() for path in figures.save_figure(figures.frontier(comparisons), tmp_path / name / "frontier")]

@@ -71,7 +71,7 @@ def test_windows_that_cannot_hold_the_head_are_named_before_anything_is_played(t
 @pytest.fixture(scope="module")
 def played(tmp_path_factory):
     out = tmp_path_factory.mktemp("sweep")
-    return sweep([BANDIT], ["rule", "random"], history=[1, 50], slack=[0, 0.5], trials=6, out=out, executor="inline")
+    return sweep([BANDIT], ["rule", "random"], history=[1, 50], slack=[0, 0.5], trials=4, out=out, executor="inline")
 
 
 def test_every_cell_meets_the_same_seeds(played):
@@ -90,7 +90,7 @@ def test_whoever_remembers_less_earns_less_and_whoever_looks_at_nothing_does_not
     assert full["full_context"]
     assert forgetful["score_difference_high"] < 0
     assert forgetful["tokens_difference"] < 0
-    assert forgetful["pairs"] == 6
+    assert forgetful["pairs"] == 4
     for window in ((1, 0), (1, 0.5), (50, 0.5)):
         control = rows["random", *window]
         assert (control["score_difference_low"], control["score_difference_high"]) == (0, 0)
@@ -99,7 +99,7 @@ def test_whoever_remembers_less_earns_less_and_whoever_looks_at_nothing_does_not
 def test_the_same_call_resumes_it(played):
     before = {path: path.stat().st_mtime_ns for path in (played.run.folder.path / "episodes").iterdir()}
     again = sweep(
-        [BANDIT], ["rule", "random"], history=[1, 50], slack=[0, 0.5], trials=6, out=played.run.folder.path,
+        [BANDIT], ["rule", "random"], history=[1, 50], slack=[0, 0.5], trials=4, out=played.run.folder.path,
         executor="inline",
     )  # fmt: skip
     assert {path: path.stat().st_mtime_ns for path in before} == before
@@ -113,7 +113,7 @@ def test_it_writes_tables_and_figures(played):
         f"figures/{stem}.{suffix}" for stem in stems for suffix in ("png", "svg")
     }
     folder = played.run.folder.path
-    assert parquet.read_table(folder / "table.parquet").num_rows == len(played.rows) == 48
+    assert parquet.read_table(folder / "table.parquet").num_rows == len(played.rows) == 32
     with (folder / "summary.csv").open(encoding="utf-8", newline="") as file:
         summary = list(csv.DictReader(file))
     assert [float(row["score"]) for row in summary] == [row["score"] for row in played.summary]
@@ -124,17 +124,32 @@ def test_it_writes_tables_and_figures(played):
 
 
 def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
-    command = ["sweep", "--games", BANDIT, "--history", "1,game,50", "--prompt-tokens", "600,none", "--slack", "0",
-               "--manual", "tool,pinned", "--trials", "2", "--executor", "inline", "--out", str(tmp_path)]  # fmt: skip
+    command = ["sweep", "--games", BANDIT, "--history", "1,game,50", "--manual", "tool,pinned", "--trials", "2",
+               "--executor", "inline", "--out", str(tmp_path)]  # fmt: skip
     shown = CliRunner().invoke(app, command)
     assert shown.exit_code == 0, shown.output
     assert f"{BANDIT}, rule, manual pinned" in shown.stdout
+    assert len(re.findall(r"^1 +none +0 .* -\d+", shown.stdout, flags=re.MULTILINE)) == 2
     assert len(re.findall(r"^50 +none +0 .* full context", shown.stdout, flags=re.MULTILINE)) == 2
-    assert (tmp_path / "figures" / "score-against-prompt-tokens.svg").exists()
+    assert (tmp_path / "figures" / "score-against-history.svg").exists()
 
-    summary = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)
-    assert len(summary) == 2 * 2 * 2
-    assert [row["history"] for row in summary[:4]] == [1, 1, 50, 50]
+
+def test_for_machines_the_summary_is_json(tmp_path):
+    command = ["sweep", "--games", HANOI, "--prompt-tokens", "600,none", "--trials", "1", "--executor", "inline",
+               "--json", "--out", str(tmp_path)]  # fmt: skip
+    summary = json.loads(CliRunner().invoke(app, command).stdout)
+    assert [(row["prompt_tokens"], row["full_context"]) for row in summary] == [(600, False), (None, True)]
+    assert (summary[0]["score_difference"], summary[0]["pairs"]) == (0, 1)
+
+
+def test_with_prices_there_is_a_front_of_cost(tmp_path):
+    command = ["sweep", "--games", BANDIT, "--history", "1,50", "--trials", "2", "--price", "rule=2,8",
+               "--executor", "inline", "--out", str(tmp_path)]  # fmt: skip
+    shown = CliRunner().invoke(app, command)
+    assert shown.exit_code == 0, shown.output
+    assert "USD" in shown.stdout
+    assert shown.stdout.count("*$") == 2
+    assert (tmp_path / "figures" / "frontier-of-cost.svg").exists()
 
 
 @pytest.mark.parametrize(

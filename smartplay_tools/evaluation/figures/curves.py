@@ -89,6 +89,7 @@ def _score_against(field: str, label: str, comparisons: Sequence[Comparison]) ->
                 draw_estimates(panel, positions, [c.means["score"] for c in line], Series.number(index), name)
         _draw_human(panel, members)
         panel.set(title=game, xlabel=label, ylabel="mean score (points)")
+        panel.yaxis.set_major_formatter(lambda points, _: f"{points:,g}")
         panel.set_xticks(range(len(steps)), [UNLIMITED[field] if step is None else f"{step:,}" for step in steps])
         from_zero(panel, [low for c in members if (low := c.means["score"].low) is not None] or [0])
     legend_below(drawn)

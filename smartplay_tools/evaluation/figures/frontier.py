@@ -75,8 +75,8 @@ def _make_room(axes: Axes, prices: Sequence[float], letters: int) -> None:
     axes.set_xlim(min(prices) - width * share / (1 - share), max(prices) + 0.06 * width)
     axes.margins(y=0.12)
     # The room may lie left of 0, where there are no prices.
-    decimals = 0 if axes.get_xlim()[1] > 100 else 4
-    axes.xaxis.set_major_formatter(lambda price, _: "" if price < 0 else f"{price:,.{decimals}f}")
+    digits = ",.0f" if max(prices) >= 100 else ".4g"
+    axes.xaxis.set_major_formatter(lambda price, _: "" if price < 0 else f"{price:{digits}}")
 
 
 def _draw_front(axes: Axes, front: Sequence[Comparison], price: Price) -> None:

@@ -41,10 +41,12 @@ def walk_of(transcript: str | Path) -> list[float]:
 def score_over_steps(walks: Mapping[str, Sequence[Walk]], *, title: str | None = None) -> Figure:
     """Draw the mean score of several groups of episodes over their steps, with bands of 95 % intervals.
 
-    An episode that is over keeps its last score, so that a mean is always one of all episodes.
+    An episode that is over keeps its last score, so that a mean is always one of all episodes. Groups whose episodes
+    went the same way to the point share a line, since one would cover the other.
     """
     if not walks or not all(walks.values()):
         raise InvalidArgumentError("There is nothing to draw: every group needs at least one episode.")
+    walks = _merged(walks)
     drawn, (axes,) = panels(1, size=(7.6, 4.2))
     longest = max(len(walk) for group in walks.values() for walk in group) - 1
     steps = sorted({round(longest * point / POINTS) for point in range(POINTS + 1)})
@@ -62,5 +64,17 @@ def score_over_steps(walks: Mapping[str, Sequence[Walk]], *, title: str | None =
     from_zero(axes, [score for group in walks.values() for walk in group for score in walk])
     axes.xaxis.set_major_formatter(lambda steps, _: f"{steps:,.0f}")
     axes.yaxis.set_major_formatter(lambda score, _: f"{score:,.0f}")
-    legend_below(drawn, columns=3)
+    legend_below(drawn, columns=2)
     return drawn
+
+
+def _merged(walks: Mapping[str, Sequence[Walk]]) -> dict[str, Sequence[Walk]]:
+    """Put groups with equal walks under one name."""
+    merged: dict[str, Sequence[Walk]] = {}
+    for name, group in walks.items():
+        same = next((known for known, other in merged.items() if list(other) == list(group)), None)
+        # The name changes, the place in the order does not.
+        merged = {f"{known} = {name}" if known == same else known: other for known, other in merged.items()}
+        if same is None:
+            merged[name] = group
+    return merged

@@ -37,7 +37,7 @@ def capability_spider(players: Mapping[str, Scores], *, weights: Weights = "pape
         for result in PAPER_RESULTS
     }
     human = paper.pop("human")
-    top = min(RIM, max(1.0, *(found.mean for p in (*profiles.values(), *paper.values()) for found in p)))
+    top = min(RIM, max(1.0, *(found.high or found.mean for p in (*profiles.values(), *paper.values()) for found in p)))
     drawn, webs = _two_webs()
     drawn.suptitle(
         f"Capability scores over {len(settings)} of the paper's {len(PAPER_SETTINGS)} settings; 1 is the human's",
