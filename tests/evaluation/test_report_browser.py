@@ -161,6 +161,18 @@ def test_the_prompt_can_be_read_on_the_page(show, tmp_path):
     assert "[observation left the history window]" in page.locator(".message.is-marked pre").first.text_content()
 
 
+def test_a_prompt_shows_reasoning_names_and_provider_items_too(show, tmp_path):
+    items = [{"type": "thinking", "thinking": "Then that."}]
+    said = reply(act("1"), content="Hm.", name="player", reasoning_content="First this.", provider_items=items)
+    page = show(converse(tmp_path / "thoughts.jsonl", BANDIT, [said] * 2), "#episode=thoughts&turn=1")
+    page.get_by_text("The prompt, word for word", exact=True).click()
+    card = page.locator("#messages .message.assistant").first
+    assert card.locator("h4").text_content() == "assistant (player) of turn 0new"
+    assert [*card.locator("pre").all_text_contents()][1] == "Hm."
+    assert "First this." in card.locator("details pre").text_content()
+    assert "Then that." in card.locator("details pre").text_content()
+
+
 # The context band.
 
 

@@ -37,27 +37,25 @@ function saidIn(turn, episode) {
         turn.view ? "No reply came to this prompt." : "The host's agent called; what it said is not on record.",
       ),
     ];
-  const thoughts = [
-    message.reasoning_content,
-    ...(message.provider_items ?? []).map((item) => JSON.stringify(item, null, 1)),
-  ].filter(Boolean);
   const said = textOf(message);
   const calls = (message.tool_calls ?? []).map(({ function: { name, arguments: sent } }) => callLine(name, sent));
   const cost = usage ? costOf(usage) : null;
   return [
-    thoughts.length
-      ? element(
-          "details",
-          {},
-          element("summary", {}, "Reasoning and provider items"),
-          element("pre", {}, thoughts.join("\n")),
-        )
-      : null,
+    thoughtsOf(message),
     said ? element("pre", { class: "speech" }, said) : null,
     ...calls,
     !said && !calls.length ? caption("An empty reply.", true) : null,
     cost ? element("p", { class: "small" }, cost) : null,
   ].filter(Boolean);
+}
+
+// What a message carries beside its words: reasoning, and what its provider wants back unchanged.
+function thoughtsOf(message) {
+  const items = (message.provider_items ?? []).map((item) => JSON.stringify(item, null, 1));
+  const thoughts = [message.reasoning_content, ...items].filter(Boolean);
+  if (!thoughts.length) return null;
+  const words = element("pre", {}, thoughts.join("\n"));
+  return element("details", {}, element("summary", {}, "Reasoning and provider items"), words);
 }
 
 function costOf({ reply, overrun, provider }) {
@@ -161,7 +159,7 @@ function messageCard({ message, turn, marked }, fresh) {
   const title = element(
     "h4",
     {},
-    `${message.role}${from}`,
+    `${message.role}${message.name ? ` (${message.name})` : ""}${from}`,
     marked ? element("span", { class: "tag marked" }, "marked") : null,
     fresh ? element("span", { class: "tag fresh" }, "new") : null,
   );
@@ -173,6 +171,7 @@ function messageCard({ message, turn, marked }, fresh) {
     "article",
     { class: `message ${message.role}${marked ? " is-marked" : ""}` },
     title,
+    thoughtsOf(message),
     said || !calls.length ? element("pre", {}, said) : null,
     ...calls,
   );
