@@ -338,6 +338,7 @@ def test_closing_leaves_neither_process_nor_folder(folders):
 
 
 @needs_server
+@pytest.mark.slow
 def test_an_engine_that_is_forgotten_cleans_up_as_well(folders):
     engine = LuantiEngine(text="corrected")
     engine.reset(5, CORRECTED_GOALS[0])
@@ -478,6 +479,7 @@ def test_without_a_server_the_remedy_is_named(monkeypatch):
 
 
 @needs_server
+@pytest.mark.slow
 def test_the_doctor_names_the_servers_version():
     check = next(check for check in check_engines() if check.engine == "luanti")
     assert check.works
