@@ -1,45 +1,88 @@
 """What a tool call costs through each adapter: ours alone, and the whole call beside a bare tool of the same framework.
 
-    python benchmarks/adapters.py [--calls N] [--episodes N]
+    python benchmarks/adapters.py [--calls 500]
 
-"Ours" is the time inside the handler: everything between the framework's call of our code and our answer. "Whole" is
-what a caller waits for. "Bare" is a tool of the same framework that returns a constant. Medians, in microseconds.
+"Ours" is the time inside our code: everything between the framework's call of it and its answer, the model left out.
+"Whole" is what a caller waits for. "Bare" is the same with a tool that returns a constant. Medians, in microseconds.
+
+Servers on stdio and HTTP are processes of their own. `benchmarks/agent_turns.py` measures whole agents with a window,
+`benchmarks/mcp_http.py` puts a thousand episodes on one server.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import resource
+import dataclasses
+import socket
 import statistics
+import subprocess
 import sys
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import httpx2
 import mcp_types as types
-from agents import FunctionTool
-from agents.tool_context import ToolContext
+import uvicorn
 from langchain_core.tools import StructuredTool
 from mcp import Client, StdioServerParameters, stdio_client
 from mcp.client.streamable_http import streamable_http_client
 from mcp.server.lowlevel import Server
+from mcp.server.stdio import stdio_server
 from rich.console import Console
 from rich.table import Table as RichTable
 from smartplay_langchain import SmartPlayToolkit
-from smartplay_mcp import Episodes, HttpServer, Table, game_server
+from smartplay_mcp import Table, game_server
 
 import smartplay_tools as sp
 
 GAME = "RockPaperScissorBasic-v0"
 ACT = {"action": "Rock"}
 
+Row = tuple[str, float | None, float, float | None]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--calls", type=int, default=500)
+    parser.add_argument("--bare", choices=["stdio", "http"], help="be the bare server")
+    asked = parser.parse_args()
+    if asked.bare:
+        serve_bare(asked.bare)
+        return
+    table = RichTable("one tool call through", "ours", "whole", "bare", title="Median microseconds")
+    for name, *figures in tool_calls(asked.calls):
+        table.add_row(name, *("" if figure is None else f"{figure:,.0f}" for figure in figures))
+    Console().print(table)
+
+
+def tool_calls(calls: int) -> Iterator[Row]:
+    episode = fresh()
+    alone = median(lambda: episode.call("act", ACT), calls)
+    yield "Episode.call", alone, alone, None
+    yield "LangChain tool", *langchain_tool(calls)
+    in_memory = asyncio.run(mcp_in_memory(calls))
+    yield "MCP in memory", *in_memory
+    # The handler is the same one in another process, so its share is, too.
+    ours, *_ = in_memory
+    yield (
+        "MCP on stdio",
+        ours,
+        asyncio.run(on_stdio(play_command(), calls)),
+        asyncio.run(on_stdio(bare("stdio"), calls)),
+    )
+    with (
+        served(["-m", *play_command(), "--http", "--port", "0"]) as url,
+        served(bare("http")) as bare_url,
+    ):
+        yield "MCP over HTTP", ours, asyncio.run(over_http(url, calls)), asyncio.run(over_http(bare_url, calls))
+
 
 def fresh() -> sp.Episode:
     """An episode that does not end while it is measured."""
-    spec = sp.get_spec(GAME)
-    long = type(spec)(**{**{name: getattr(spec, name) for name in spec.__dataclass_fields__}, "rollout": 10**9})
+    long = dataclasses.replace(sp.get_spec(GAME), rollout=10**9)
     return sp.Episode(long, seed=1, context="host", budget=sp.Budget(tool_calls=None))
 
 
@@ -61,125 +104,89 @@ async def amedian(call: Callable[[], Awaitable[Any]], calls: int) -> float:
     return statistics.median(times) * 1e6
 
 
-def langchain(calls: int) -> tuple[float, float, float]:
-    """The toolkit's `act` beside a StructuredTool with the same schema."""
+def langchain_tool(calls: int) -> tuple[float, float, float]:
     act = SmartPlayToolkit(episode=fresh()).get_tools()[1]
-    bare = StructuredTool(name="act", description="-", args_schema=act.args_schema, func=lambda **_: "constant")
+    constant = StructuredTool(name="act", description="-", args_schema=act.args_schema, func=lambda **_: "constant")
     sent = {"type": "tool_call", "id": "c", "name": "act", "args": ACT}
-    return (
-        median(lambda: act._run(**ACT), calls),
-        median(lambda: act.invoke(sent), calls),
-        median(lambda: bare.invoke(sent), calls),
-    )
-
-
-async def agents_sdk(calls: int) -> tuple[float, float, float]:
-    """A function tool's `on_invoke_tool`, which is what the runner calls."""
-    episode = fresh()
-
-    async def play(_: ToolContext[Any], arguments: str) -> str:
-        return episode.call("act", arguments).text
-
-    async def constant(_: ToolContext[Any], arguments: str) -> str:
-        return "constant"
-
-    schema = dict(episode.tools[1].parameters)
-    ours, bare = (FunctionTool("act", "-", schema, function) for function in (play, constant))
-    context = ToolContext(context=None, tool_name="act", tool_call_id="c", tool_arguments="{}")
-    text = '{"action": "Rock"}'
-    return (
-        median(lambda: episode.call("act", text), calls),
-        await amedian(lambda: ours.on_invoke_tool(context, text), calls),
-        await amedian(lambda: bare.on_invoke_tool(context, text), calls),
-    )
-
-
-def bare_server() -> Server[Any]:
-    """An MCP server with one tool that returns a constant."""
-
-    async def call_tool(_: Any, __: Any) -> types.CallToolResult:
-        return types.CallToolResult(content=[types.TextContent(type="text", text="constant")])
-
-    async def list_tools(_: Any, __: Any) -> types.ListToolsResult:
-        return types.ListToolsResult(tools=[types.Tool(name="act", input_schema={"type": "object"})])
-
-    return Server("bare", on_call_tool=call_tool, on_list_tools=list_tools)
-
-
-async def whole_call(transport: Any, calls: int) -> float:
-    async with Client(transport) as client:
-        await client.list_tools()
-        return await amedian(lambda: client.call_tool("act", ACT), calls)
+    ours = median(lambda: act._run(**ACT), calls)
+    return ours, median(lambda: act.invoke(sent), calls), median(lambda: constant.invoke(sent), calls)
 
 
 async def mcp_in_memory(calls: int) -> tuple[float, float, float]:
     table = Table(fresh())
     ours = await amedian(lambda: table.call("act", ACT), calls)
-    whole = await whole_call(game_server(lambda _: table), calls)
-    return ours, whole, await whole_call(bare_server(), calls)
+    whole = await through_client(game_server(lambda _: table), calls, "act", ACT)
+    return ours, whole, await through_client(bare_server(), calls, "act", ACT)
 
 
-async def mcp_stdio(calls: int) -> float:
-    """A process of its own; 50 rounds a game, so there the observations are asked for."""
-    arguments = ["-m", "smartplay_tools", "serve", "mcp", GAME, "--tool-calls", "none"]
-    async with Client(stdio_client(StdioServerParameters(command=sys.executable, args=arguments))) as client:
+async def through_client(transport: Any, calls: int, tool: str, arguments: dict[str, str] | None = None) -> float:
+    async with Client(transport) as client:
         await client.list_tools()
-        return await amedian(lambda: client.call_tool("observe"), calls)
+        return await amedian(lambda: client.call_tool(tool, arguments), calls)
 
 
-async def mcp_http(server: HttpServer, handle: str, calls: int) -> list[float]:
-    """Times of `observe` calls through one client, in seconds."""
-    times = []
-    async with (
-        httpx2.AsyncClient(trust_env=False, timeout=300) as http,
-        Client(streamable_http_client(f"{server.url}/mcp/{handle}", http_client=http)) as client,
-    ):
-        for _ in range(calls):
-            begun = time.perf_counter()
-            await client.call_tool("observe")
-            times.append(time.perf_counter() - begun)
-    return times
+def play_command() -> list[str]:
+    # A game has 50 rounds here, so it is `observe` that is called.
+    return ["smartplay_tools", "serve", "mcp", GAME, "--tool-calls", "none"]
 
 
-async def many(server: HttpServer, handles: list[str], calls: int) -> list[float]:
-    """Every handle has a client of its own, all at once."""
-    results = await asyncio.gather(*(mcp_http(server, handle, calls) for handle in handles))
-    return [taken for times in results for taken in times]
+def bare(kind: str) -> list[str]:
+    return [__file__, "--bare", kind]
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--calls", type=int, default=500)
-    parser.add_argument("--episodes", type=int, default=1000)
-    asked = parser.parse_args()
-    table = RichTable("through", "ours", "whole", "bare", title="One tool call, median microseconds")
-    episode = fresh()
-    alone = median(lambda: episode.call("act", ACT), asked.calls)
-    rows: list[tuple[str, float | None, float, float | None]] = [("Episode.call", alone, alone, None)]
-    rows.append(("LangChain tool", *langchain(asked.calls)))
-    rows.append(("Agents SDK tool", *asyncio.run(agents_sdk(asked.calls))))
-    rows.append(("MCP in memory", *asyncio.run(mcp_in_memory(asked.calls))))
-    rows.append(("MCP stdio", None, asyncio.run(mcp_stdio(asked.calls)), None))
-    episodes = Episodes(most=asked.episodes)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    handles = [episodes.open(GAME, seed=seed) for seed in range(asked.episodes)]
-    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with HttpServer(episodes, port=0) as server:
-        one = statistics.median(asyncio.run(mcp_http(server, handles[0], min(asked.calls, 200)))) * 1e6
-        rows.append(("MCP HTTP", None, one, None))
-        begun = time.perf_counter()
-        times = sorted(asyncio.run(many(server, handles[1:], 3)))
-        seconds = time.perf_counter() - begun
-    for name, *figures in rows:
-        table.add_row(name, *("" if figure is None else f"{figure:,.0f}" for figure in figures))
-    console = Console()
-    console.print(table)
-    p50, p95 = (times[int(len(times) * share)] for share in (0.5, 0.95))
-    console.print(
-        f"{len(handles):,} episodes at once over HTTP: {len(times) / seconds:,.0f} calls/s, p50 {p50:.2f} s, "
-        f"p95 {p95:.2f} s (clients in the same process); {(after - before) / len(handles):.0f} KiB an episode"
-    )
+async def on_stdio(command: list[str], calls: int) -> float:
+    arguments = command if command[0] == __file__ else ["-m", *command]
+    server = stdio_client(StdioServerParameters(command=sys.executable, args=arguments))
+    return await through_client(server, calls, "observe")
+
+
+async def over_http(url: str, calls: int) -> float:
+    async with httpx2.AsyncClient(trust_env=False) as http:
+        return await through_client(streamable_http_client(url, http_client=http), calls, "observe")
+
+
+@contextmanager
+def served(command: list[str]) -> Iterator[str]:
+    """Start a server that prints where it is."""
+    process = subprocess.Popen([sys.executable, *command], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().split()[0]
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def bare_server() -> Server[Any]:
+    """An MCP server whose tools return a constant."""
+
+    async def call_tool(_: Any, __: Any) -> types.CallToolResult:
+        return types.CallToolResult(content=[types.TextContent(type="text", text="constant")])
+
+    async def list_tools(_: Any, __: Any) -> types.ListToolsResult:
+        tools = [types.Tool(name=name, input_schema={"type": "object"}) for name in ("act", "observe")]
+        return types.ListToolsResult(tools=tools)
+
+    return Server("bare", on_call_tool=call_tool, on_list_tools=list_tools)
+
+
+def serve_bare(kind: str) -> None:
+    server = bare_server()
+    if kind == "http":
+        app = server.streamable_http_app(json_response=True, stateless_http=True)
+        # As in `HttpServer`: on a socket whose protocol is not named, small answers may wait for 40 ms.
+        listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        print(f"http://127.0.0.1:{listening.getsockname()[1]}/mcp", flush=True)
+        uvicorn.Server(uvicorn.Config(app, log_level="warning", ws="none")).run([listening])
+        return
+
+    async def run() -> None:
+        async with stdio_server() as (reading, writing):
+            await server.run(reading, writing, server.create_initialization_options())
+
+    asyncio.run(run())
 
 
 if __name__ == "__main__":

@@ -20,8 +20,8 @@ from smartplay_tools.games.base import TextGame
 ORIGINAL = {1: (650, 880), 2: (2330, 17200), 3: (2440, 22200)}
 """Microseconds of a step and of a reset in the original: the best that was seen on a machine with other work to do."""
 
-ROUND = 400
-"""Episodes in a round."""
+ROUND = 40
+"""Episodes in a round: few, so that some rounds pass undisturbed on a machine with other work to do."""
 
 
 def time_resets(game: TextGame) -> float:

@@ -1,11 +1,14 @@
-"""The embedded Minecraft world, measured: time, memory, and who finds a biome. `python benchmarks/minecraft.py [N]`.
+"""The Minecraft engines, measured: time, memory, who finds a biome. `python benchmarks/minecraft.py [N] [ENGINE...]`.
 
 The guide knows the map and has 150 actions; the rule player and the random one see what a model sees and have 200.
-Times are processor time of this machine. Memory is what an environment adds to a process that has imported everything.
+Times of the embedded engine are processor time of this machine; Luanti works in a process of its own, so its times are
+those of the clock. Memory is what an environment adds to a process that has imported everything, and for Luanti what
+its server holds.
 """
 
 from __future__ import annotations
 
+import resource
 import statistics
 import subprocess
 import sys
@@ -18,11 +21,14 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.games.base import TextGame
+from smartplay_tools.games.minecraft.doctor import check_engines
+from smartplay_tools.games.minecraft.luanti.guide import Guide as LuantiGuide
 from smartplay_tools.games.minecraft.tasks import CORRECTED_GOALS
 from smartplay_tools.games.minecraft.text import describe
 from smartplay_tools.games.minecraft.voxel.climate import biomes, climate
 from smartplay_tools.games.minecraft.voxel.guide import Guide
 
+_CLOCKS = {"voxel": (time.process_time, "processor time"), "luanti": (time.perf_counter, "the clock")}
 _GUIDE_STEPS = 150
 _MEASURED_STEPS = 60
 
@@ -32,27 +38,29 @@ def milliseconds(times: list[float]) -> tuple[str, str, str]:
     return f"{statistics.median(ordered):.1f}", f"{ordered[int(len(ordered) * 0.9)]:.1f}", f"{ordered[-1]:.1f}"
 
 
-def timed(call: Callable[[], object], times: list[float]) -> None:
-    start = time.process_time()
+def timed(call: Callable[[], object], times: list[float], clock: Callable[[], float]) -> None:
+    start = clock()
     call()
-    times.append(time.process_time() - start)
+    times.append(clock() - start)
 
 
-def speed() -> Table:
+def speed(engine: str) -> Table:
+    clock, title = _CLOCKS[engine]
     resets: list[float] = []
     steps: list[float] = []
     texts: list[float] = []
     for task in CORRECTED_GOALS:
-        game = sp.GAMES[f"MinedojoCreative{task}-v0"].make()
+        game = sp.GAMES[f"MinedojoCreative{task}-v0"].make(engine=engine)
         game.reset(seed=0)
         random = np.random.default_rng(task)
         for seed in range(1, 6):
-            timed(lambda game=game, seed=seed: game.reset(seed=seed), resets)
+            timed(lambda game=game, seed=seed: game.reset(seed=seed), resets, clock)
             for _ in range(_MEASURED_STEPS):
                 action = int(random.integers(4))
-                timed(lambda game=game, action=action: game.step(action), steps)
-                timed(lambda game=game: describe(game._seen, "corrected"), texts)
-    table = Table("", "median", "p90", "max", title="Milliseconds of processor time", title_justify="left")
+                timed(lambda game=game, action=action: game.step(action), steps, clock)
+                timed(lambda game=game: describe(game._seen, "corrected"), texts, clock)
+        game.close()
+    table = Table("", "median", "p90", "max", title=f"{engine}: milliseconds of {title}", title_justify="left")
     table.add_row("new world and start", *milliseconds(resets))
     table.add_row("step, text included", *milliseconds(steps))
     table.add_row("of it the text", *milliseconds(texts))
@@ -75,14 +83,29 @@ print(resident() - before)
 """
 
 
-def memory() -> float:
-    """MiB that an environment has added to a process after 200 steps (Linux)."""
+def memory(engine: str) -> float:
+    """MiB that an environment has added to a process, or holds in another, after 200 steps (Linux)."""
+    if engine == "luanti":
+        return server_memory()
     shown = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, text=True, check=True)
     return float(shown.stdout)
 
 
+def server_memory() -> float:
+    """The most that a Luanti server has held so far."""
+    game = sp.GAMES["MinedojoCreative5-v0"].make(engine="luanti")
+    game.reset(seed=0)
+    random = np.random.default_rng(0)
+    for _ in range(200):
+        game.step(int(random.integers(4)))
+    game.close()
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+
+
 def distance_to_goal(game: TextGame, goals: frozenset[int]) -> float:
     x, _, z = game._world.position
+    if game.engine == "luanti":
+        return float(np.hypot(*game._world.way[-1]))
     axis = np.arange(-120, 121) * 8
     found = np.nonzero(
         np.isin(biomes(climate(game._world.world.seed, int(x) + axis[:, None], int(z) + axis)), list(goals))
@@ -90,38 +113,43 @@ def distance_to_goal(game: TextGame, goals: frozenset[int]) -> float:
     return float(np.hypot(axis[found[0]], axis[found[1]]).min())
 
 
-def guided(task: int, seeds: int) -> tuple[list[float], list[int]]:
+def guide_for(game: TextGame, goals: frozenset[int]) -> Guide | LuantiGuide:
+    return LuantiGuide(game._world, seed=0) if game.engine == "luanti" else Guide(game._world, goals)
+
+
+def guided(engine: str, task: int, seeds: int) -> tuple[list[float], list[int]]:
     """Distances from start to goal, and the numbers of actions in which the guide got there."""
     goals = CORRECTED_GOALS[task].biomes
-    game = sp.GAMES[f"MinedojoCreative{task}-v0"].make()
+    game = sp.GAMES[f"MinedojoCreative{task}-v0"].make(engine=engine)
     distances, needed = [], []
     for seed in range(seeds):
         game.reset(seed=seed)
         distances.append(distance_to_goal(game, goals))
-        guide = Guide(game._world, goals)
+        guide = guide_for(game, goals)
         for step in range(1, _GUIDE_STEPS + 1):
             game.step(guide.best_action())
             if game.completed:
                 needed.append(step)
                 break
+    game.close()
     return distances, needed
 
 
-def completion(task: int, player: str, seeds: int) -> float:
+def completion(engine: str, task: int, player: str, seeds: int) -> float:
     won = 0
     for seed in range(seeds):
-        with sp.Episode(f"MinedojoCreative{task}-v0", seed=seed) as episode:
+        with sp.Episode(f"MinedojoCreative{task}-v0", seed=seed, engine=engine) as episode:
             won += sp.play(episode, sp.get_player(player, seed=seed)).completed
     return won / seeds
 
 
-def players(seeds: int) -> Table:
+def players(engine: str, seeds: int) -> Table:
     columns = ("task", "median distance", "guide", "median actions", "rule", "random")
-    table = Table(*columns, title=f"Who finds it, {seeds} seeds", title_justify="left")
+    table = Table(*columns, title=f"{engine}: who finds it, {seeds} seeds", title_justify="left")
     means = []
     for task, goal in CORRECTED_GOALS.items():
-        distances, needed = guided(task, seeds)
-        shares = [len(needed) / seeds, completion(task, "rule", seeds), completion(task, "random", seeds)]
+        distances, needed = guided(engine, task, seeds)
+        shares = [len(needed) / seeds, *(completion(engine, task, player, seeds) for player in ("rule", "random"))]
         means.append(shares)
         shown = [f"{share:.0%}" for share in shares]
         actions = f"{statistics.median(needed):.0f}" if needed else ""
@@ -133,6 +161,12 @@ def players(seeds: int) -> Table:
 
 if __name__ == "__main__":
     console = Console()
-    console.print(speed())
-    console.print(f"Memory of an environment after 200 steps: {memory():.0f} MiB\n")
-    console.print(players(int(sys.argv[1]) if len(sys.argv) > 1 else 20))
+    for check in check_engines():
+        if check.engine not in (sys.argv[2:] or _CLOCKS):
+            continue
+        if not check.works:
+            console.print(check.detail)
+            continue
+        console.print(speed(check.engine))
+        console.print(f"Memory of an environment after 200 steps: {memory(check.engine):.0f} MiB\n")
+        console.print(players(check.engine, int(sys.argv[1]) if len(sys.argv) > 1 else 20))

@@ -1,7 +1,9 @@
 """A LangGraph graph of one node plays: `Seat` says what to show the model and answers what it says.
 
-python examples/11_langgraph.py
-SMARTPLAY_MODEL=anthropic:claude-sonnet-4-5 python examples/11_langgraph.py
+    python examples/11_langgraph.py
+    SMARTPLAY_MODEL=anthropic:claude-sonnet-4-5 python examples/11_langgraph.py
+
+Without a model's name the rule player answers as a chat model, and no key is needed.
 """
 
 import os

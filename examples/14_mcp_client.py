@@ -31,8 +31,11 @@ async def by_model(client: Client, name: str) -> None:
     model = init_chat_model(name).bind_tools([{"type": "function", "function": f} for f in functions])
     messages: list = [("user", "Play the game until it is over.")]
     for _ in range(ENOUGH):
-        messages.append(await model.ainvoke(messages))
-        for call in messages[-1].tool_calls:
+        reply = await model.ainvoke(messages)
+        messages.append(reply)
+        if not reply.tool_calls:
+            messages.append(("user", "Go on: call a tool."))
+        for call in reply.tool_calls:
             result = await client.call_tool(call["name"], call["args"])
             print(text := result.content[0].text)
             messages.append({"role": "tool", "tool_call_id": call["id"], "content": text})

@@ -14,6 +14,7 @@ from smartplay_tools.context import ContextWindow, View
 from smartplay_tools.conversation import Conversation
 from smartplay_tools.episode import Episode
 from smartplay_tools.errors import (
+    EngineError,
     InvalidArgumentError,
     MissingExtraError,
     SmartPlayError,
@@ -58,6 +59,7 @@ __all__ = [
     "Budget",
     "ContextWindow",
     "Conversation",
+    "EngineError",
     "Episode",
     "EpisodeResult",
     "GameSpec",

@@ -216,7 +216,7 @@ class Episode:
         if self._begun:
             return
         self._begun = True
-        self.log("start", **self.start_facts(player, protocol, player_options or {}), versions=versions())
+        self.log("start", **self.start_facts(player, protocol, player_options or {}), versions=self._versions())
 
     def start_facts(
         self, player: str | None, protocol: str, player_options: Mapping[str, Any], *, seed: int | None = None
@@ -298,10 +298,13 @@ class Episode:
             state_hash="" if reason == "game_error" else self.game.state_hash(),
             context=self.context,
             deviations=self._deviations(),
-            versions=versions(),
+            versions=self._versions(),
             **self.tally.counts(),
         )
         self.log("end", result=self.result.model_dump(), traceback=self._play.traceback)
+
+    def _versions(self) -> dict[str, str]:
+        return {**versions(), **self.game.versions()}
 
     def _deviations(self) -> dict[str, Any]:
         paper = GAMES.get(self.spec.id, self.spec)

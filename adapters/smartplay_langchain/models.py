@@ -25,8 +25,8 @@ from smartplay_tools import (
     schema,
 )
 
-LINE_FAILURES = frozenset({"APIConnectionError", "ConnectionError", "TimeoutError", "TransportError"})
-"""What a failed line is called: by the clients of most providers, by Python, by httpx. No import knows them all."""
+FAILURES = frozenset({"APIConnectionError", "ConnectionError", "HTTPError", "TimeoutError"})
+"""What an error is called that is not a bug: by the clients of most providers, by Python, by httpx and requests."""
 
 
 class LangChainPlayer(ModelPlayer):
@@ -40,7 +40,7 @@ class LangChainPlayer(ModelPlayer):
         parameters: further arguments of `init_chat_model`, such as `temperature=0`.
 
     LangChain's models keep their connections themselves, some of them for all models of a process: `close` leaves
-    them alone.
+    them alone, and `areply` belongs to the event loop that asked first.
     """
 
     def __init__(
@@ -87,9 +87,9 @@ class LangChainPlayer(ModelPlayer):
         return _reply(await model.ainvoke(messages))
 
     def failed(self, error: Exception) -> bool:
-        """Whether a provider refused, or the line to it failed: its own errors come through LangChain as they are."""
-        kinds = {kind.__name__ for kind in type(error).__mro__}
-        return isinstance(getattr(error, "status_code", None), int) or not kinds.isdisjoint(LINE_FAILURES)
+        """Whether a provider refused, or the line to it failed: their own errors come through LangChain as they are."""
+        kinds = {kind.__name__ for kind in type(error).__mro__}  # no import knows them all
+        return isinstance(getattr(error, "status_code", None), int) or not kinds.isdisjoint(FAILURES)
 
 
 class PlayerChatModel(BaseChatModel):

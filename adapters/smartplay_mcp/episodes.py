@@ -55,8 +55,9 @@ class Episodes:
     ) -> None:
         self._folder, self._most, self._idle, self._clock = folder, most, idle, clock
         self._tables: dict[str, tuple[Table, float]] = {}
-        self._resuming: set[str] = set()
-        """Handles whose transcripts are being played again; that may take long, and meanwhile others play."""
+        """Tables, and when they were last asked for; the one longest ago comes first."""
+        self._busy: set[str] = set()
+        """Handles whose episodes are being made, played again or closed; that may take long, and others play on."""
         self._lock = threading.Condition()
 
     def __len__(self) -> int:
@@ -64,63 +65,87 @@ class Episodes:
 
     def open(self, game: str, *, seed: int, budget: Budget | None = None, **options: Any) -> str:
         """Begin an episode and return its handle; `FullError` if there is no room. `options` are `Episode`'s."""
+        handle = secrets.token_urlsafe(24)
+        self._close_idle()
         with self._lock:
-            self._expire()
-            self._check_room()
-            handle = secrets.token_urlsafe(24)
-            episode = Episode(game, seed=seed, budget=budget, context="host", transcript=self._path(handle), **options)
+            self._make_way(handle)
+
+        def begin() -> Episode:
+            path = self._path(handle)
+            episode = Episode(game, seed=seed, budget=budget, context="host", transcript=path, **options)
             episode.begin()
-            self._tables[handle] = (Table(episode), self._clock())
-            return handle
+            return episode
+
+        self._seat(handle, begin)
+        return handle
+
+    def seated(self, handle: str) -> Table | None:
+        """Return an episode if that takes no time, because it is open; None says nothing about others."""
+        with self._lock:
+            if handle not in self._tables or self._is_idle(handle):
+                return None
+            table, _ = self._tables.pop(handle)
+            self._tables[handle] = (table, self._clock())
+            return table
 
     def find(self, handle: str) -> Table | None:
         """Return an episode, if need be from its transcript; None for a handle that is not, or no longer.
 
         `FullError` if there is no room for one more, `TranscriptError` if it plays differently here than it did.
         """
+        self._close_idle()
         with self._lock:
-            self._lock.wait_for(lambda: handle not in self._resuming)
-            self._expire()
-            if handle in self._tables:
-                table, _ = self._tables[handle]
-                self._tables[handle] = (table, self._clock())
-                return table
+            self._lock.wait_for(lambda: handle not in self._busy)
+            table = self.seated(handle)
             path = self._path(handle)
-            if path is None or not HANDLE.fullmatch(handle) or not path.exists():
-                return None
-            self._check_room()
-            self._resuming.add(handle)
-        return self._resume(handle, path)
+            if table is not None or path is None or not HANDLE.fullmatch(handle) or not path.exists():
+                return table
+            self._make_way(handle)
+        return self._seat(handle, lambda: _played_again(path))
 
     def close(self, handle: str) -> EpisodeResult | None:
         """End an episode and return its result."""
         table = self.find(handle)
         if table is None:
             return None
+        table.episode.close()
         with self._lock:
             self._tables.pop(handle, None)
-        table.episode.close()
         return table.episode.result
 
-    def _resume(self, handle: str, path: Path) -> Table:
+    def _make_way(self, handle: str) -> None:
+        if len(self._tables) + len(self._busy) >= self._most:
+            raise FullError(f"{self._most} episodes are open, and no more may be.")
+        self._busy.add(handle)
+
+    def _seat(self, handle: str, make: Callable[[], Episode]) -> Table:
         try:
-            table = Table(_played_again(path))
+            table = Table(make())
             with self._lock:
                 self._tables[handle] = (table, self._clock())
             return table
         finally:
-            with self._lock:
-                self._resuming.remove(handle)
-                self._lock.notify_all()
+            self._done_with(handle)
 
-    def _check_room(self) -> None:
-        if len(self._tables) + len(self._resuming) >= self._most:
-            raise FullError(f"{self._most} episodes are open, and no more may be.")
+    def _close_idle(self) -> None:
+        idle = {}
+        with self._lock:
+            while self._tables and self._is_idle(handle := next(iter(self._tables))):
+                idle[handle] = self._tables.pop(handle)[0]
+            self._busy.update(idle)
+        for handle, table in idle.items():
+            try:
+                table.episode.close()
+            finally:
+                self._done_with(handle)
 
-    def _expire(self) -> None:
-        limit = self._clock() - self._idle
-        for handle in [handle for handle, (_, used) in self._tables.items() if used < limit]:
-            self._tables.pop(handle)[0].episode.close()
+    def _done_with(self, handle: str) -> None:
+        with self._lock:
+            self._busy.remove(handle)
+            self._lock.notify_all()
+
+    def _is_idle(self, handle: str) -> bool:
+        return self._tables[handle][1] < self._clock() - self._idle
 
     def _path(self, handle: str) -> Path | None:
         return None if self._folder is None else self._folder / f"{handle}.jsonl"

@@ -158,7 +158,7 @@ class _Door:
         if self._token is not None and not _carries(request, self._token):
             return _UNAUTHORIZED
         handle = handle or request.query_params.get("episode") or request.headers.get("x-episode") or ""
-        found = await _asked(self._episodes.find, handle)
+        found = self._episodes.seated(handle) or await _asked(self._episodes.find, handle)
         if isinstance(found, Response):
             return found
         request.scope[TABLE] = found

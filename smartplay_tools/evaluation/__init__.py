@@ -12,4 +12,5 @@ metrics       rows into figures: intervals, capabilities, bracket
 standing      how far a run is
 display       figures as tables for a terminal
 tables        rows as CSV and Parquet, figures as JSON
+report/       a run as a page that replays its episodes
 """

@@ -172,15 +172,15 @@ def write_summary(comparisons: Iterable[Comparison], path: str | Path) -> None:
         writer.writerows(rows)
 
 
-def write_figures(folder: RunFolder, comparisons: Sequence[Comparison]) -> list[Path]:
-    """Draw what a run has to show, into its folder `figures`, and return the paths."""
+def write_figures(folder: RunFolder, comparisons: Sequence[Comparison], out: Path | None = None) -> list[Path]:
+    """Draw what a run has to show, into its folder `figures` or another one, and return the paths."""
     from smartplay_tools.evaluation import figures
     from smartplay_tools.evaluation.figures.run import run_figures
 
     return [
         path
         for name, drawn in run_figures(folder, comparisons).items()
-        for path in figures.save_figure(drawn, folder.path / "figures" / name)
+        for path in figures.save_figure(drawn, (out or folder.path / "figures") / name)
     ]
 
 

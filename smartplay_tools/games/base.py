@@ -13,7 +13,7 @@ import hashlib
 import json
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any, ClassVar
 
@@ -129,6 +129,10 @@ class TextGame(gymnasium.Env[str, Any]):
 
     def deviations(self) -> dict[str, Any]:
         """What this game's options make differ from the paper: name -> {"paper": ..., "played": ...}."""
+        return {}
+
+    def versions(self) -> Mapping[str, str]:
+        """Name to version of the programs outside of Python that run the game; they stand in the result."""
         return {}
 
     def drawing(self) -> dict[str, Any]:

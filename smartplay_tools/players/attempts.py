@@ -1,7 +1,7 @@
 """Attempts: how often and how fast a model is asked again. Each attempt is billed, so each is counted.
 
-Nothing here knows a client library. An error of one may have `status_code`, `code`, `response.headers` and `usage`, as
-those of OpenAI's, Anthropic's and most other clients do; what it has is read, what it lacks is not missed.
+Nothing here knows a client library. An error of one may have a `status_code`, or a `response` that has one, and headers
+there, and a `code`, as those of OpenAI's, Anthropic's and httpx's do; what it has is read, what it lacks is not missed.
 """
 
 from __future__ import annotations
@@ -74,7 +74,8 @@ class Attempts:
 
 def status_of(error: Exception) -> int | None:
     """Return the HTTP status that a server refused a request with; None for a line that failed, or a broken answer."""
-    status = getattr(error, "status_code", None)
+    response = getattr(error, "response", None)
+    status = getattr(error, "status_code", None) or getattr(response, "status_code", None)
     return status if isinstance(status, int) and status >= 400 else None
 
 

@@ -74,7 +74,7 @@ class ModelPlayer(ABC):
 
     @abstractmethod
     def new_async_client(self) -> Any:
-        """Return a client for one event loop; it is closed by awaiting its `close`."""
+        """Return a client for one event loop; its `aclose`, or else its `close`, is awaited in the end."""
 
     @abstractmethod
     def send(self, client: Any, request: Any) -> Reply:
@@ -137,7 +137,8 @@ class ModelPlayer(ABC):
         with self._lock:
             line = self._in_loops.pop(asyncio.get_running_loop(), None)
         if line is not None and line.client is not None:
-            await line.client.close()
+            closing = getattr(line.client, "aclose", None) or line.client.close
+            await closing()
 
     def __enter__(self) -> Self:
         return self

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
@@ -285,7 +286,8 @@ async def mcp_on_stdio(seeds: Sequence[int], folder: Path, mode: str) -> Opened:
             options = ["--seed", str(seed), "--history", str(HOST_BUDGET.history)]
             options += ["--transcript", str(folder / f"{seed}.jsonl")]
             command = ["-m", "smartplay_tools", "serve", "mcp", GAME, *options]
-            transport = stdio_client(StdioServerParameters(command=sys.executable, args=command))
+            server = StdioServerParameters(command=sys.executable, args=command, env=dict(os.environ))
+            transport = stdio_client(server)
             senders.append(through_client(await stack.enter_async_context(Client(transport, mode=mode))))
         yield senders
 

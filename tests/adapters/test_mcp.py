@@ -263,6 +263,17 @@ class TestEpisodes:
         assert left.episode.end_reason == "closed"
         assert episodes.find(busy) is not None
 
+    def test_with_a_folder_it_is_told_that_the_episode_is_over(self, tmp_path):
+        now = [0.0]
+        episodes = Episodes(folder=tmp_path, idle=60, clock=lambda: now[0])
+        handle = episodes.open(GAME, seed=1)
+        now[0] = 100
+        with ThreadPoolExecutor(8) as pool:
+            found = list(pool.map(episodes.find, [handle] * 8))
+        assert {id(table) for table in found} == {id(found[0])}
+        assert found[0].episode.call("observe").text.startswith("Error: The episode is over")
+        assert found[0].episode.end_reason == "closed"
+
     def test_there_is_a_limit(self):
         episodes = Episodes(most=2)
         episodes.open(GAME, seed=1)

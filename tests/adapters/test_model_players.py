@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
 
+import httpx2
 import pytest
 from langchain_core.language_models import BaseChatModel
 from langchain_core.messages import AIMessage
@@ -234,6 +235,19 @@ def test_a_line_that_fails_is_another_attempt_in_langchain_too():
 
     player = LangChainPlayer(Faulty(server=Busy(refusals=0)), pause=0.0)
     assert player.reply(question(1)).usage.requests == 3
+
+
+@pytest.mark.parametrize(("status", "attempts"), [(503, 3), (400, 1)])
+def test_a_status_is_read_wherever_a_client_keeps_it(status, attempts):
+    class Plain(BusyModel):
+        def _generate(self, *_: Any, **__: Any) -> ChatResult:
+            response = httpx2.Response(status, request=httpx2.Request("POST", "http://localhost"))
+            response.raise_for_status()
+            raise AssertionError
+
+    player = LangChainPlayer(Plain(server=None), retries=2, pause=0.0)
+    with pytest.raises(sp.ModelCallError, match=f"in {attempts} attempt.*HTTPStatusError"):
+        player.reply(question(1))
 
 
 def test_a_limit_under_which_nobody_is_asked_is_refused():

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 import smartplay_tools as sp
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
@@ -26,6 +28,12 @@ def record(
     with sp.Episode(game, seed=seed, budget=sp.Budget(**rules), transcript=path, **own) as episode:
         sp.play(episode, sp.get_player(player, seed=seed), protocol=protocol)
     return path
+
+
+def known_for_now(monkeypatch: pytest.MonkeyPatch, spec: sp.GameSpec) -> None:
+    """Make a setting known until the end of the test."""
+    monkeypatch.setattr(sp.GAMES, "_specs", dict(sp.GAMES._specs))
+    sp.register(spec)
 
 
 def reply(*calls: tuple[str, str], content: Any = None, **more: Any) -> dict[str, Any]:

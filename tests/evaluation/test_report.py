@@ -22,7 +22,18 @@ from smartplay_tools.evaluation.report.drawings import draw
 from smartplay_tools.evaluation.report.episodes import check
 from smartplay_tools.games.base import TextGame
 from tests.evaluation.players import Broken, FirstMoves
-from tests.evaluation.report_runs import BANDIT, HANOI, HOSTILE, RPS, act, converse, hostile, record, reply
+from tests.evaluation.report_runs import (
+    BANDIT,
+    HANOI,
+    HOSTILE,
+    RPS,
+    act,
+    converse,
+    hostile,
+    known_for_now,
+    record,
+    reply,
+)
 
 OPENS_NOTHING = {"meta", "link", "style", "script", "img"}
 """Elements that could load something, and that the page may have; their addresses are looked at."""
@@ -185,8 +196,8 @@ def test_a_host_s_episode_has_calls_and_no_prompts(tmp_path):
     assert len(data["drawing"]["changes"]) == 2
 
 
-def test_figures_of_a_run_are_pictures_that_cannot_run_anything(tmp_path):
-    record(tmp_path / "run" / "hanoi.jsonl", HANOI)
+def test_figures_that_lie_in_the_run_are_pictures_that_cannot_run_anything(tmp_path):
+    sp.evaluate([HANOI], ["rule"], out=tmp_path / "run", trials=1, executor="inline")
     (tmp_path / "run" / "figures").mkdir()
     svg = '<svg xmlns="http://www.w3.org/2000/svg"><script>alert(1)</script></svg>'
     (tmp_path / "run" / "figures" / "score-by-history.svg").write_text(svg)
@@ -194,6 +205,13 @@ def test_figures_of_a_run_are_pictures_that_cannot_run_anything(tmp_path):
     [image] = [attributes for tag, attributes in page.elements if tag == "img"]
     assert base64.b64decode(image["src"].removeprefix("data:image/svg+xml;base64,")).decode() == svg
     assert image["alt"] == "Figure: score by history"
+
+
+def test_figures_that_nobody_has_drawn_are_drawn_for_the_page(tmp_path):
+    sp.evaluate([HANOI, BANDIT], ["rule", "random"], out=tmp_path / "run", trials=2, executor="inline")
+    page = page_of(tmp_path / "run")
+    assert "Figure: capabilities" in [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
+    assert not (tmp_path / "run" / "figures").exists(), "a report writes its page and nothing else"
 
 
 # What is checked when a page is made.
@@ -269,7 +287,7 @@ def test_a_game_of_somebody_else_s_is_drawn_in_characters(tmp_path, monkeypatch)
         trials=1,
         challenges={},
     )
-    monkeypatch.setitem(sp.GAMES, "Ladder-v0", spec)
+    known_for_now(monkeypatch, spec)
     path = converse(tmp_path / "ladder.jsonl", "Ladder-v0", [reply(act("1"))] * 5)
     drawing = page_of(path).episode("ladder")["drawing"]
     assert drawing["kind"] == "text"
@@ -327,12 +345,14 @@ def test_the_command_writes_the_page_and_says_where(tmp_path):
         ("empty", "p.html", "holds no run and no transcripts"),
         ("hanoi.jsonl", "p.pdf", r"is an \.html file"),
         ("torn.jsonl", "p.html", "is not a transcript"),
+        ("foreign.jsonl", "p.html", "cannot be shown: KeyError: 'setting'"),
     ],
 )
 def test_what_cannot_be_shown_is_said_in_a_sentence(tmp_path, name, out, remedy):
     record(tmp_path / "hanoi.jsonl", HANOI)
     (tmp_path / "empty").mkdir()
     (tmp_path / "torn.jsonl").write_text("{}\n")
+    (tmp_path / "foreign.jsonl").write_text('{"event": "start", "game": "Chess-v0"}\n')
     with pytest.raises(sp.SmartPlayError, match=remedy):
         write_report(tmp_path / name, tmp_path / out)
 

@@ -21,7 +21,18 @@ from smartplay_tools.evaluation.report import write_report
 from smartplay_tools.games.crafter.game import Crafter
 from smartplay_tools.rebuild import sent_prompts
 from tests import scripts
-from tests.evaluation.report_runs import BANDIT, HANOI, HOSTILE, RPS, act, converse, hostile, record, reply
+from tests.evaluation.report_runs import (
+    BANDIT,
+    HANOI,
+    HOSTILE,
+    RPS,
+    act,
+    converse,
+    hostile,
+    known_for_now,
+    record,
+    reply,
+)
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = (
@@ -32,6 +43,7 @@ FLAGS = (
 if CHROMIUM is None:
     pytest.skip("there is no chromium on this machine", allow_module_level=True)
 sync_api = pytest.importorskip("playwright.sync_api")
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +175,7 @@ def test_the_band_says_which_turns_were_seen_marked_or_dropped_and_how_full_the_
     assert marked
     assert len(seen) < 9
     cells = page.locator("#band .cell")
-    states = [cells.nth(at).get_attribute("class") for at in range(1, 10)]
+    states = [cells.nth(at).get_attribute("class") for at in range(9)]
     expected = ["marked" if at in marked else "seen" if at in seen else "dropped" for at in range(9)]
     assert states == [f"cell {state}" for state in expected]
     assert f"{view['tokens']:,} of 900 tokens" in page.locator("#gauge").text_content()
@@ -304,6 +316,15 @@ def test_every_game_is_drawn(show, tmp_path):
         assert page.locator("#game").screenshot() != drawn, "another step, another picture"
 
 
+def test_a_walk_in_a_world_that_is_not_embedded_is_drawn_without_its_land(show, tmp_path):
+    path = record(tmp_path / "walk.jsonl", "MinedojoCreative0-v0", "random", tool_calls=6)
+    path.write_text(path.read_text().replace('"engine": "voxel"', '"engine": "minedojo"'))
+    page = show(path, "#episode=walk&turn=4")
+    assert page.locator("#game image").count() == 0
+    assert page.locator("#game polyline").count() == 3
+    assert page.locator("#source").text_content() == "The walk is read from the coordinates in the observations."
+
+
 def test_failed_and_unfinished_episodes_can_be_opened(show, tmp_path):
     whole = record(tmp_path / "run" / "whole.jsonl", BANDIT).read_text().splitlines(keepends=True)
     (tmp_path / "run" / "start.jsonl").write_text(whole[0])
@@ -321,12 +342,12 @@ def test_failed_and_unfinished_episodes_can_be_opened(show, tmp_path):
     assert "Traceback" in page.locator("#rules pre").text_content()
 
 
-def _fail(episode: sp.Episode) -> None:
+def _fail(episode: sp.Episode, error: str = "gone") -> None:
     class Gone:
         name = "gone"
 
         def reply(self, prompt: sp.Prompt) -> sp.Reply:
-            raise RuntimeError("gone")
+            raise RuntimeError(error)
 
     sp.play(episode, Gone())
 
@@ -384,6 +405,24 @@ def test_what_a_model_wrote_is_read_and_never_run(show, tmp_path):
     assert page.title() != "taken"
 
 
+def test_hostile_errors_and_options_are_read_and_never_run(show, tmp_path):
+    with sp.Episode(HANOI, seed=1, transcript=tmp_path / "run" / "error.jsonl") as episode:
+        _fail(episode, HOSTILE)
+    options = record(tmp_path / "run" / "options.jsonl", "MessengerL1-v0")
+    first, rest = options.read_text().split("\n", 1)
+    start = {**json.loads(first), "options": {"texts": HOSTILE}}
+    options.write_text(json.dumps(start) + "\n" + rest)
+    page = show(tmp_path / "run")
+    assert HOSTILE in page.locator("#run").text_content()
+    for key in ("error", "options"):
+        page.evaluate("(key) => (location.hash = `#episode=${key}&turn=0`)", key)
+        page.wait_for_function("(key) => shown.episode?.key === key", arg=key)
+        page.get_by_text("Rules, budget and versions").click()
+        assert "document.title='taken'" in page.locator("#rules").text_content()
+        assert page.title() != "taken"
+    assert "document.title='taken'" in page.locator("#source").text_content()
+
+
 def test_the_policy_holds_even_if_markup_came_in(browser, tmp_path):
     """The second wall: were a text ever set as markup, the browser would refuse to run it or to load for it."""
     out = write_report(record(tmp_path / "hanoi.jsonl", HANOI), tmp_path / "p.html")
@@ -422,10 +461,9 @@ class Undying(Crafter):
         return text, reward, False, truncated
 
 
-@pytest.mark.slow
 def test_an_episode_of_ten_thousand_steps_is_made_opened_and_moved_through(show, tmp_path, monkeypatch):
     spec = replace(sp.get_spec("Crafter-v0"), id="Undying-v0", entry_point=f"{__name__}:Undying")
-    monkeypatch.setitem(sp.GAMES, "Undying-v0", spec)
+    known_for_now(monkeypatch, spec)
     path = record(tmp_path / "long.jsonl", "Undying-v0", "random")
     began = time.monotonic()
     out = write_report(path, tmp_path / "page.html")

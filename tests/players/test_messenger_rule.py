@@ -1,18 +1,20 @@
-"""The Messenger rule player: what it reads, what it infers, and how well it plays at the paper's budgets."""
+"""What the Messenger rule player does, and how well it plays at the paper's budgets."""
 
 from __future__ import annotations
 
 import ast
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.games.messenger.manuals import OUR_TEXTS, load
-from smartplay_tools.games.messenger.statistics import entries
-from smartplay_tools.games.messenger.text import compose
-from smartplay_tools.players.rules import messenger, messenger_manual
-from smartplay_tools.players.rules.messenger_manual import Claim, claims
+from smartplay_tools.games.messenger.rules import SPLITS, Split
+from smartplay_tools.players import rules
+from smartplay_tools.players.rules import messenger
+from smartplay_tools.players.rules.messenger_belief import ENEMY, GOAL, MESSAGE, THINGS, Cases
+from smartplay_tools.players.rules.messenger_board import CHASER, IMMOVABLE, NOWHERE
+from smartplay_tools.players.rules.messenger_foresight import persistence, worths
 
 
 def completed(level: int, episodes: int) -> float:
@@ -23,59 +25,65 @@ def completed(level: int, episodes: int) -> float:
     return won / episodes
 
 
-def test_it_reads_the_manual_of_the_paper() -> None:
-    """The example that the paper prints, with people's sentences."""
-    manual = compose(
-        [
-            "the dangerous enemy can be found next to the plane, which can not be moved.",
-            "you are being approached by a restricted document that is a robot.",
-            "the whale is the main objective.",
-        ]
-    )
-    assert claims(manual) == (
-        Claim("airplane", "enemy", "immovable"),
-        Claim("robot", "message", "chaser"),
-        Claim("fish", "goal", None),
-    )
+# What to do.
 
 
-def test_it_reads_sentences_that_it_has_never_seen() -> None:
-    """Its word lists were made from train sentences; these are the test split's."""
-    read = [(claims(compose([entry.text]))[0], entry) for entry in entries(load(OUR_TEXTS, "test"))]
-    assert sum(claim.entity == entry.entity for claim, entry in read) / len(read) >= 0.98
-    assert sum(claim.role == entry.role for claim, entry in read) / len(read) >= 0.99
-    assert sum((claim.movement or "unknown") == entry.kind for claim, entry in read) / len(read) >= 0.97
+def cases_of(cell: tuple[int, int], **things: tuple[tuple[int, int], int]) -> Cases:
+    """One situation, twenty times: where we are, and the place of each thing in half cells and how it moves."""
+    spots, movements = np.full((len(THINGS), 20), NOWHERE), np.full((len(THINGS), 20), IMMOVABLE)
+    for name, ((x, y), movement) in things.items():
+        index = {"enemy": ENEMY, "message": MESSAGE, "goal": GOAL}[name]
+        spots[index], movements[index] = 64 * x + y, movement
+    nothing = np.zeros((len(THINGS), 20), dtype=bool)
+    return Cases(np.full(20, 10 * cell[0] + cell[1]), spots, movements, np.zeros(20, dtype=int), nothing)
 
 
-def test_three_sentences_are_about_three_roles() -> None:
-    manual = compose(["the jet is the enemy.", "the orb is the target.", "the dog is what you see."])
-    assert [claim.role for claim in claims(manual)] == ["enemy", "goal", "message"]
+def best(cases: Cases, *, has_message: bool) -> str:
+    return messenger.ACTIONS[int(worths(cases, has_message=has_message).argmax())]
 
 
-@pytest.mark.parametrize(
-    ("observations", "movement"),
-    [
-        (["dog 6 steps to your north", "dog 5 steps to your north", "dog 5 steps to your north"], "chaser"),
-        (["dog 6 steps to your north", "dog 6 steps to your north", "dog 6 steps to your north"], "immovable"),
-        (["dog 5 steps to your north", "dog 5 steps to your north", "dog 6 steps to your north"], "fleeing"),
-    ],
-)
-def test_it_tells_movements_apart_by_what_it_sees(observations: list[str], movement: str) -> None:
-    lines = "You took action Do Nothing.\n\nYou (agent) don't have the message.\n\nYou see:\n- {}"
-    views = tuple(messenger.View.of(lines.format(line)) for line in observations)
-    said = (Claim("dog", "enemy", "chaser"), Claim("dog", "message", "immovable"), Claim("dog", "goal", "fleeing"))
-    believed = dict.fromkeys(messenger.MOVEMENTS, 0.0)
-    for weight, _, things in messenger._situations(said, views):
-        for (moves, *_), probability in things[0].belief.items():
-            believed[moves] += weight * probability
-    assert max(believed, key=believed.__getitem__) == movement
+def test_it_goes_for_the_message_and_then_for_the_goal() -> None:
+    cases = cases_of((5, 5), message=((10, 4), IMMOVABLE), goal=((10, 16), IMMOVABLE))
+    assert best(cases, has_message=False) == "Move North"
+    assert best(cases, has_message=True) == "Move South"
+
+
+def test_it_does_not_touch_the_goal_without_the_message() -> None:
+    worth = worths(cases_of((5, 5), goal=((12, 10), IMMOVABLE), message=((16, 10), IMMOVABLE)), has_message=False)
+    assert worth[messenger.ACTIONS.index("Move East")] == worth.min() < 0
+
+
+def test_it_evades_a_chaser() -> None:
+    cases = cases_of((5, 5), enemy=((13, 10), CHASER), message=((16, 10), IMMOVABLE), goal=((2, 2), IMMOVABLE))
+    worth = worths(cases, has_message=False)
+    assert worth[messenger.ACTIONS.index("Move East")] == worth.min() < 0 < worth.max()
+
+
+def test_it_walks_straight_on_while_it_sees_nothing_that_it_wants() -> None:
+    cases = cases_of((5, 5), goal=((2, 2), IMMOVABLE))
+    assert not persistence(cases, "Move East", has_message=True).any()
+    cases.hidden[GOAL] = True
+    worth = dict(zip(messenger.ACTIONS, persistence(cases, "Move East", has_message=True), strict=True))
+    assert worth["Move East"] > worth["Move North"] == 0 > worth["Move West"] == worth["Do Nothing"]
+
+
+def test_it_does_not_walk_on_where_the_border_is() -> None:
+    cases = cases_of((9, 5), goal=((2, 2), IMMOVABLE))
+    cases.hidden[GOAL] = True
+    worth = dict(zip(messenger.ACTIONS, persistence(cases, "Move East", has_message=True), strict=True))
+    assert worth["Move North"] > worth["Move East"] == worth["Do Nothing"]
+
+
+# Playing.
 
 
 def test_its_modules_import_no_table_of_the_games() -> None:
-    for module in (messenger, messenger_manual):
-        assert module.__file__
-        tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+    modules = sorted(Path(rules.__file__ or "").parent.glob("messenger*.py"))
+    assert len(modules) >= 5
+    for module in modules:
+        tree = ast.parse(module.read_text(encoding="utf-8"))
         imported = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        imported += [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
         assert not [name for name in imported if name.startswith("smartplay_tools.games")]
 
 
@@ -87,7 +95,20 @@ def test_level_2_is_mostly_won() -> None:
     assert completed(2, 12) >= 0.8
 
 
+@pytest.mark.parametrize("split", SPLITS)
+def test_it_plays_the_games_of_every_split(split: Split) -> None:
+    with sp.Episode("MessengerL2-v0", seed=0, split=split) as episode:
+        assert sp.play(episode, sp.get_player("rule")).completed
+
+
+@pytest.mark.parametrize("history", [0, 1, 20])
+def test_it_plays_with_every_window(history: int) -> None:
+    with sp.Episode("MessengerL2-v0", seed=1, budget=sp.Budget(history=history)) as episode:
+        assert sp.play(episode, sp.get_player("rule")).completed
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("level", "episodes", "at_least"), [(1, 200, 0.95), (2, 60, 0.8), (3, 60, 0.25)])
+@pytest.mark.parametrize(("level", "episodes", "at_least"), [(1, 200, 0.95), (2, 200, 0.8), (3, 100, 0.4)])
 def test_it_plays_as_well_as_promised(level: int, episodes: int, at_least: float) -> None:
+    """The bounds hold for 200 episodes of each level; level 3 takes half a second an episode, so it plays half here."""
     assert completed(level, episodes) >= at_least

@@ -3,7 +3,7 @@
     sources    which episodes there are, finished or not
     episodes   a transcript as the page needs it: turns, what each prompt showed, what it cost
     drawings   the states of the game, from playing the record again; `walks` and `textures` for two games
-    summary    the table of the run
+    summary    the tables of the run, `pictures` its figures
     page       all of it packed into one file; the templates, the styles and the scripts lie beside it
 
 The page holds no prompt: it holds the turns and what each prompt showed of them, and its script puts a prompt

@@ -20,7 +20,7 @@ FACTS = (
 )  # fmt: skip
 """What a start event says that the page shows."""
 
-MOST_REBUILT = 2_000_000
+MOST_REBUILT = 200_000
 """So many turns, over all prompts of an episode, are rebuilt to check them; more would take minutes."""
 
 WORDS = {

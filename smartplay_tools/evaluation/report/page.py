@@ -10,7 +10,6 @@ import base64
 import gzip
 import hashlib
 import json
-from collections.abc import Iterator
 from importlib import metadata, resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,19 +17,29 @@ from typing import TYPE_CHECKING, Any
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError, TranscriptError
 from smartplay_tools.evaluation.report.drawings import draw
 from smartplay_tools.evaluation.report.episodes import WORDS, episode_data
+from smartplay_tools.evaluation.report.pictures import figures
 from smartplay_tools.evaluation.report.sources import Source, Sources, find_sources
-from smartplay_tools.evaluation.report.summary import rules, summarize
+from smartplay_tools.evaluation.report.summary import (
+    MISTAKES,
+    failed_row,
+    interval,
+    lines,
+    result_row,
+    rules,
+    summarize_rows,
+)
 from smartplay_tools.evaluation.report.textures import sheet
+from smartplay_tools.evaluation.store import Row
 from smartplay_tools.transcript import read_transcript
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-SCRIPTS = ("basics.js", "prompts.js", "charts.js", "window.js", "worlds.js", "drawings.js", "player.js", "page.js")
+SCRIPTS = (
+    *("basics.js", "prompts.js", "charts.js", "window.js", "worlds.js", "drawings.js"),
+    *("episode.js", "turn.js", "player.js", "page.js"),
+)
 """The page's scripts, in the order in which they build on each other."""
-
-FIGURES = "figures"
-"""The folder of a run in which its figures lie, as SVG."""
 
 
 def write_report(run: str | Path, out: str | Path, *, title: str | None = None) -> Path:
@@ -63,29 +72,39 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["number"] = number
+    environment.filters["interval"] = interval
+    environment.filters["mistakes"] = lambda result: sum(result[name] for name in MISTAKES)
     return environment
 
 
 def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
     """Return everything that the templates ask for."""
-    episodes, packed = [], {}
+    episodes, packed, rows = [], {}, []
     for source in sources.episodes:
-        data = _read(source)
+        data, row = _read(source)
         packed[source.key] = pack(data)
+        rows += [] if row is None else [row]
         # The turns are packed now, and of a long episode they are what takes the room.
         episodes.append({name: value for name, value in data.items() if name not in ("turns", "drawing", "head")})
-    index = {"words": WORDS, "episodes": [_listed(episode) for episode in episodes]}
+    failures = sources.failures
+    if failures is None:
+        failures = [failed_row(episode["key"], episode) for episode in episodes if episode["status"] == "failed"]
+    summary = summarize_rows(rows, failures)
+    index = {"words": WORDS, "mistakes": MISTAKES, "episodes": [_listed(episode) for episode in episodes]}
     if any(episode["family"] == "crafter" for episode in episodes):
         index["textures"] = sheet()
     scripts = [_static(name) for name in SCRIPTS]
     style = _static("page.css")
     return {
         "title": title or run.resolve().name.removesuffix(".jsonl"),
-        "lines": summarize(episodes),
+        "summary": summary,
+        "lines": list(lines(summary)),
+        "profiles": [profile for profile in summary.profiles if profile.capabilities.settings],
+        "privileged": any(cell.privileged for cell in summary.cells),
+        "left_out": len(rows) - sum(cell.episodes for cell in summary.cells),
         "episodes": [{**episode, "rules": rules(episode)} for episode in episodes],
-        "figures": list(_figures(run)),
+        "figures": list(figures(run)),
         "manifest": sources.manifest,
-        "lost": sources.lost,
         "waiting": sources.waiting,
         "style": style,
         "scripts": scripts,
@@ -96,10 +115,13 @@ def _contents(run: Path, sources: Sources, title: str | None) -> dict[str, Any]:
     }
 
 
-def _read(source: Source) -> dict[str, Any]:
+def _read(source: Source) -> tuple[dict[str, Any], Row | None]:
+    """Return an episode for the page and, if it is finished, its row for the figures."""
     events = read_transcript(source.transcript)
     try:
-        return {**episode_data(source.key, events, source.facts), "drawing": draw(events)}
+        data = {**episode_data(source.key, events, source.facts), "drawing": draw(events)}
+        finished = data["status"] == "finished"
+        return data, result_row(source.key, events[0], data["result"], source.facts) if finished else None
     except (KeyError, TypeError, IndexError, StopIteration) as error:
         raise TranscriptError(f"{source.transcript} cannot be shown: {type(error).__name__}: {error}.") from error
 
@@ -130,13 +152,6 @@ def _policy(style: str, scripts: list[str]) -> str:
 def _hash(text: str) -> str:
     # A template puts the text between tags exactly as it is: the browser hashes what stands there.
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
-
-
-def _figures(run: Path) -> Iterator[dict[str, str]]:
-    """Yield the run's figures as pictures, which cannot run anything, whatever stands in them."""
-    for file in sorted((run / FIGURES).glob("*.svg")) if run.is_dir() else ():
-        image = base64.b64encode(file.read_bytes()).decode("ascii")
-        yield {"name": file.stem.replace("-", " ").replace("_", " "), "image": f"data:image/svg+xml;base64,{image}"}
 
 
 def number(value: float | None, digits: int = 2) -> str:

@@ -31,8 +31,8 @@ class Sources:
 
     episodes: Sequence[Source]
     manifest: dict[str, Any] = field(default_factory=dict)
-    lost: Sequence[dict[str, Any]] = ()
-    """Attempts that broke before their episode began: key, attempt, error."""
+    failures: Sequence[dict[str, Any]] | None = None
+    """What a run says of attempts that came to nothing; None where there is no run to say it."""
     waiting: int = 0
     """Planned episodes that nobody has attempted yet."""
 
@@ -62,10 +62,9 @@ def _run(folder: RunFolder) -> Sources:
         waiting += not finished and not attempts
         facts = {"trial": planned["trial"], "cost": rows.get(key, {}).get("cost")}
         found += [Source(file.stem, file, facts) for file in (*finished, *attempts) if _has_begun(file)]
-    lost = [failure for failure in folder.failures() if failure["game"] is None]
     if not found:
         raise InvalidArgumentError(f"{folder.path} holds no episode yet; there is nothing to show.")
-    return Sources(found, manifest, lost, waiting)
+    return Sources(found, manifest, folder.failures(), waiting)
 
 
 def _has_begun(file: Path) -> bool:

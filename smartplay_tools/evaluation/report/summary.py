@@ -1,96 +1,100 @@
-"""Summary: a run as a table, a line for every game, player and set of rules."""
+"""Summary: a run in figures, for a page. The figures are `metrics`'; here they become a table's words."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from statistics import fmean, stdev
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
-Z_95 = 1.96
+from smartplay_tools.evaluation.intervals import ALL_EQUAL, Estimate
+from smartplay_tools.evaluation.metrics import CellSummary, Summary, summarize
+from smartplay_tools.evaluation.store import COPIED, Row
+from smartplay_tools.specs import GAMES, HUMAN_SCORES, PAPER_RESULTS
+from smartplay_tools.transcript import Event
+
+AXIS, MARGIN = 150, 6
+AXIS_SCORES = (0.0, 1.2)
+"""The normalised scores at the two ends of the axis."""
+
+MISTAKES = ("illegal_actions", "malformed_calls", "idle_replies", "fallback_actions")
+"""What a model did wrong; a refused call is the policy's doing."""
 
 
-@dataclass
-class Line:
-    """The episodes of one game, player and set of rules."""
-
-    game: str
-    player: str
-    rules: str
-    """What the model was allowed to see and how it was asked."""
-    results: list[dict[str, Any]] = field(default_factory=list)
-    failed: int = 0
-    unfinished: int = 0
-
-    @property
-    def scores(self) -> list[float]:
-        """The scores of the finished episodes."""
-        return [result["score"] for result in self.results]
-
-    @property
-    def normalized(self) -> float | None:
-        """Mean score with a human's as 1; None where the paper has no human baseline."""
-        known = [result["normalized_score"] for result in self.results if result["normalized_score"] is not None]
-        return fmean(known) if known else None
-
-    @property
-    def score(self) -> float | None:
-        """Mean score."""
-        return fmean(self.scores) if self.scores else None
-
-    @property
-    def margin(self) -> float | None:
-        """Half of the 95 % interval of the mean by the normal approximation; None for a single episode."""
-        return Z_95 * stdev(self.scores) / len(self.scores) ** 0.5 if len(self.scores) > 1 else None
-
-    @property
-    def steps(self) -> float | None:
-        """Mean steps."""
-        return self._mean(lambda result: result["steps"])
-
-    @property
-    def prompt_tokens(self) -> float | None:
-        """Mean tokens of all prompts of an episode."""
-        return self._mean(lambda result: result["tokens"]["prompt"])
-
-    @property
-    def stable(self) -> float | None:
-        """The share of the prompts' tokens that a prompt cache could serve."""
-        prompt = sum(result["tokens"]["prompt"] for result in self.results)
-        return sum(result["tokens"]["prefix"] for result in self.results) / prompt if prompt else None
-
-    @property
-    def mistakes(self) -> float | None:
-        """Mean illegal actions, malformed calls and replies without a call."""
-        return self._mean(lambda r: r["illegal_actions"] + r["malformed_calls"] + r["idle_replies"])
-
-    def _mean(self, number: Any) -> float | None:
-        return fmean(map(number, self.results)) if self.results else None
+def result_row(key: str, start: Event, result: Mapping[str, Any], facts: Mapping[str, Any]) -> Row:
+    """Return what a finished episode's row says, also where no run has written one."""
+    copied = {name: start[name] for name in COPIED} | {"player": start["player"] or "unnamed"}
+    return {"key": key, **result, **copied, "trial": facts.get("trial"), "cost": facts.get("cost")}
 
 
-def summarize(episodes: Iterable[Mapping[str, Any]]) -> list[Line]:
-    """Return the table of some episodes (`episode_data`), in their order."""
-    lines: dict[tuple[str, str, str], Line] = {}
-    for episode in episodes:
-        place = episode["game"], episode["player"] or "", rules(episode)
-        line = lines.setdefault(place, Line(*place))
-        if episode["status"] == "finished":
-            line.results.append(episode["result"])
-        else:
-            line.failed += episode["status"] == "failed"
-            line.unfinished += episode["status"] == "unfinished"
-    return list(lines.values())
+def failed_row(key: str, episode: Mapping[str, Any]) -> Row:
+    """Return what is to be said of an attempt that came to nothing, where no run says it."""
+    reason = "exception" if episode["result"] is None else episode["result"]["end_reason"]
+    return {"key": key, "end_reason": reason, **{name: episode[name] for name in ("game", "player", "error")}}
 
 
-def rules(episode: Mapping[str, Any]) -> str:
+def summarize_rows(rows: Sequence[Row], failures: Iterable[Row]) -> Summary:
+    """Sum up what can be: the rows of games that are known here."""
+    return summarize([row for row in rows if row["game"] in GAMES], failures)
+
+
+def lines(summary: Summary) -> Iterator[dict[str, Any]]:
+    """Yield a line of the table for every cell."""
+    for cell in summary.cells:
+        counted = {name: total / cell.episodes for name, total in cell.counts.items()}
+        yield {
+            "game": cell.cell.game,
+            "player": cell.cell.player + "*" * cell.privileged,
+            "rules": rules(asdict(cell.cell)),
+            "episodes": cell.episodes,
+            "score": cell.score,
+            "normalized": cell.normalized_score,
+            "completion": cell.completion,
+            "steps": counted["steps"],
+            "prompt_tokens": cell.tokens.prompt / cell.episodes,
+            "stable": cell.tokens.prefix_share,
+            "mistakes": sum(counted[name] for name in MISTAKES),
+            "bracket": bracket(cell),
+        }
+
+
+def bracket(cell: CellSummary) -> dict[str, Any] | None:
+    """Return where a score stands between the paper's, as places on an axis; None where they do not compare."""
+    if cell.normalized_score is None or cell.cell.game not in HUMAN_SCORES:
+        return None
+    game, ends = cell.cell.game, interval(cell.normalized_score)
+    human, *models = [paper.normalized[game] for paper in PAPER_RESULTS]
+    return {
+        "human": _place(human),
+        "models": models,
+        "places": [_place(model) for model in models],
+        "ends": None if ends is None else [_place(end) for end in ends],
+        "here": _place(cell.normalized_score.mean),
+    }
+
+
+def _place(normalized: float) -> float:
+    """A normalised score on an axis of `AXIS` pixels, which is cut off where it ends."""
+    low, high = AXIS_SCORES
+    return round(MARGIN + (min(max(normalized, low), high) - low) / (high - low) * (AXIS - 2 * MARGIN), 1)
+
+
+def interval(estimate: Estimate) -> tuple[float, float] | None:
+    """Return the ends of an interval, None where there is none worth printing."""
+    if estimate.low is None or estimate.high is None or estimate.note == ALL_EQUAL:
+        return None
+    return estimate.low, estimate.high
+
+
+def rules(facts: Mapping[str, Any]) -> str:
     """Say in a few words under which budget and protocol an episode was played."""
-    budget = episode["budget"]
+    budget = facts["budget"]
     words = [f"history {'all' if budget['history'] is None else budget['history']}"]
     words += [f"prompts \N{LESS-THAN OR EQUAL TO} {budget['prompt_tokens']:,}"] if budget["prompt_tokens"] else []
+    words += [f"replies \N{LESS-THAN OR EQUAL TO} {budget['reply_tokens']:,}"] if budget["reply_tokens"] else []
     words += [f"slack {budget['slack']:g}"] if budget["slack"] else []
-    words += [f"manual {episode['manual']}"] if episode["manual"] != "tool" else []
-    words += [f"{episode['protocol']} protocol"] if episode["protocol"] != "tools" else []
-    words += ["host's context"] if episode["context"] == "host" else []
-    words += [episode["engine"]] if episode["engine"] else []
-    words += [f"{name} {value}" for name, value in sorted((episode["options"] or {}).items())]
+    words += [f"manual {facts['manual']}"] if facts["manual"] != "tool" else []
+    words += [f"{facts['protocol']} protocol"] if facts["protocol"] != "tools" else []
+    words += ["host's context"] if facts.get("context") == "host" else []
+    words += [f"engine {facts['engine']}"] if facts["engine"] else []
+    words += [f"{name} {value}" for name, value in sorted((facts["options"] or {}).items())]
     return ", ".join(words)

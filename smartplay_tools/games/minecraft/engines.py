@@ -49,6 +49,7 @@ class Engine(Protocol):
 ENGINES: Mapping[str, str] = MappingProxyType(
     {
         "voxel": "smartplay_tools.games.minecraft.voxel.engine:VoxelEngine",
+        "luanti": "smartplay_tools.games.minecraft.luanti.engine:LuantiEngine",
         "minedojo": "smartplay_tools.games.minecraft.minedojo.engine:MineDojoEngine",
     }
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, get_args
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -61,6 +62,10 @@ class Minecraft(TextGame):
         """Engine and text, where they are not the paper's."""
         played = {"engine": (PAPER_ENGINE, self.engine), "text": ("paper", self.text)}
         return {name: {"paper": paper, "played": ours} for name, (paper, ours) in played.items() if ours != paper}
+
+    def versions(self) -> Mapping[str, str]:
+        """The versions of the engine's programs."""
+        return self._world.versions
 
     @property
     def goal(self) -> Goal:

@@ -1,6 +1,7 @@
 """MESSENGER's manual, read by rules: which entity a sentence is about, which role it gives, how it says it moves.
 
-The word lists are a reader's, put together from sentences of the training split. Nothing is parsed: a sentence of
+The word lists are a reader's, put together from sentences of the training split: each word and each pattern occurs
+there, and a test says so. The sentences on which the player is scored are others. Nothing is parsed: a sentence of
 these manuals names one entity, one role and mostly one movement, in whatever order, so it is enough to spot them, with
 a letter's tolerance for slips, and to let what is certain decide what is not.
 """
@@ -14,9 +15,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 ENTITIES = {
-    "airplane": "airplane plane jet aircraft aeroplane flying jetliner",
+    "airplane": "airplane plane jet aircraft aeroplane flying",
     "mage": "mage wizard sorcerer magician warlock alchemist",
-    "dog": "dog hound canine beagle puppy",
+    "dog": "dog hound canine beagle",
     "bird": "bird hawk eagle falcon fowl prey",
     "fish": "fish whale shark scaly",
     "scientist": "scientist scholar researcher professor analyst investigator expert",
@@ -32,7 +33,7 @@ ROLES = {
     "enemy": (
         "enemy adversary opponent foe rival nemesis antagonist opposition assailant deadly dangerous lethal "
         "threatening harmful fatal treacherous menacing destructive murderous pernicious poisonous toxic fierce "
-        "villainous vicious hostile nasty ruthless hazardous evil sinister brutal mortal killer"
+        "villainous vicious hostile nasty ruthless hazardous evil sinister brutal mortal"
     ),
     "message": (
         "report document message paper information file letter memo note script text communication classified secret "
@@ -54,11 +55,11 @@ MOVEMENTS = {
         r"|stuck|budge|\bput\b|in (its|one|the same) place|in place|\bplace\b|not moved|has not"
     ),
     "fleeing": (
-        r"away|flee|fled|escap|\brun|\bleav|evad|evas|elud|elus|dodg|avoid|retreat|opposite|\boff\b|further|depart"
+        r"away|flee|escap|\brun|\bleav|evad|evas|elud|elus|dodg|avoid|retreat|opposite|\boff\b|further|depart"
         r"|sprint|scurr|slipping|won't let"
     ),
     "chaser": (
-        r"toward|chas|approach|coming|comes (?!as|with)|\bhead|inch|pursu|follow|hunt|gaining|stalk|creep"
+        r"toward|chas|approach|coming|comes (?!as|with)|\bhead|inch|pursu|follow(?! the)|hunt|gaining|stalk|creep"
         r"|closer|closing|your way|advanc|after you|tail|near you|inching near|creeping near|rush|get you|drawing"
         r"|close to you|incoming|oncoming|way to you"
     ),

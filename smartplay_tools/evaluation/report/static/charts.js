@@ -4,10 +4,10 @@
 
 const EDGE = { left: 52, right: 14, top: 10, bottom: 20 };
 
-// Round numbers from 0 to at least the highest, four or five of them.
-function ticks(low, most) {
+// Round numbers from at most the lowest to at least the highest, about as many as asked for.
+function ticks(low, most, about = 4) {
   const high = most > low ? most : low + 1;
-  const rough = (high - low) / 4;
+  const rough = (high - low) / about;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((factor) => factor * power).find((size) => size >= rough);
   const found = [];
@@ -63,7 +63,9 @@ function curve(box, { name, values, cap = null, stepped = false, kind, turn }) {
     ]),
     points.length ? shape("path", { class: `area ${kind}`, d: `${path}V${y(0)}H${points[0][0]}Z` }) : null,
     shape("path", { class: `curve ${kind}`, d: path }),
-    cap === null ? null : shape("line", { class: "cap", x1: EDGE.left, x2: width - EDGE.right, y1: y(cap), y2: y(cap) }),
+    cap === null
+      ? null
+      : shape("line", { class: "cap", x1: EDGE.left, x2: width - EDGE.right, y1: y(cap), y2: y(cap) }),
     shape("line", { class: "moment", x1: x.middle(turn), x2: x.middle(turn), y1: EDGE.top, y2: height - EDGE.bottom }),
     here === null || here === undefined
       ? null
@@ -82,7 +84,7 @@ function extent(list) {
 }
 
 function turnTicks(x, count, height) {
-  return ticks(0, Math.max(1, count - 1))
+  return ticks(0, Math.max(1, count - 1), 10)
     .filter((turn) => turn < count && Number.isInteger(turn))
     .map((turn) => label(x.middle(turn), height - 4, number(turn), { class: "tick", "text-anchor": "middle" }));
 }

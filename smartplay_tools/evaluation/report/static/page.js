@@ -1,7 +1,7 @@
 "use strict";
 // The page: which part of it is shown, the keys, the table of episodes, light and dark.
 
-const page = { words: null, episodes: [], textures: null };
+const page = { words: null, episodes: [], mistakes: [], textures: null };
 
 async function start() {
   Object.assign(page, await unpack("index"));
@@ -44,9 +44,17 @@ function connect() {
   $("slider").addEventListener("input", () => goTo(Number($("slider").value)));
   $("prompt").addEventListener("toggle", () => renderPrompt());
   const buttons = {
-    first: () => goTo(0), previous: () => goTo(shown.turn - 1), play, next: () => goTo(shown.turn + 1), last: () => goTo(lastTurn()),
-    "next-mistake": () => goToMistake(1), "episode-before": () => goToEpisode(-1), "episode-after": () => goToEpisode(1),
-    theme: toggleTheme, help: () => $("keys").showModal(), "close-keys": () => $("keys").close(),
+    first: () => goTo(0),
+    previous: () => goTo(shown.turn - 1),
+    play,
+    next: () => goTo(shown.turn + 1),
+    last: () => goTo(lastTurn()),
+    "next-mistake": () => goToMistake(1),
+    "episode-before": () => goToEpisode(-1),
+    "episode-after": () => goToEpisode(1),
+    theme: toggleTheme,
+    help: () => $("keys").showModal(),
+    "close-keys": () => $("keys").close(),
   };
   for (const [id, action] of Object.entries(buttons)) $(id).addEventListener("click", action);
   $("pace").addEventListener("change", () => {
@@ -54,7 +62,8 @@ function connect() {
   });
   $("find").addEventListener("input", filterEpisodes);
   $("status").addEventListener("change", filterEpisodes);
-  for (const button of document.querySelectorAll("#episodes th button")) button.addEventListener("click", () => sortEpisodes(button));
+  for (const button of document.querySelectorAll("#episodes th button"))
+    button.addEventListener("click", () => sortEpisodes(button));
 }
 
 function again() {
@@ -84,7 +93,11 @@ function onKey(event) {
   if (event.key === "?") return $("keys").showModal();
   if (event.key === "t") return toggleTheme();
   // What has a meaning of its own for the element in focus keeps it.
-  const own = event.target.matches("button, summary, a") ? [" "] : event.target.matches("[type=range]") ? ["Home", "End"] : [];
+  const own = event.target.matches("button, summary, a")
+    ? [" "]
+    : event.target.matches("[type=range]")
+      ? ["Home", "End"]
+      : [];
   if ($("player").hidden || !(event.key in KEYS) || own.includes(event.key)) return;
   event.preventDefault();
   KEYS[event.key](event);
@@ -129,4 +142,7 @@ function toggleTheme() {
   again();
 }
 
-start();
+start().catch((error) => {
+  const words = `The episodes cannot be unpacked here: ${error.message}. Current browsers can.`;
+  document.querySelector("main").prepend(element("p", { class: "notice", role: "alert" }, words));
+});

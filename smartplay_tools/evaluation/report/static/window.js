@@ -42,7 +42,8 @@ function sentence(episode, number) {
   if (dropped) parts.push(`nothing of ${dropped}`);
   const limit = episode.budget.history;
   const reach = `The view reached back ${plural(view.shown_steps, "observation")}, the current one included`;
-  return `${parts.join("; ")}. ${reach}; ${limit === null ? "history was not limited" : `the limit is ${limit} past ones`}.`;
+  const history = limit === null ? "history was not limited" : `the limit is ${limit} past ones`;
+  return `${parts.join("; ")}. ${reach}; ${history}.`;
 }
 
 // How full the prompt was: what stood unchanged since the prompt before, what was new, what was left free.
@@ -50,11 +51,14 @@ function gauge(episode, number) {
   const view = episode.turns[number].view;
   const cap = episode.budget.prompt_tokens;
   const [most, tokens] = [cap ?? episode.mostTokens, (count) => count.toLocaleString("en")];
-  const full = cap === null ? `${tokens(view.tokens)} tokens; no cap` : `${tokens(view.tokens)} of ${tokens(cap)} tokens, ${percent(view.tokens / cap)} full`;
+  const full =
+    cap === null
+      ? `${tokens(view.tokens)} tokens; no cap`
+      : `${tokens(view.tokens)} of ${tokens(cap)} tokens, ${percent(view.tokens / cap)} full`;
   const parts = [
     ["stable", view.prefix_tokens, "unchanged since the prompt before"],
     ["new", view.tokens - view.prefix_tokens, "new"],
-    ["free", most - view.tokens, cap === null ? "less than the largest prompt" : "free"],
+    ["free", most - view.tokens, cap === null ? "below the largest prompt" : "free"],
   ];
   const bar = element("div", { class: "gauge", role: "img", "aria-label": full });
   for (const [kind, count] of parts) {
@@ -62,46 +66,71 @@ function gauge(episode, number) {
     part.style.flexGrow = count;
     bar.append(part);
   }
-  const legend = parts.map(([kind, count, meaning]) => element("li", {}, element("span", { class: `swatch ${kind}` }), `${tokens(count)} ${meaning}`));
+  const legend = parts.map(([kind, count, meaning]) =>
+    element("li", {}, element("span", { class: `swatch ${kind}` }), `${tokens(count)} ${meaning}`),
+  );
   return [bar, element("ul", { class: "legend" }, element("li", { class: "full" }, full), legend)];
 }
 
-// The band: a cell for each turn so far, as wide as there is room.
+const BAND = { height: 46, head: 104, past: 132, reply: 64, label: 30 };
+const LONG_PAST = 30;
+
+// The band: a cell for each turn so far. A long past that was dropped is one cell, so that what was seen has room.
 function band(box, episode, number, go) {
   const { unit, states } = visibility(episode, number);
-  const [width, height, head, now] = [Math.max(320, box.clientWidth), 46, 104, 64];
-  const each = (width - head - now) / Math.max(1, states.length);
-  const place = (at) => head + at * each;
-  const gap = each > 6 ? 1.5 : 0;
-  const cells = (each > 6 ? states.map((state, at) => [state, at, at]) : runs(states)).map(([state, first, last]) => {
-    const size = { x: place(first), y: 4, width: Math.max(0.5, (last - first + 1) * each - gap), height: 26, rx: gap };
-    return shape("rect", { class: `cell ${state}`, ...size }, shape("title", {}, `${unit} ${range(first, last)}: ${state}`));
-  });
-  const every = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000].find((step) => step * each > 30) ?? 5000;
-  const labels = states
-    .map((_, at) => at)
-    .filter((at) => at % every === 0)
-    .map((at) => label(place(at) + each / 2, 43, at, { class: "tick", "text-anchor": "middle" }));
+  const width = Math.max(320, box.clientWidth);
+  const dropped = states.findIndex((state) => state !== "dropped");
+  const past = dropped > LONG_PAST ? dropped - Math.floor(LONG_PAST / 3) : 0;
+  const left = BAND.head + (past ? BAND.past : 0);
+  const each = (width - left - BAND.reply) / Math.max(1, states.length - past);
+  const place = (at) => left + (at - past) * each;
+  const manual = hasManual(episode, number);
+  const under = { class: "tick", "text-anchor": "middle" };
   const drawn = picture(
     width,
-    height,
+    BAND.height,
     sentence(episode, number),
-    shape("rect", { class: "cell head", x: 0, y: 4, width: head - 6, height: 26, rx: 3 }),
-    label((head - 6) / 2, 21, hasManual(episode, number) ? "head + manual" : "head", { class: "inside", "text-anchor": "middle" }),
-    states.length ? cells : label(head + 8, 22, "nothing has been said yet", { class: "tick" }),
-    shape("rect", { class: "cell reply", x: width - now + 6, y: 4, width: now - 6, height: 26, rx: 3 }),
-    label(width - now / 2 + 3, 21, "reply", { class: "inside", "text-anchor": "middle" }),
-    labels,
+    block("head", 0, BAND.head - 6, manual ? "head + manual" : "head"),
+    past ? block("dropped", BAND.head, BAND.past - 6, `${unit}s ${range(0, past - 1)}`) : null,
+    states.length ? null : label(BAND.head + 8, 22, "nothing has been said yet", { class: "tick" }),
+    cells(states.slice(past), past, place, each, unit),
+    block("reply", width - BAND.reply + 6, BAND.reply - 6, "reply"),
+    numbers(past, states.length, each).map((at) => label(place(at) + each / 2, 43, at, under)),
   );
   if (unit === "turn") {
     drawn.classList.add("clickable");
     drawn.addEventListener("click", (event) => {
       const x = ((event.clientX - drawn.getBoundingClientRect().left) * width) / drawn.clientWidth;
-      const at = Math.floor((x - head) / each);
-      if (at >= 0 && at < states.length) go(at);
+      const at = past + Math.floor((x - left) / each);
+      if (at >= past && at < states.length) go(at);
     });
   }
   box.replaceChildren(drawn);
+}
+
+function block(kind, x, width, words) {
+  const middle = { class: `inside ${kind}`, "text-anchor": "middle" };
+  return [
+    shape("rect", { class: `block ${kind}`, x, y: 4, width, height: 26, rx: 3 }),
+    label(x + width / 2, 21, words, middle),
+  ];
+}
+
+// Cells of their own where they are wide enough to be told apart, else one for each run of equal neighbours.
+function cells(states, from, place, each, unit) {
+  const gap = each > 6 ? 1.5 : 0;
+  const pieces = gap ? states.map((state, at) => [state, at, at]) : runs(states);
+  return pieces.map(([state, first, last]) => {
+    const width = Math.max(0.5, (last - first + 1) * each - gap);
+    const title = shape("title", {}, `${unit} ${range(from + first, from + last)}: ${state}`);
+    return shape("rect", { class: `cell ${state}`, x: place(from + first), y: 4, width, height: 26, rx: gap }, title);
+  });
+}
+
+// The turns whose numbers stand under the band: as many as there is room for, at round distances.
+function numbers(from, to, each) {
+  const every = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000].find((step) => step * each > BAND.label) ?? 5000;
+  return Array.from({ length: to - from }, (_, at) => from + at).filter((at) => at % every === 0);
 }
 
 // Whether the manual stood in the head of a prompt.

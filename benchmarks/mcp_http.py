@@ -1,0 +1,164 @@
+"""A thousand episodes at once on one MCP server: latency, calls a second, memory, processor time.
+
+    python benchmarks/mcp_http.py [--episodes 1000] [--calls 5] [--clients 2]
+
+The server is a process of its own (`smartplay-tools serve mcp GAME --http`), and so is each of the `--clients` client
+processes. Every episode has a client of the official package with a connection of its own. All connect, then all begin
+at the same moment, each sending its next call when the last one is answered: the worst case. A client's call costs more
+processor time than the server's answer, so with fewer free cores than processes, latency is the clients' as well; the
+server's processor time per call says what the server alone could do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import AsyncExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx2
+from mcp import Client
+from mcp.client.streamable_http import streamable_http_client
+from rich.console import Console
+from rich.table import Table
+
+GAME = "RockPaperScissorBasic-v0"
+AT_ONCE = 50
+"""So many clients of a process connect at the same time; the calls come all at once."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--episodes", type=int, default=1000)
+    parser.add_argument("--calls", type=int, default=5, help="of each episode")
+    parser.add_argument("--clients", type=int, default=2, help="processes that hold the clients")
+    parser.add_argument("--be-a-client", action="store_true", help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.be_a_client:
+        asyncio.run(be_a_client(asked.calls))
+        return
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    with served(1) as (server, urls):
+        empty = memory(server.pid)
+        alone, _ = play(urls, calls=200, clients=1)
+    with served(asked.episodes) as (server, urls):
+        opened = memory(server.pid)
+        before = processor_seconds(server.pid)
+        times, seconds = play(urls, asked.calls, asked.clients)
+        spent, peak = processor_seconds(server.pid) - before, memory(server.pid, "VmHWM")
+    table = Table("", "1 episode", f"{asked.episodes:,} at once", title="MCP over HTTP")
+    table.add_row("latency p50, ms", f"{share(alone, 0.5):,.1f}", f"{share(times, 0.5):,.0f}")
+    table.add_row("latency p95, ms", f"{share(alone, 0.95):,.1f}", f"{share(times, 0.95):,.0f}")
+    table.add_row("calls a second", f"{len(alone) / sum(alone):,.0f}", f"{len(times) / seconds:,.0f}")
+    table.add_row("server memory, MiB", f"{empty / 1024:,.0f}", f"{opened / 1024:,.0f}, at most {peak / 1024:,.0f}")
+    console = Console()
+    console.print(table)
+    console.print(
+        f"{(opened - empty) / max(asked.episodes - 1, 1):.0f} KiB an episode; "
+        f"{spent / len(times) * 1e3:.1f} ms of the server's processor time a call, connecting included; "
+        f"{len(times):,} calls from {asked.clients} client processes; {os.cpu_count()} cores"
+    )
+
+
+def share(times: Sequence[float], of: float) -> float:
+    return sorted(times)[min(int(len(times) * of), len(times) - 1)] * 1e3
+
+
+@contextmanager
+def served(episodes: int) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
+    """Start a server with so many open episodes."""
+    options = ["--http", "--port", "0", "--episodes", str(episodes), "--most", str(episodes), "--tool-calls", "none"]
+    command = [sys.executable, "-m", "smartplay_tools", "serve", "mcp", GAME, *options]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert server.stdout is not None
+        yield server, [server.stdout.readline().split()[0] for _ in range(episodes)]
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def play(urls: list[str], calls: int, clients: int) -> tuple[list[float], float]:
+    """Have client processes play; return the time of each call, and the time of all together."""
+    command = [sys.executable, __file__, "--be-a-client", "--calls", str(calls)]
+    processes = [
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in range(clients)
+    ]
+    for at, process in enumerate(processes):
+        assert process.stdin is not None
+        process.stdin.write(json.dumps(urls[at::clients]) + "\n")
+        process.stdin.flush()
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "connected\n"
+    begun = time.perf_counter()
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    times = [taken for process in processes for taken in json.loads(_line(process))]
+    seconds = time.perf_counter() - begun
+    for process in processes:
+        process.communicate()
+    return times, seconds
+
+
+def _line(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline()
+
+
+async def be_a_client(calls: int) -> None:
+    """Connect a client to each address that comes in; on "go", play with all, and print what each call took."""
+    urls: list[str] = json.loads(sys.stdin.readline())
+    connected, begin = asyncio.Semaphore(AT_ONCE), asyncio.Event()
+    waiting = len(urls)
+
+    async def one(url: str) -> list[float]:
+        nonlocal waiting
+        async with AsyncExitStack() as stack:
+            async with connected:
+                # No certificates are needed on this machine, and reading them takes longer than a game.
+                http = await stack.enter_async_context(httpx2.AsyncClient(trust_env=False, verify=False, timeout=600))
+                client = await stack.enter_async_context(Client(streamable_http_client(url, http_client=http)))
+                await client.list_tools()
+            waiting -= 1
+            if not waiting:
+                print("connected", flush=True)
+                await asyncio.to_thread(sys.stdin.readline)
+                begin.set()
+            await begin.wait()
+            return [await timed(client) for _ in range(calls)]
+
+    results = await asyncio.gather(*(one(url) for url in urls))
+    print(json.dumps([taken for times in results for taken in times]), flush=True)
+
+
+async def timed(client: Any) -> float:
+    begun = time.perf_counter()
+    await client.call_tool("observe")
+    return time.perf_counter() - begun
+
+
+def memory(process: int, what: str = "VmRSS") -> int:
+    """Resident memory of a process now, or at most so far ("VmHWM"), in KiB; from Linux's /proc."""
+    lines = Path(f"/proc/{process}/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(what))
+
+
+def processor_seconds(process: int) -> float:
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""Pictures: the figures of a run, as data that a page carries.
+
+They go in as images and not as markup: an SVG in an `img` element can run nothing, whoever wrote it.
+"""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.evaluation.comparison import compare
+from smartplay_tools.evaluation.store import RunFolder
+from smartplay_tools.evaluation.sweep import write_figures
+
+FOLDER = "figures"
+"""Where a run keeps its figures, as SVG."""
+
+
+def figures(run: Path) -> Iterator[dict[str, str]]:
+    """Yield name and image of a run's figures: those that lie in its folder, or else those that can be drawn now.
+
+    There are none without a run, without the extra `evaluation`, or for games that are not known here.
+    """
+    if not (run / "manifest.json").exists():
+        return
+    found = sorted((run / FOLDER).glob("*.svg"))
+    with tempfile.TemporaryDirectory() as drawn:
+        for file in found or _draw(run, Path(drawn)):
+            image = base64.b64encode(file.read_bytes()).decode("ascii")
+            yield {"name": file.stem.replace("-", " "), "image": f"data:image/svg+xml;base64,{image}"}
+
+
+def _draw(run: Path, folder: Path) -> list[Path]:
+    source = RunFolder(run)
+    try:
+        written = write_figures(source, compare(source.rows()), folder)
+    except SmartPlayError:
+        return []
+    return [path for path in written if path.suffix == ".svg"]

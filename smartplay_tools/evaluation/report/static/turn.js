@@ -1,0 +1,179 @@
+"use strict";
+// A turn in words: what the player said, what it got back, and the prompt that led to it.
+
+// A prompt of more messages than this is shown with a gap, until somebody asks for all of it.
+const LONG_PROMPT = 80;
+
+function renderTurn() {
+  const { episode, turn } = shown;
+  const now = episode.turns[turn];
+  $("turn-title").textContent = `Turn ${number(turn)}`;
+  $("said").replaceChildren(
+    ...(now ? saidIn(now, episode) : [element("p", { class: "caption" }, "Nothing has been recorded yet.")]),
+  );
+  $("answers").replaceChildren(...(now?.items ?? []).map((item) => answer(item, now)));
+  if (now?.choice)
+    $("answers").prepend(
+      caption(
+        now.choice.fallback
+          ? `No action was named; the first was played: ${now.choice.action}`
+          : `Chosen: ${now.choice.action}`,
+        now.choice.fallback,
+      ),
+    );
+  const calls = (now?.items ?? [])
+    .filter(({ call }) => call)
+    .map(({ call }) => `${call.name} ${call.is_error ? "failed" : "answered"}`);
+  if (!shown.timer) $("announce").textContent = `Turn ${turn}. ${calls.join(", ") || "No call."}`;
+}
+
+function saidIn(turn, episode) {
+  const { message, usage } = turn;
+  if (!message)
+    return [
+      element(
+        "p",
+        { class: "caption bad" },
+        turn.view ? "No reply came to this prompt." : "The host's agent called; what it said is not on record.",
+      ),
+    ];
+  const thoughts = [
+    message.reasoning_content,
+    ...(message.provider_items ?? []).map((item) => JSON.stringify(item, null, 1)),
+  ].filter(Boolean);
+  const said = textOf(message);
+  const calls = (message.tool_calls ?? []).map(({ function: { name, arguments: sent } }) => callLine(name, sent));
+  const cost = usage ? costOf(usage) : null;
+  return [
+    thoughts.length
+      ? element(
+          "details",
+          {},
+          element("summary", {}, "Reasoning and provider items"),
+          element("pre", {}, thoughts.join("\n")),
+        )
+      : null,
+    said ? element("pre", { class: "speech" }, said) : null,
+    ...calls,
+    !said && !calls.length ? caption("An empty reply.", true) : null,
+    cost ? element("p", { class: "small" }, cost) : null,
+  ].filter(Boolean);
+}
+
+function costOf({ reply, overrun, provider }) {
+  const more = overrun ? ", more than it was allowed" : "";
+  const counted = provider ? `; the provider counted ${number(provider.prompt)} + ${number(provider.reply)}` : "";
+  return plural(reply ?? 0, "token") + more + counted;
+}
+
+function callLine(name, sent) {
+  let plain = sent;
+  try {
+    plain = Object.values(JSON.parse(sent || "{}"))
+      .map((value) => JSON.stringify(value))
+      .join(", ");
+  } catch {
+    // Not JSON: shown as it was written.
+  }
+  return element(
+    "p",
+    { class: "call", title: `${name} ${sent}` },
+    element("b", {}, name),
+    "(",
+    element("span", {}, plain),
+    ")",
+  );
+}
+
+function answer({ call, message, by }, turn) {
+  if (message)
+    return element(
+      "article",
+      { class: "answer" },
+      element("h4", {}, `${message.role} message, by the ${by}`),
+      element("pre", {}, textOf(message)),
+    );
+  const kind = call.is_error
+    ? "error"
+    : call.manual
+      ? "manual"
+      : call.observation === undefined
+        ? "note"
+        : "observation";
+  const what =
+    kind === "observation"
+      ? `observation ${number(call.observation)}`
+      : kind === "error"
+        ? `error: ${call.mistake ?? "refused"}`
+        : kind;
+  const several = turn.items.filter((item) => item.call?.legal).length > 1;
+  const look =
+    several && call.legal
+      ? element("button", { type: "button", onclick: () => goTo(shown.turn, call.step) }, "show the game here")
+      : null;
+  const score = call.legal
+    ? element("span", { class: "small" }, ` reward ${signed(call.reward)}, score ${number(call.score)}`)
+    : null;
+  const asked = turn.message?.tool_calls ? null : callLine(call.name, call.arguments);
+  return element(
+    "article",
+    { class: `answer ${kind}` },
+    element("h4", {}, `${call.name}: ${what}`, score, look),
+    asked,
+    element("pre", {}, call.text),
+  );
+}
+
+// The prompt word for word; made only when somebody has opened it.
+function renderPrompt(everything = false) {
+  if (!$("prompt").open) return;
+  const { episode, turn } = shown;
+  const parts = promptParts(episode, page.words, turn) ?? [];
+  const before = turn > 0 ? (sentMessages(episode, page.words, turn - 1) ?? []) : [];
+  const differs = parts.findIndex(({ message }, at) => JSON.stringify(message) !== JSON.stringify(before[at]));
+  const same = differs === -1 ? parts.length : differs;
+  const cards = parts.map((part, at) => () => messageCard(part, at >= same));
+  const hidden = everything || cards.length <= LONG_PROMPT ? 0 : cards.length - LONG_PROMPT;
+  const more = element(
+    "button",
+    { type: "button", onclick: () => renderPrompt(true) },
+    `show ${plural(hidden, "more message")}`,
+  );
+  const first = hidden ? 2 : 0;
+  const list = [
+    ...cards.slice(0, first).map((make) => make()),
+    hidden ? more : null,
+    ...cards.slice(first + hidden).map((make) => make()),
+  ];
+  const tools = episode.tools.length
+    ? element(
+        "details",
+        { class: "message schema" },
+        element("summary", {}, `tool schemas: ${episode.tools.map((tool) => tool.name).join(", ")}`),
+        element("pre", {}, JSON.stringify(episode.tools, null, 1)),
+      )
+    : null;
+  $("messages").replaceChildren(...[tools, ...list].filter(Boolean));
+}
+
+function messageCard({ message, turn, marked }, fresh) {
+  const from = turn === undefined ? "" : ` of turn ${number(turn)}`;
+  const title = element(
+    "h4",
+    {},
+    `${message.role}${from}`,
+    marked ? element("span", { class: "tag marked" }, "marked") : null,
+    fresh ? element("span", { class: "tag fresh" }, "new") : null,
+  );
+  const calls = (message.tool_calls ?? []).map(({ function: { name, arguments: sent } }) =>
+    element("p", { class: "call" }, element("b", {}, name), ` ${sent}`),
+  );
+  const said = textOf(message);
+  return element(
+    "article",
+    { class: `message ${message.role}${marked ? " is-marked" : ""}` },
+    title,
+    said || !calls.length ? element("pre", {}, said) : null,
+    ...calls,
+  );
+}

@@ -1,0 +1,130 @@
+"""Guard: start the server in a folder of its own, and clean up behind it whatever happens.
+
+Run as a program, it outlives the process that wanted the server, so that nothing is left behind even where that
+process is killed. Its standard input is held open by that process, and its end is the order to clean up; where the
+server ends of itself, standard output tells the reason. Two more files, given by number, are handed through to the
+server: the commands as its standard input, and the answers under the same number.
+
+The standard library is all that it uses.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+PREFIX = "smartplay-luanti-"
+"""How the names of the folders begin."""
+
+PATIENCE = 0.5
+"""Seconds between two looks at the server and at the process that wants it."""
+
+SETTINGS = """\
+smartplay_answers = {answers}
+fixed_map_seed = {seed}
+port = {port}
+bind_address = 127.0.0.1
+server_announce = false
+max_users = 0
+secure.trusted_mods = smartplay
+dedicated_server_step = 0.005
+num_emerge_threads = 1
+emergequeue_limit_total = 100000
+emergequeue_limit_diskonly = 100000
+emergequeue_limit_generate = 100000
+mg_name = v7
+mg_flags = nocaves,nodungeons,light,decorations,biomes,ores
+mgv7_spflags = nomountains,noridges,nofloatlands,nocaverns
+chunksize = 3
+time_speed = 0
+liquid_update = 1000000000
+server_map_save_interval = 1000000000
+server_unload_unused_data_timeout = 1000000000
+"""
+"""One thread makes the map, so that its order is fixed; liquids stand still, since they flow by the wall clock; nothing
+is unloaded or saved; nobody can join."""
+
+WORLD = """\
+gameid = minetest_game
+backend = dummy
+player_backend = dummy
+auth_backend = sqlite3
+mod_storage_backend = dummy
+load_mod_smartplay = true
+"""
+
+
+def main(commands: int, answers: int, seed: str, program: str, game: str, mod: str) -> None:
+    """Serve until standard input or the server ends."""
+    parent = os.getppid()
+    for ending in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, lambda *_: sys.exit(1))
+    with tempfile.TemporaryDirectory(prefix=PREFIX, ignore_cleanup_errors=True) as folder:
+        home = Path(folder)
+        _furnish(home, Path(game), Path(mod), SETTINGS.format(answers=answers, seed=seed, port=_free_port()))
+        server = _start(home, program, commands, answers)
+        try:
+            # Only the server may hold these: their ends have to be noticed.
+            os.close(commands)
+            os.close(answers)
+            while server.poll() is None and os.getppid() == parent:
+                if select.select([0], [], [], PATIENCE)[0]:
+                    return
+            sys.stdout.write(_last_words(home))
+        finally:
+            server.kill()
+            server.wait()
+
+
+def _furnish(home: Path, game: Path, mod: Path, settings: str) -> None:
+    world = home / "world"
+    shutil.copytree(mod, world / "worldmods" / "smartplay")
+    (world / "game").symlink_to(game)
+    (world / "world.mt").write_text(WORLD)
+    (home / "server.conf").write_text(settings)
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def _start(home: Path, program: str, commands: int, answers: int) -> subprocess.Popen[bytes]:
+    files = {"--world": home / "world", "--config": home / "server.conf", "--logfile": home / "log"}
+    options = [word for name, file in files.items() for word in (name, str(file))]
+    with (home / "errors").open("wb") as errors:
+        return subprocess.Popen(
+            [program, *options, "--quiet"],
+            cwd=home,
+            env=_environment(home),
+            stdin=commands,
+            stdout=errors,
+            stderr=errors,
+            pass_fds=[answers],
+        )
+
+
+def _environment(home: Path) -> dict[str, str]:
+    """The variables of this process, without those by which a user's own settings, mods and games would be found."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("MINETEST_", "LUANTI_"))}
+    return {**kept, "HOME": str(home)}
+
+
+def _last_words(home: Path) -> str:
+    """The first line that tells of an error, or else the last line of all."""
+    texts = [(home / name).read_text(errors="replace") for name in ("errors", "log") if (home / name).exists()]
+    lines = [line.strip() for text in texts for line in text.splitlines() if line.strip()]
+    return next((line for line in lines if "ERROR" in line), lines[-1] if lines else "")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]), *sys.argv[3:])

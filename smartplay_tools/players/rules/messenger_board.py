@@ -1,0 +1,167 @@
+"""MESSENGER's board as tables: where things can be, how that is shown, how they move. All places are in half cells.
+
+The rule player weighs thousands of places at every step, so what follows from two places alone is looked up. Two ways
+of counting are in use. A *cell* is one of the 100 on which we can stand. A *spot* is a place as one number, 64 for a
+half cell to the east and 1 for one to the south, so that the difference of two spots names their offset and can be
+looked up by itself.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float32]
+Truths = NDArray[np.bool_]
+
+ACTIONS = ("Move North", "Move South", "Move West", "Move East", "Do Nothing")
+SIDES = ((0, -1), (0, 1), (-1, 0), (1, 0))
+"""North, south, west and east, in the order of the actions."""
+
+CHASER, FLEEING, IMMOVABLE = range(3)
+MOVEMENTS = ("chaser", "fleeing", "immovable")
+
+CELLS = 10
+WIDTH = 2 * CELLS - 1
+"""How many places there are from border to border."""
+PLACES = WIDTH * WIDTH
+
+EAST = 64
+"""What a half cell to the east adds to a spot; to the south it is 1."""
+NOWHERE = -30 * EAST
+"""The spot of what is not on the board: so far away that it touches nothing."""
+OFFSETS = 96 * EAST
+"""How many differences of spots there are, shifted so that none is negative."""
+SHIFT = 32 * EAST
+DRAWS = 12
+"""A mover's step is drawn by a number below this, which 2, 3 and 4 divide."""
+
+DIRECTIONS = ("you", "north", "south", "west", "east", "north-west", "north-east", "south-west", "south-east")
+
+
+def sight_code(distance: int, direction: str) -> int:
+    """Return the number under which `Board.shown` holds a distance and a direction."""
+    return distance * len(DIRECTIONS) + DIRECTIONS.index(direction)
+
+
+@dataclass(frozen=True)
+class Board:
+    """What is looked up by cell and place. The first axis is the cell on which we stand, if there is one."""
+
+    next_cell: Ints
+    """Action, cell -> the cell after it; at a border, the same."""
+    shown: Ints
+    """Cell, place -> the code of how a thing there is shown."""
+    distance: Ints
+    """Cell, place -> the distance that is shown."""
+    apart: Truths
+    """Cell, place -> whether a thing there does not touch us."""
+    shares: Floats
+    """Chaser or fleeing, cell, way, place -> how probably a thing there goes that way: four sides, or it is kept in
+    its place by the border."""
+    whole: Truths
+    """Place -> whether it lies on a whole cell, as everything does at the start."""
+    spot_of_cell: Ints
+    spot_of_place: Ints
+
+    def advance(self, belief: Floats, movement: int, cells: Ints) -> Floats:
+        """Let things move for a tick: belief[..., case, place], where `cells` are where we stand in each case.
+
+        What would go over the border has no share in that way, so whole rows can be shifted at once.
+        """
+        if movement == IMMOVABLE:
+            return belief
+        share = self.shares[movement][cells]
+        after: Floats = belief * share[:, 4]
+        after[..., :-1] += (belief * share[:, 0])[..., 1:]
+        after[..., 1:] += (belief * share[:, 1])[..., :-1]
+        after[..., :-WIDTH] += (belief * share[:, 2])[..., WIDTH:]
+        after[..., WIDTH:] += (belief * share[:, 3])[..., :-WIDTH]
+        return after
+
+
+@functools.cache
+def board() -> Board:
+    """Return the tables, which are computed once."""
+    cell_x, cell_y = (axis.ravel() for axis in np.indices((CELLS, CELLS)))
+    x, y = (axis.ravel() for axis in np.indices((WIDTH, WIDTH)))
+    east, south = x - 2 * cell_x[:, None], y - 2 * cell_y[:, None]
+    cells_east, cells_south = east // 2, south // 2
+    distance = abs(cells_east) + abs(cells_south)
+    direction = np.array([[0, 4, 3], [2, 8, 7], [1, 6, 5]])[np.sign(cells_south), np.sign(cells_east)]
+    steps = [(cell_x + dx, cell_y + dy) for dx, dy in (*SIDES, (0, 0))]
+    stays = np.arange(CELLS * CELLS)
+    return Board(
+        next_cell=np.array(
+            [
+                np.where(np.isin(to_x, cell_x) & np.isin(to_y, cell_y), to_x * CELLS + to_y, stays)
+                for to_x, to_y in steps
+            ]
+        ),
+        shown=distance * len(DIRECTIONS) + direction,
+        distance=distance,
+        apart=np.maximum(abs(east), abs(south)) > 1,
+        shares=_shares(east, south, x, y),
+        whole=(x % 2 == 0) & (y % 2 == 0),
+        spot_of_cell=2 * cell_x * EAST + 2 * cell_y,
+        spot_of_place=x * EAST + y,
+    )
+
+
+def _shares(east: Ints, south: Ints, x: Ints, y: Ints) -> Floats:
+    """Return how probably each mover goes each way. None looks at the border, which then keeps it in its place."""
+    nearer = np.stack([south > 0, south < 0, east > 0, east < 0], axis=1)
+    open_to = nearer.sum(axis=1, keepdims=True)
+    chasing = np.where(open_to == 0, 0.25, nearer / np.maximum(open_to, 1))
+    fleeing = ~nearer / (4 - open_to)
+    outside = np.array([y == 0, y == WIDTH - 1, x == 0, x == WIDTH - 1])
+    ways = np.stack([chasing, fleeing])
+    kept = np.where(outside, ways, 0).sum(axis=2, keepdims=True)
+    return np.concatenate([np.where(outside, 0, ways), kept], axis=2).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Offsets:
+    """What is looked up by the offset from a thing to us: the difference of our spots plus `SHIFT`."""
+
+    step: Ints
+    """(Movement * DRAWS + draw) * OFFSETS + offset -> what is added to the thing's spot."""
+    touching: Truths
+    """Whether two squares overlap: half a cell's distance, also diagonally, is a contact."""
+    distance: Ints
+    """In half cells, along the axes."""
+    gap: Ints
+    """In half cells, along the longer axis."""
+    next_spot: Ints
+    """Action * OFFSETS + SHIFT + our spot -> our spot after it."""
+    on_board: Truths
+    """Spot + SHIFT -> whether it is on the board."""
+
+
+@functools.cache
+def offsets() -> Offsets:
+    """Return the tables, which are computed once."""
+    number = np.arange(OFFSETS) - SHIFT
+    south = (number + EAST // 2) % EAST - EAST // 2
+    east = (number - south) // EAST
+    on_board = np.isin(east, range(WIDTH)) & np.isin(south, range(WIDTH))
+    steps = np.zeros((len(MOVEMENTS), DRAWS, OFFSETS), dtype=np.int64)
+    side_of = np.array([-1, 1, -EAST, EAST])
+    for column, (dx, dy) in enumerate(zip(np.sign(east), np.sign(south), strict=True)):
+        nearer = [side for side, (sx, sy) in zip(side_of, SIDES, strict=True) if sx * dx > 0 or sy * dy > 0]
+        farther = [side for side in side_of if side not in nearer]
+        for movement, ways in ((CHASER, nearer or list(side_of)), (FLEEING, farther)):
+            steps[movement, :, column] = [ways[draw * len(ways) // DRAWS] for draw in range(DRAWS)]
+    moves = (-2, 2, -2 * EAST, 2 * EAST, 0)
+    return Offsets(
+        step=steps.ravel(),
+        touching=(abs(east) <= 1) & (abs(south) <= 1),
+        distance=abs(east) + abs(south),
+        gap=np.maximum(abs(east), abs(south)),
+        next_spot=np.array([np.where(np.roll(on_board, -move), number + move, number) for move in moves]).ravel(),
+        on_board=on_board,
+    )

@@ -1,0 +1,147 @@
+"""How the Messenger rule player reads: sentences of the split it was made from, and of the one it is scored on."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.games.messenger.manuals import OUR_TEXTS, load
+from smartplay_tools.games.messenger.rules import MOVEMENTS, Split
+from smartplay_tools.games.messenger.statistics import Entry, entries
+from smartplay_tools.games.messenger.text import compose
+from smartplay_tools.players.rules import messenger_manual
+from smartplay_tools.players.rules.messenger_board import CHASER, FLEEING, IMMOVABLE
+from smartplay_tools.players.rules.messenger_casts import Cast, Part, casts
+from smartplay_tools.players.rules.messenger_manual import Claim, claims
+from smartplay_tools.players.rules.messenger_sight import View
+
+
+def test_it_reads_the_manual_of_the_paper() -> None:
+    """The example that the paper prints, with people's sentences."""
+    manual = compose(
+        [
+            "the dangerous enemy can be found next to the plane, which can not be moved.",
+            "you are being approached by a restricted document that is a robot.",
+            "the whale is the main objective.",
+        ]
+    )
+    assert claims(manual) == (
+        Claim("airplane", "enemy", "immovable"),
+        Claim("robot", "message", "chaser"),
+        Claim("fish", "goal", None),
+    )
+
+
+def test_three_sentences_are_about_three_roles() -> None:
+    manual = compose(["the jet is the enemy.", "the orb is the target.", "the dog is what you see."])
+    assert [claim.role for claim in claims(manual)] == ["enemy", "goal", "message"]
+
+
+def test_every_word_that_it_knows_occurs_in_train_sentences() -> None:
+    """The lists were made from the training split, so they hold nothing that only other sentences could teach."""
+    train = "\n".join(entry.text for entry in entries(load(OUR_TEXTS, "train")))
+    words = set(re.findall(r"[a-z][a-z-]*", train))
+    for lists in (messenger_manual.ENTITIES, messenger_manual.ROLES):
+        assert not set(" ".join(lists.values()).split()) - words
+    for pattern in messenger_manual.MOVEMENTS.values():
+        assert [part for part in re.split(r"\|(?![^(]*\))", pattern) if not re.search(part, train)] == []
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_it_reads_each_sentence(split: Split) -> None:
+    """Entity, role and movement of single sentences, of those that it was made from and of those it is scored on."""
+    read = [(claims(compose([entry.text]))[0], entry) for entry in entries(load(OUR_TEXTS, split))]
+    assert sum(claim.entity == entry.entity for claim, entry in read) / len(read) >= 0.995
+    assert sum(claim.role == entry.role for claim, entry in read) / len(read) >= 0.998
+    assert sum((claim.movement or "unknown") == entry.kind for claim, entry in read) / len(read) >= 0.98
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+@pytest.mark.parametrize("level", [1, 2, 3])
+def test_it_reads_the_manuals_of_games(split: Split, level: int) -> None:
+    """Whole manuals as games print them: every sentence's entity and role at once."""
+    truth = {entry.text: entry for entry in entries(load(OUR_TEXTS, split))}
+    game = sp.GAMES[f"MessengerL{level}-v0"].make(split=split)
+    right = 0
+    for seed in range(150):
+        game.reset(seed=seed)
+        told = [truth[line] for line in game.manual.split("\n") if line in truth]
+        right += [(c.entity, c.role) for c in claims(game.manual)] == [(entry.entity, entry.role) for entry in told]
+    assert right / 150 >= 0.97
+
+
+# What sentences mean together.
+
+
+DECOYS = (
+    Claim("mage", "enemy", "immovable"),
+    Claim("mage", "goal", "chaser"),
+    Claim("dog", "enemy", "immovable"),
+    Claim("dog", "message", "chaser"),
+    Claim("fish", "enemy", "chaser"),
+    Claim("fish", "goal", "fleeing"),
+)
+"""The mage is said to be the goal as well, but would then move as the message does."""
+
+
+def test_decoys_and_a_false_lead_are_seen_through() -> None:
+    (probability, cast), *_ = casts(DECOYS, ("dog", "fish", "mage"))
+    assert probability > 0.9
+    assert cast == {
+        "mage": (Part("enemy", IMMOVABLE),),
+        "dog": (Part("message", CHASER), Part("enemy", IMMOVABLE)),
+        "fish": (Part("goal", FLEEING), Part("enemy", CHASER)),
+    }
+
+
+def test_a_sentence_that_names_nobody_is_about_who_is_missing() -> None:
+    said = (Claim("dog", "message", "chaser"), Claim(None, "enemy", "fleeing"), Claim("fish", "goal", "immovable"))
+    (probability, cast), *_ = casts(said, ("dog", "fish", "mage"))
+    assert cast["mage"] == (Part("enemy", FLEEING),)
+    assert probability > 0.7
+
+
+def test_where_the_manual_is_silent_every_movement_is_possible() -> None:
+    said = (Claim("dog", "message", None), Claim("mage", "enemy", "fleeing"), Claim("fish", "goal", "immovable"))
+    movements = {cast["dog"] for _, cast in casts(said, ("dog", "fish", "mage"))[:3]}
+    assert movements == {(Part("message", movement),) for movement in range(len(MOVEMENTS))}
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_the_likeliest_cast_is_mostly_the_true_one(split: Split) -> None:
+    """The manuals of level 3, read and weighed before anything is seen. Now and then two casts are equally likely."""
+    game = sp.GAMES["MessengerL3-v0"].make(split=split)
+    truth = {entry.text: entry for entry in entries(load(OUR_TEXTS, split))}
+    right = 0
+    for seed in range(100):
+        observation, _ = game.reset(seed=seed)
+        told = [truth[line] for line in game.manual.split("\n") if line in truth]
+        _, likeliest = casts(claims(game.manual), tuple(sorted(View.of(observation).things)))[0]
+        right += likeliest == true_cast(told, game.unwrapped._rules_state.movements, game.unwrapped._names)
+    assert right >= 80
+
+
+def true_cast(told: list[Entry], movements: tuple[str, ...], names: tuple[str, ...]) -> Cast:
+    enemy, message, goal, decoy_message, decoy_goal = (MOVEMENTS.index(movement) for movement in movements)
+    cast = {
+        names[0]: (Part("enemy", enemy),),
+        names[1]: (Part("message", message), Part("enemy", decoy_message)),
+        names[2]: (Part("goal", goal), Part("enemy", decoy_goal)),
+    }
+    said = {(entry.entity, entry.role, entry.kind) for entry in told}
+    assert all((name, part.role, MOVEMENTS[part.movement]) in said for name, parts in cast.items() for part in parts)
+    return cast
+
+
+@pytest.mark.parametrize("split", ["train"])
+def test_what_it_takes_for_granted_is_seen_in_training_games(split: Split) -> None:
+    """Nobody tells that enemy, message and goal move differently, and the two decoys too; games of train show it."""
+    game = sp.GAMES["MessengerL3-v0"].make(split=split)
+    for seed in range(200):
+        game.reset(seed=seed)
+        *real, decoy_message, decoy_goal = game.unwrapped._rules_state.movements
+        assert len(set(real)) == 3
+        assert decoy_message not in (real[1], decoy_goal)
+        assert decoy_goal != real[2]
