@@ -71,6 +71,11 @@ def test_what_tells_lines_apart_stands_in_their_names():
     (panel,) = figures.score_against_history(compare(rows)).axes
     assert set(lines(panel)) == {"rule, manual tool", "rule, manual pinned", "human (paper)"}
 
+    here, there = {"base_url": "here"}, {"base_url": "there"}
+    rows = [r for o in (here, there) for h in (1, 5) for r in episodes([h], history=h, player_options=o)]
+    (panel,) = figures.score_against_history(compare(rows)).axes
+    assert len(lines(panel)) == 3
+
 
 def test_there_is_no_human_where_scores_are_not_comparable():
     rows = [r | {"normalized_score": None} for h in (1, 5) for r in episodes([h], history=h)]

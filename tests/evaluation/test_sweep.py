@@ -120,6 +120,25 @@ def test_it_writes_tables_and_figures(played):
     assert summary[0]["cost_difference"] == "0.0"
 
 
+def test_a_sweep_that_could_afford_nothing_says_nothing(tmp_path):
+    """The run's own cap cuts every episode short, so there is nothing to compare, and nothing breaks."""
+    poor = sweep([BANDIT], ["rule"], history=[1, 50], trials=2, run_tokens=900, out=tmp_path, executor="inline")
+    assert {row["end_reason"] for row in poor.rows} == {"run_budget"}
+    assert poor.summary == []
+    assert {path.name for path in poor.write()} == {"table.csv", "table.parquet", "summary.csv"}
+
+
+def test_shards_that_were_merged_are_a_sweep(played, tmp_path):
+    asked = {"history": [1, 50], "slack": [0, 0.5], "trials": 4, "executor": "inline"}
+    parts = [tmp_path / "part1", tmp_path / "part2"]
+    for number, part in enumerate(parts, start=1):
+        sweep([BANDIT], ["rule", "random"], shard=(number, 2), out=part, **asked)
+    merged = CliRunner().invoke(app, ["merge", *map(str, parts), "--out", str(tmp_path / "whole")])
+    assert merged.exit_code == 0, merged.output
+    whole = sweep([BANDIT], ["rule", "random"], out=tmp_path / "whole", **asked)
+    assert whole.summary == played.summary
+
+
 # The command.
 
 

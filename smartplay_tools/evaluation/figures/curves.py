@@ -59,8 +59,9 @@ def effects_of_slack(comparisons: Sequence[Comparison]) -> Figure:
         found = [c for c in members if "score" in c.differences]
         positions = [amounts.index(c.cell.budget["slack"]) + beside for c in found]
         draw_estimates(scores, positions, [c.differences["score"] for c in found], look, label)
-        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in members]
-        draw_estimates(shares, positions, [c.means["prefix_share"] for c in members], look, label)
+        found = [c for c in members if "prefix_share" in c.means]
+        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in found]
+        draw_estimates(shares, positions, [c.means["prefix_share"] for c in found], look, label)
     scores.axhline(0, color=GREY, linewidth=1)
     scores.set(title="What slack does to the score", ylabel=f"score less that at slack {amounts[0]:g} (points)")
     shares.set(title="What it does to the prompts", ylabel="prompt tokens in a stable prefix (%)", ylim=(0, 1))

@@ -11,8 +11,8 @@ from smartplay_tools.evaluation.comparison import Comparison
 def series_name(comparison: Comparison, among: Sequence[Comparison]) -> str:
     """Return the player, and whatever else sets its cells apart from others of the same game in the figure."""
     said = [comparison.cell.player]
-    for field in ("protocol", "manual", "batch", "engine"):
-        rivals = {getattr(c.cell, field) for c in among if c.cell.game == comparison.cell.game}
+    for field in ("protocol", "manual", "batch", "engine", "tokenizer", "options", "player_options"):
+        rivals = {str(getattr(c.cell, field)) for c in among if c.cell.game == comparison.cell.game}
         if len(rivals) > 1:
             said.append(f"{field} {getattr(comparison.cell, field)}")
     return ", ".join(said)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def run_figures(folder: RunFolder, comparisons: Sequence[Comparison]) -> dict[str, Figure]:
     """Return the figures of a run by their names; `comparisons` are those of its rows."""
     rows = folder.rows()
-    if not rows:
+    if not comparisons:
         return {}
     drawn: dict[str, Figure] = {}
     if _varies(comparisons, "history"):
