@@ -90,6 +90,7 @@ def test_a_signal_stops_a_run_between_two_turns(tmp_path, executor, number):
         assert process.stdout is not None
         process.stdout.readline()
         process.stdout.readline()  # an episode is finished
+        time.sleep(0.3)  # the next ones are under way
         began = time.monotonic()
         process.send_signal(number)
         output, _ = process.communicate(timeout=60)

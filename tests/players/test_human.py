@@ -177,7 +177,8 @@ class Terminal:
         return self.seen
 
     def interrupt(self) -> None:
-        """Do what Ctrl-C does."""
+        """Do what Ctrl-C does, while the program waits for a line."""
+        time.sleep(0.5)  # what it has asked it may not yet be waiting for
         self._program.send_signal(signal.SIGINT)
         self.seen = ""
 
