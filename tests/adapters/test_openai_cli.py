@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from tests.processes import heed_interrupts
 
 pytest.importorskip("openai")
 
@@ -23,7 +24,7 @@ def served():
     command = [sys.executable, "-m", "smartplay_tools", "serve", "openai", "--port", "0"]
     command += ["--player", "rule", "--player", "random"]
     environment = {**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"}
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, preexec_fn=heed_interrupts)
     yield server.stdout.readline().split()[0]
     server.send_signal(signal.SIGINT)
     rest, _ = server.communicate(timeout=20)

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
+from tests.processes import heed_interrupts
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 ROOT = Path(__file__).parents[2]
@@ -37,7 +38,7 @@ def start(out: Path, executor: str, *, games: list[str], trials: int, seconds: f
     script.write_text(SCRIPT.format(games=games, trials=trials))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
     command = [sys.executable, str(script), str(out), executor, str(seconds)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, preexec_fn=heed_interrupts)
 
 
 def children(pid: int) -> list[int]:

@@ -22,6 +22,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.store import RunFolder
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.players.human import HumanPlayer
+from tests.processes import heed_interrupts
 
 HANOI, RPS, CRAFTER = "Hanoi3Disk-v0", "RockPaperScissorBasic-v0", "Crafter-v0"
 CLEAR, ENTER, LEAVE = "\x1b[2J", "\x1b[?1049h", "\x1b[?1049l"
@@ -157,6 +158,7 @@ class Terminal:
             stderr=slave,
             env={**environment, "TERM": "xterm-256color"},
             start_new_session=True,
+            preexec_fn=heed_interrupts,
         )
         os.close(slave)
         self.rows = rows
