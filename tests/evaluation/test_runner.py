@@ -111,6 +111,9 @@ def test_what_cannot_be_played_is_told_before_the_first_episode_with_its_cells(t
         ({"engine": "voxel"}, "None of the games has an engine 'voxel'"),
         ({"options": {"area": 9}}, "None of the games has an option 'area'"),
         ({"protocol": "telepathy"}, "protocol must be one of"),
+        ({"player_options": {"temperature": 1}}, "The player 'rule' cannot be made so: .*'temperature'"),
+        ({"players": ["rule:fast"]}, "The player 'rule:fast' cannot be made so"),
+        ({"player_options": {"seed": 1}}, "seed is no option of a player"),
         ({"players": ["openai:x"], "run_cost": 1.0, "player_options": {"base_url": "http://127.0.0.1:9"}}, "--price"),
     ],
 )
