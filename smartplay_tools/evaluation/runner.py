@@ -8,6 +8,7 @@ players than before is the same run, extended.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -134,8 +135,9 @@ def run_plan(
         for name, episodes in by_executor.items():
             spent = work.spent() if caps else (0, 0.0)
             chosen: Executor = executors[name](workers or default_workers(name), caps, spent)
-            signals.tell(chosen.stop)
-            work.play(chosen, episodes)
+            with closing(chosen):
+                signals.tell(chosen.stop)
+                work.play(chosen, episodes)
         rows = work.finish()
     return Run(folder, len(part.episodes), rows, signals.received)
 

@@ -30,6 +30,9 @@ class AsyncExecutor:
         self.meter = CommonMeter(caps, spent) if caps else None
         self._shared: dict[str, AsyncPlayer | None] = {}
 
+    def close(self) -> None:
+        """See `Executor`; everything is given back when a `run` is over."""
+
     def run(self, tasks: Iterator[Task]) -> Iterator[Outcome]:
         """See `Executor`."""
         with asyncio.Runner() as runner:

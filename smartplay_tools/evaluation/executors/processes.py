@@ -32,6 +32,9 @@ class ProcessExecutor:
         self.stop = _SharedStop()
         self.meter = CommonMeter(caps, spent, processes=True) if caps else None
 
+    def close(self) -> None:
+        """See `Executor`; everything is given back when a `run` is over."""
+
     def run(self, tasks: Iterator[Task]) -> Iterator[Outcome]:
         """See `Executor`."""
         lost: list[Task] = []
