@@ -11,7 +11,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.merging import merge
 from smartplay_tools.evaluation.plan import trial_seed
-from tests.evaluation.players import Broken, BrokenOnce, Killer, Waiting
+from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Waiting
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 GAMES = [BANDIT, HANOI]
@@ -219,6 +219,13 @@ def test_players_that_wait_play_side_by_side(tmp_path):
     run = sp.evaluate([BANDIT], {"waiting": Waiting}, out=tmp_path, trials=12, workers=8)
     assert run.complete
     assert 4 <= Waiting.most_at_once <= 8
+
+
+def test_a_player_that_serves_many_episodes_is_opened_anew_for_those_that_are_tried_again(tmp_path):
+    run = sp.evaluate([HANOI], {"connected": Connected}, out=tmp_path, trials=3, executor="async")
+    assert run.complete
+    assert {failure["error"] for failure in run.failures} == {"RuntimeError: the line broke"}
+    assert (Connected.opened, Connected.closed) == (2, 2)
 
 
 def test_shards_put_together_are_the_whole_run(tmp_path):

@@ -35,6 +35,7 @@ class AsyncExecutor:
 
     def run(self, tasks: Iterator[Task]) -> Iterator[Outcome]:
         """See `Executor`."""
+        self._shared = {}  # those of an earlier call are closed
         with asyncio.Runner() as runner:
             loop, closing = runner.get_loop(), AsyncExitStack()
             under_way: dict[asyncio.Task[Outcome], Task] = {}
