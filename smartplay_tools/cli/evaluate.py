@@ -141,6 +141,12 @@ def conclude(run: Run) -> None:
     console = Console(stderr=True)
     if run.stopped is not None:
         console.print(f"Stopped by {run.stopped}. The same command goes on from here.", soft_wrap=True)
+    elif run.cap_reached:
+        console.print(
+            f"A cap of the run is reached: {run.planned - len(run.rows)} of {run.planned} episodes are not "
+            "finished. The same command with a higher cap goes on from here.",
+            soft_wrap=True,
+        )
     elif not run.complete:
         left = run.planned - len(run.rows)
         console.print(

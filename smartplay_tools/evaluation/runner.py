@@ -36,6 +36,8 @@ class Run:
     """The rows of the planned episodes that are finished, in the plan's order."""
     stopped: str | None = None
     """The signal that stopped it; None if it came to its end."""
+    cap_reached: bool = False
+    """Whether a cap of the run was what ended it."""
 
     @property
     def complete(self) -> bool:
@@ -139,7 +141,7 @@ def run_plan(
                 signals.tell(chosen.stop)
                 work.play(chosen, episodes)
         rows = work.finish()
-    return Run(folder, len(part.episodes), rows, signals.received)
+    return Run(folder, len(part.episodes), rows, signals.received, work.cap_reached)
 
 
 def _by_executor(

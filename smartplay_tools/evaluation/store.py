@@ -38,6 +38,9 @@ FAILURES = ("player_error", "game_error")
 UNFINISHED = ("closed",)
 """Ends of an episode that was stopped from outside."""
 
+NOT_BEGUN = "run_budget"
+"""The end of an episode for whose first call the run's cap left no room, if no call was charged."""
+
 ENDS = ('{"event": "end"', '{"event": "exception"')
 """How the lines begin that say how an attempt ended."""
 
@@ -143,6 +146,9 @@ class RunFolder:
         key = record.stem.split(".")[0]
         start, end = _ends(record)
         reason: str | None = None if end is None or end["event"] != "end" else end["result"]["end_reason"]
+        if reason == NOT_BEGUN and end is not None and end["result"]["tokens"]["prompt"] == 0:
+            record.unlink()
+            return NOT_BEGUN
         if start is None or reason is None or reason in (*FAILURES, *UNFINISHED):
             record.replace(self.path / "attempts" / record.name)
             why, error = _why(end)
