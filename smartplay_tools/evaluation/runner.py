@@ -7,6 +7,7 @@ players than before is the same run, extended.
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -153,10 +154,24 @@ def _by_executor(
     for episode in plan.episodes:
         player = episode.cell.player
         if player not in suits:
-            made = make_player(Task(episode, Path(), factories.get(player)))
+            task = Task(episode, Path(), factories.get(player))
+            made = make_player(task)
             suits[player] = asked or _suitable(made)
+            if suits[player] == "processes":
+                _check_sendable(task)
         found.setdefault(suits[player], []).append(episode)
     return found
+
+
+def _check_sendable(task: Task) -> None:
+    """Refuse what worker processes could not be told of."""
+    try:
+        pickle.dumps(task)
+    except Exception as error:
+        raise InvalidArgumentError(
+            f"The player {task.planned.cell.player!r} cannot be sent to worker processes ({error}); have it stand in a "
+            'module under its name, or ask for executor="inline".'
+        ) from None
 
 
 def _suitable(player: Player | AsyncPlayer) -> str:
