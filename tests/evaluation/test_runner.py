@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.attempt import Task
+from smartplay_tools.evaluation.executors import processes
 from smartplay_tools.evaluation.merging import merge
-from smartplay_tools.evaluation.plan import trial_seed
+from smartplay_tools.evaluation.plan import Cell, plan_episodes, trial_seed
 from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Waiting
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
@@ -188,6 +193,14 @@ def test_a_worker_that_dies_takes_no_other_episode_with_it(tmp_path):
     assert {failure["seed"] for failure in run.failures} == {victim}
     assert {failure["error"] for failure in run.failures} == {"The worker process died while it played this episode."}
     assert multiprocessing.active_children() == []
+
+
+def test_a_task_for_a_pool_that_broke_a_moment_ago_is_lost_like_those_that_it_had(tmp_path):
+    cell = Cell(HANOI, "rule")
+    task = Task(plan_episodes([cell], trials=1).episodes[0], tmp_path / "record.jsonl")
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        assert isinstance(pool.submit(os._exit, 9).exception(), BrokenProcessPool)
+        assert processes._result(processes._submit(pool, task)) is None
 
 
 def test_a_torn_row_and_a_lost_row_are_made_again_from_the_records(tmp_path):
