@@ -62,7 +62,7 @@ class RunFolder:
         """Return the manifest; a folder that holds no run is an `InvalidArgumentError`."""
         try:
             manifest: dict[str, Any] = json.loads((self.path / "manifest.json").read_text(encoding="utf-8"))
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             raise InvalidArgumentError(f"{self.path} holds no run: there is no manifest.json in it.") from None
         except ValueError:
             raise InvalidArgumentError(f"{self.path / 'manifest.json'} is not JSON.") from None
@@ -117,9 +117,15 @@ class RunFolder:
     @contextmanager
     def writing(self) -> Iterator[None]:
         """Hold the folder's lock: one run at a time writes here."""
-        for name in ("episodes", "attempts", "running"):
-            (self.path / name).mkdir(parents=True, exist_ok=True)
-        with (self.path / ".lock").open("w") as lock:
+        try:
+            for name in ("episodes", "attempts", "running"):
+                (self.path / name).mkdir(parents=True, exist_ok=True)
+            lock = (self.path / ".lock").open("w")
+        except OSError as error:
+            raise InvalidArgumentError(
+                f"{self.path} cannot hold a run ({error.strerror}); name a folder that can be written."
+            ) from None
+        with lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:

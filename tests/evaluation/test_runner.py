@@ -86,6 +86,15 @@ def test_another_run_does_not_go_into_the_same_folder(tmp_path):
         sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline", seed=1)
 
 
+def test_a_file_is_no_folder_for_a_run(tmp_path):
+    taken = tmp_path / "taken"
+    taken.touch()
+    with pytest.raises(sp.InvalidArgumentError, match="taken cannot hold a run"):
+        sp.evaluate([HANOI], out=taken, trials=1, executor="inline")
+    with pytest.raises(sp.InvalidArgumentError, match="taken holds no run"):
+        sp.RunFolder(taken).rows()
+
+
 def test_two_runs_cannot_write_one_folder_at_the_same_time(tmp_path):
     with sp.RunFolder(tmp_path).writing(), pytest.raises(sp.InvalidArgumentError, match="Another process is writing"):
         sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline")
