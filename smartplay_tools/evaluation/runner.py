@@ -131,10 +131,12 @@ def run_plan(
     by_executor = _by_executor(part, factories, executor)
     executors = {name: get_executor(name) for name in by_executor}
     with folder.writing(), stopping() as signals:
-        manifest = _manifest(folder, plan, shard, caps, prices or {})
+        before = folder.manifest() if (folder.path / "manifest.json").exists() else None
+        manifest = _manifest(folder, before, plan, shard, caps, prices or {})
         folder.write_manifest(manifest)
         known = {player: Price.from_json(price) for player, price in manifest["prices"].items()}
-        work = Work(folder, part, factories, known, on_progress)
+        repriced = () if before is None or before["prices"] == manifest["prices"] else known.keys()
+        work = Work(folder, part, factories, known, on_progress, repriced)
         for name, episodes in by_executor.items():
             spent = work.spent() if caps else (0, 0.0)
             chosen: Executor = executors[name](workers or default_workers(name), caps, spent)
@@ -181,10 +183,14 @@ def _suitable(player: Player | AsyncPlayer) -> str:
 
 
 def _manifest(
-    folder: RunFolder, plan: Plan, shard: tuple[int, int] | None, caps: Caps, prices: Mapping[str, Price]
+    folder: RunFolder,
+    before: dict[str, Any] | None,
+    plan: Plan,
+    shard: tuple[int, int] | None,
+    caps: Caps,
+    prices: Mapping[str, Price],
 ) -> dict[str, Any]:
     """What the run is. Prices that it had stay as they are, unless the user gives others."""
-    before = folder.manifest() if (folder.path / "manifest.json").exists() else None
     if before is not None:
         _check_same_run(folder, before, plan, shard)
     found = dict((before or {}).get("prices", {}))

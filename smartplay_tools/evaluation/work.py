@@ -7,7 +7,7 @@ is tried again after everything else has had its turn.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from smartplay_tools.evaluation.attempt import PlayerFactory, Stop, Task
@@ -50,6 +50,7 @@ class Work:
         factories: Mapping[str, PlayerFactory],
         prices: Mapping[str, Price],
         on_progress: OnProgress | None,
+        repriced: Collection[str] = (),
     ) -> None:
         self._folder, self._plan = folder, plan
         self._factories, self._prices = factories, prices
@@ -59,7 +60,8 @@ class Work:
         self.cap_reached = False
         """Whether a cap of the run has kept episodes from being begun or ended."""
         folder.mend()
-        kept = {row["key"]: row for row in folder.rows()}
+        # What a finished episode has cost changes when its player is given another price.
+        kept = {row["key"]: row for row in folder.rows() if row["player"] not in repriced}
         # A record without its row is one whose row could not be written any more.
         self._rows = {
             episode.key: kept.get(episode.key) or self._row(episode)

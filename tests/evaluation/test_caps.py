@@ -91,6 +91,15 @@ def test_prices_come_from_the_tables_or_from_the_user():
             Price.parse(wrong)
 
 
+def test_a_price_that_is_given_later_is_that_of_all_episodes(tmp_path):
+    arguments = {"games": [BANDIT], "players": {"metered": Metered}, "executor": "inline"}
+    price = {"metered": Price.per_million(10.0, 20.0)}
+    first = sp.evaluate(trials=1, out=tmp_path / "a", **arguments)
+    assert first.rows[0]["cost"] is None
+    later = sp.evaluate(trials=2, out=tmp_path / "a", prices=price, **arguments)
+    assert later.rows == sp.evaluate(trials=2, out=tmp_path / "b", prices=price, **arguments).rows
+
+
 def test_the_price_that_a_run_began_with_stays(tmp_path):
     arguments = {"games": [BANDIT], "players": {"metered": Metered}, "out": tmp_path, "executor": "inline"}
     first = sp.evaluate(trials=1, prices={"metered": Price.per_million(10.0, 20.0)}, **arguments)
