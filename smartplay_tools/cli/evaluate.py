@@ -100,8 +100,9 @@ def evaluate(
     rules["player_options"] = player_options(base_url, player_option)
     cells = make_cells(suite_games(suite, options.names(games)), options.names(players), [budget], **rules)
     plan = plan_episodes(cells, trials=trials, seed=seed)
+    part = read_shard(shard)
     if dry_run:
-        print_estimate(plan, prices(price), as_json=as_json)
+        print_estimate(plan if part is None else plan.shard(*part), prices(price), as_json=as_json)
         return
     run = carry_out(
         plan,
@@ -109,7 +110,7 @@ def evaluate(
         quiet=quiet or as_json,
         workers=workers,
         executor=executor,
-        shard=read_shard(shard),
+        shard=part,
         caps=Caps(run_tokens, run_cost),
         prices=prices(price),
     )
@@ -141,6 +142,12 @@ def conclude(run: Run) -> None:
     console = Console(stderr=True)
     if run.stopped is not None:
         console.print(f"Stopped by {run.stopped}. The same command goes on from here.", soft_wrap=True)
+    elif run.cap_reached:
+        console.print(
+            f"A cap of the run is reached: {run.planned - len(run.rows)} of {run.planned} episodes are not "
+            "finished. The same command with a higher cap goes on from here.",
+            soft_wrap=True,
+        )
     elif not run.complete:
         left = run.planned - len(run.rows)
         console.print(

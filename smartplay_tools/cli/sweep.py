@@ -101,8 +101,9 @@ def sweep(
         **rules,
     )
     plan = plan_episodes(cells, trials=trials, seed=seed)
+    part = read_shard(shard)
     if dry_run:
-        print_estimate(plan, prices(price), as_json=as_json)
+        print_estimate(plan if part is None else plan.shard(*part), prices(price), as_json=as_json)
         return
     run = carry_out(
         plan,
@@ -110,7 +111,7 @@ def sweep(
         quiet=quiet or as_json,
         workers=workers,
         executor=executor,
-        shard=read_shard(shard),
+        shard=part,
         caps=Caps(run_tokens, run_cost),
         prices=prices(price),
     )

@@ -50,7 +50,11 @@ def _audit(record: Path, row: Row) -> Finding:
 
 
 def _row_differences(record: Path, row: Row) -> Iterator[str]:
-    key = episode_key(read_transcript(record)[0])
+    events = read_transcript(record)
+    if not any(event["event"] == "end" for event in events):
+        yield "The record breaks off: it does not say how the episode ended."
+        return
+    key = episode_key(events[0])
     if key != row["key"]:
         yield f"The record is of episode {key}."
     for name, value in read_row(record, row["trial"]).items():

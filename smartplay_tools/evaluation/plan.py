@@ -166,6 +166,8 @@ def make_cells(
     """
     if protocol not in PROTOCOLS:
         raise InvalidArgumentError(f"protocol must be one of {', '.join(PROTOCOLS)}, not {protocol!r}.")
+    if "seed" in (player_options or {}):
+        raise InvalidArgumentError("seed is no option of a player here: its seed is that of the episode.")
     kinds = {game: get_spec(game).load() for game in games}
     if engine is not None and not any(engine in kind.engines for kind in kinds.values()):
         raise InvalidArgumentError(f"None of the games has an engine {engine!r}.")

@@ -7,7 +7,9 @@ players than before is the same run, extended.
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -35,6 +37,8 @@ class Run:
     """The rows of the planned episodes that are finished, in the plan's order."""
     stopped: str | None = None
     """The signal that stopped it; None if it came to its end."""
+    cap_reached: bool = False
+    """Whether a cap of the run was what ended it."""
 
     @property
     def complete(self) -> bool:
@@ -127,17 +131,20 @@ def run_plan(
     by_executor = _by_executor(part, factories, executor)
     executors = {name: get_executor(name) for name in by_executor}
     with folder.writing(), stopping() as signals:
-        manifest = _manifest(folder, plan, shard, caps, prices or {})
+        before = folder.manifest() if (folder.path / "manifest.json").exists() else None
+        manifest = _manifest(folder, before, plan, shard, caps, prices or {})
         folder.write_manifest(manifest)
         known = {player: Price.from_json(price) for player, price in manifest["prices"].items()}
-        work = Work(folder, part, factories, known, on_progress)
+        repriced = () if before is None or before["prices"] == manifest["prices"] else known.keys()
+        work = Work(folder, part, factories, known, on_progress, repriced)
         for name, episodes in by_executor.items():
             spent = work.spent() if caps else (0, 0.0)
             chosen: Executor = executors[name](workers or default_workers(name), caps, spent)
-            signals.tell(chosen.stop)
-            work.play(chosen, episodes)
+            with closing(chosen):
+                signals.tell(chosen.stop)
+                work.play(chosen, episodes)
         rows = work.finish()
-    return Run(folder, len(part.episodes), rows, signals.received)
+    return Run(folder, len(part.episodes), rows, signals.received, work.cap_reached)
 
 
 def _by_executor(
@@ -149,10 +156,24 @@ def _by_executor(
     for episode in plan.episodes:
         player = episode.cell.player
         if player not in suits:
-            made = make_player(Task(episode, Path(), factories.get(player)))
+            task = Task(episode, Path(), factories.get(player))
+            made = make_player(task)
             suits[player] = asked or _suitable(made)
+            if suits[player] == "processes":
+                _check_sendable(task)
         found.setdefault(suits[player], []).append(episode)
     return found
+
+
+def _check_sendable(task: Task) -> None:
+    """Refuse what worker processes could not be told of."""
+    try:
+        pickle.dumps(task)
+    except Exception as error:
+        raise InvalidArgumentError(
+            f"The player {task.planned.cell.player!r} cannot be sent to worker processes ({error}); have it stand in a "
+            'module under its name, or ask for executor="inline".'
+        ) from None
 
 
 def _suitable(player: Player | AsyncPlayer) -> str:
@@ -162,10 +183,14 @@ def _suitable(player: Player | AsyncPlayer) -> str:
 
 
 def _manifest(
-    folder: RunFolder, plan: Plan, shard: tuple[int, int] | None, caps: Caps, prices: Mapping[str, Price]
+    folder: RunFolder,
+    before: dict[str, Any] | None,
+    plan: Plan,
+    shard: tuple[int, int] | None,
+    caps: Caps,
+    prices: Mapping[str, Price],
 ) -> dict[str, Any]:
     """What the run is. Prices that it had stay as they are, unless the user gives others."""
-    before = folder.manifest() if (folder.path / "manifest.json").exists() else None
     if before is not None:
         _check_same_run(folder, before, plan, shard)
     found = dict((before or {}).get("prices", {}))

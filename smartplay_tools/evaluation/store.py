@@ -38,6 +38,9 @@ FAILURES = ("player_error", "game_error")
 UNFINISHED = ("closed",)
 """Ends of an episode that was stopped from outside."""
 
+NOT_BEGUN = "run_budget"
+"""The end of an episode for whose first call the run's cap left no room, if no call was charged."""
+
 ENDS = ('{"event": "end"', '{"event": "exception"')
 """How the lines begin that say how an attempt ended."""
 
@@ -59,7 +62,7 @@ class RunFolder:
         """Return the manifest; a folder that holds no run is an `InvalidArgumentError`."""
         try:
             manifest: dict[str, Any] = json.loads((self.path / "manifest.json").read_text(encoding="utf-8"))
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             raise InvalidArgumentError(f"{self.path} holds no run: there is no manifest.json in it.") from None
         except ValueError:
             raise InvalidArgumentError(f"{self.path / 'manifest.json'} is not JSON.") from None
@@ -114,9 +117,15 @@ class RunFolder:
     @contextmanager
     def writing(self) -> Iterator[None]:
         """Hold the folder's lock: one run at a time writes here."""
-        for name in ("episodes", "attempts", "running"):
-            (self.path / name).mkdir(parents=True, exist_ok=True)
-        with (self.path / ".lock").open("w") as lock:
+        try:
+            for name in ("episodes", "attempts", "running"):
+                (self.path / name).mkdir(parents=True, exist_ok=True)
+            lock = (self.path / ".lock").open("w")
+        except OSError as error:
+            raise InvalidArgumentError(
+                f"{self.path} cannot hold a run ({error.strerror}); name a folder that can be written."
+            ) from None
+        with lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
@@ -143,6 +152,9 @@ class RunFolder:
         key = record.stem.split(".")[0]
         start, end = _ends(record)
         reason: str | None = None if end is None or end["event"] != "end" else end["result"]["end_reason"]
+        if reason == NOT_BEGUN and end is not None and end["result"]["tokens"]["prompt"] == 0:
+            record.unlink()
+            return NOT_BEGUN
         if start is None or reason is None or reason in (*FAILURES, *UNFINISHED):
             record.replace(self.path / "attempts" / record.name)
             why, error = _why(end)

@@ -7,14 +7,14 @@ is tried again after everything else has had its turn.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from smartplay_tools.evaluation.attempt import PlayerFactory, Stop, Task
 from smartplay_tools.evaluation.executors import Executor, Outcome
 from smartplay_tools.evaluation.plan import Plan, PlannedEpisode
 from smartplay_tools.evaluation.prices import Price
-from smartplay_tools.evaluation.store import Row, RunFolder, read_row, usage_of
+from smartplay_tools.evaluation.store import NOT_BEGUN, Row, RunFolder, read_row, usage_of
 
 RETRIES = 3
 """How often a failed episode is tried again in one run."""
@@ -50,13 +50,18 @@ class Work:
         factories: Mapping[str, PlayerFactory],
         prices: Mapping[str, Price],
         on_progress: OnProgress | None,
+        repriced: Collection[str] = (),
     ) -> None:
         self._folder, self._plan = folder, plan
         self._factories, self._prices = factories, prices
         self._on_progress = on_progress or (lambda progress: None)
         self._failed = 0
+        self._capped = False
+        self.cap_reached = False
+        """Whether a cap of the run has kept episodes from being begun or ended."""
         folder.mend()
-        kept = {row["key"]: row for row in folder.rows()}
+        # What a finished episode has cost changes when its player is given another price.
+        kept = {row["key"]: row for row in folder.rows() if row["player"] not in repriced}
         # A record without its row is one whose row could not be written any more.
         self._rows = {
             episode.key: kept.get(episode.key) or self._row(episode)
@@ -76,13 +81,18 @@ class Work:
         return tokens, cost
 
     def play(self, executor: Executor, episodes: Sequence[PlannedEpisode]) -> None:
-        """Play what is left of some episodes; what fails is tried again up to `RETRIES` times."""
+        """Play what is left of some episodes; what fails is tried again up to `RETRIES` times.
+
+        When an episode has come to a cap of the run, no further one begins.
+        """
+        self._capped = False
         for _ in range(1 + RETRIES):
             left = [episode for episode in episodes if episode.key not in self._rows]
-            if not left or executor.stop.is_set():
-                return
+            if not left or executor.stop.is_set() or self._capped:
+                break
             for outcome in executor.run(self._tasks(left, executor.stop)):
                 self._take(outcome, stopped=executor.stop.is_set())
+        self.cap_reached = self.cap_reached or self._capped
 
     def finish(self) -> list[Row]:
         """Sort the rows as planned and return them."""
@@ -92,7 +102,7 @@ class Work:
 
     def _tasks(self, episodes: Sequence[PlannedEpisode], stop: Stop) -> Iterator[Task]:
         for episode in episodes:
-            if stop.is_set():
+            if stop.is_set() or self._capped:
                 return
             player = episode.cell.player
             record = self._folder.running(episode.key)
@@ -108,6 +118,10 @@ class Work:
         if error is None:
             row = self._rows[episode.key] = self._row(episode)
             self._folder.append_row(row)
+            self._capped = self._capped or row["end_reason"] == NOT_BEGUN
+        elif error == NOT_BEGUN:
+            self._capped = True
+            return
         elif stopped:
             return  # it did not fail: there was no time left for it
         else:

@@ -10,7 +10,7 @@ import importlib
 from importlib.metadata import entry_points
 from typing import Any
 
-from smartplay_tools.errors import UnknownNameError
+from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.records import AsyncPlayer, Player
 
 PLAYERS: dict[str, str] = {
@@ -34,11 +34,15 @@ ENTRY_POINTS = "smartplay_tools.players"
 def get_player(name: str, *, seed: int = 0, **options: Any) -> Player | AsyncPlayer:
     """Return a new player by name; `seed` is the source of whatever it draws.
 
-    "NAME:ARGUMENT" gives the argument to the player's class as its first. An unknown name raises `UnknownNameError`.
+    "NAME:ARGUMENT" gives the argument to the player's class as its first. An unknown name raises `UnknownNameError`,
+    an option or argument that the player does not take an `InvalidArgumentError`.
     """
     base, colon, argument = name.partition(":")
     factory = _find(base)
-    player: Player | AsyncPlayer = factory(*([argument] if colon else []), seed=seed, **options)
+    try:
+        player: Player | AsyncPlayer = factory(*([argument] if colon else []), seed=seed, **options)
+    except TypeError as error:
+        raise InvalidArgumentError(f"The player {name!r} cannot be made so: {error}.") from error
     return player
 
 

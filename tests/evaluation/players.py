@@ -89,3 +89,28 @@ class Waiting:
         await asyncio.sleep(0.01)
         kind.at_once -= 1
         return sp.Reply(act("1"))
+
+
+class Connected(Waiting):
+    """Serves many episodes through one connection, which breaks at the first prompt of all."""
+
+    serves_many = True
+    opened = closed = 0
+
+    def __init__(self, *, seed: int, **options: Any) -> None:
+        self.open = False
+
+    async def __aenter__(self) -> Connected:
+        type(self).opened += 1
+        self.open = True
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        type(self).closed += 1
+        self.open = False
+
+    async def areply(self, prompt: sp.Prompt) -> sp.Reply:
+        assert self.open
+        if type(self).opened == 1:
+            raise RuntimeError("the line broke")
+        return await super().areply(prompt)

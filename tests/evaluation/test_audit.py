@@ -61,6 +61,14 @@ def test_records_that_have_changed_places_are_found(run):
     assert any("The record is of episode" in text for finding in findings for text in finding["differences"])
 
 
+def test_a_record_that_breaks_off_is_found(run):
+    record = run.folder.transcript(run.rows[0]["key"])
+    record.write_text("".join(record.read_text().splitlines(keepends=True)[:-1]))
+    code, output = audit(run)
+    assert code == 1
+    assert "The record breaks off" in output
+
+
 def test_a_record_that_is_no_longer_there_is_found(run):
     run.folder.transcript(run.rows[0]["key"]).unlink()
     code, output = audit(run)

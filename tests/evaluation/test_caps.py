@@ -34,13 +34,20 @@ def test_a_cap_on_tokens_is_never_crossed_and_nearly_used_up(tmp_path, executor,
     assert run.failures == []
 
 
-def test_a_run_whose_cap_is_spent_plays_nothing_more_and_one_with_a_higher_cap_does(tmp_path):
+def test_a_run_whose_cap_is_reached_begins_nothing_more_and_one_with_a_higher_cap_does(tmp_path):
+    """An episode that the cap cut short is a result; those that could not begin are left for a higher cap."""
     arguments = {"out": tmp_path, "trials": 4, "budgets": BUDGET, "executor": "inline"}
     first = sp.evaluate([BANDIT], ["random"], run_tokens=60_000, **arguments)
-    again = sp.evaluate([BANDIT], ["random"], run_tokens=60_000, **arguments)
-    assert spent(again) == spent(first)
+    again = sp.evaluate([BANDIT], ["random"], run_tokens=spent(first), **arguments)
+    assert first.cap_reached
+    assert not first.complete
+    assert all(row["turns"] > 0 for row in first.rows)
+    assert again.rows == first.rows
+    assert again.failures == []
     more = sp.evaluate([BANDIT], ["random"], run_tokens=10_000_000, **arguments)
     assert more.complete
+    assert not more.cap_reached
+    assert [row["end_reason"] for row in more.rows] == ["run_budget", *["rollout"] * 3]
 
 
 def test_a_cap_on_cost_counts_what_the_provider_counts_at_the_given_price(tmp_path):
@@ -82,6 +89,15 @@ def test_prices_come_from_the_tables_or_from_the_user():
     for wrong in ("", "2", "2,x", "-1,2", "1,2,3,4"):
         with pytest.raises(sp.InvalidArgumentError, match="write INPUT,OUTPUT"):
             Price.parse(wrong)
+
+
+def test_a_price_that_is_given_later_is_that_of_all_episodes(tmp_path):
+    arguments = {"games": [BANDIT], "players": {"metered": Metered}, "executor": "inline"}
+    price = {"metered": Price.per_million(10.0, 20.0)}
+    first = sp.evaluate(trials=1, out=tmp_path / "a", **arguments)
+    assert first.rows[0]["cost"] is None
+    later = sp.evaluate(trials=2, out=tmp_path / "a", prices=price, **arguments)
+    assert later.rows == sp.evaluate(trials=2, out=tmp_path / "b", prices=price, **arguments).rows
 
 
 def test_the_price_that_a_run_began_with_stays(tmp_path):

@@ -88,6 +88,7 @@ def test_an_incomplete_run_says_so_and_is_no_success(tmp_path):
         (["--price", "rule=3"], "'3' is no price"),
         (["--player-option", "api_key=x"], "give it in the environment"),
         (["--player-option", "temperature"], "--player-option temperature has no value"),
+        (["--player-option", "temperature=1"], "The player 'rule' cannot be made so"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(tmp_path, wrong, sentence):
@@ -118,6 +119,8 @@ def test_a_dry_run_tells_the_price_and_plays_nothing(tmp_path):
     dollars = (bandit["prompt_tokens"] * 0.25 + bandit["reply_tokens"] * 2) / 1e6
     assert bandit["cost"] == pytest.approx(dollars, rel=0.01)
     assert not (tmp_path / "run").exists()
+    _, shard, _ = run(*arguments, "--shard", "1/4", "--json")
+    assert sum(cell["episodes"] for cell in json.loads(shard)) == 5
     _, table, _ = run(*arguments)
     assert "--reply-tokens makes that a cap" in table
     assert re.search(r"all +20 ", table)

@@ -67,3 +67,37 @@ def test_a_cap_holds_on_a_cluster(tmp_path):
     rows = sp.RunFolder(tmp_path / "run").rows()
     assert sum(row["tokens"]["prompt"] + row["tokens"]["reply"] for row in rows) <= 60_000
     assert "run_budget" in {row["end_reason"] for row in rows}
+
+
+RETRIED_ELSEWHERE = """
+import os, sys
+from pathlib import Path
+import ray
+import smartplay_tools as sp
+from ray.cluster_utils import Cluster
+from tests.evaluation.players import BrokenOnce
+
+if __name__ == "__main__":
+    out, where = Path(sys.argv[1]), sys.argv[2]
+    out.with_name(where).mkdir()
+    if where == "named":
+        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
+        os.environ["RAY_ADDRESS"] = cluster.address
+    run = sp.evaluate([%r], {"stumbles": BrokenOnce}, out=out, trials=2, executor="ray", workers=2, run_tokens=10**7,
+                      player_options={"marks": str(out.with_name(where))}, budgets=sp.Budget(reply_tokens=100))
+    if where == "named":
+        cluster.shutdown()
+    print(run.complete, [row["end_reason"] for row in run.failures], ray.is_initialized())
+"""
+
+
+@pytest.mark.parametrize("where", ["named", "here"])
+def test_a_failed_episode_is_tried_again_in_a_cluster_that_is_named_or_started_here(tmp_path, where):
+    script = tmp_path / "script.py"
+    script.write_text(RETRIED_ELSEWHERE % HANOI)
+    environment = {name: value for name, value in os.environ.items() if name != "RAY_ADDRESS"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])
+    command = [sys.executable, str(script), str(tmp_path / "run"), where]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip().splitlines()[-1] == "True ['player_error', 'player_error'] False"

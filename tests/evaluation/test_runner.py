@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.attempt import Task
+from smartplay_tools.evaluation.executors import processes
 from smartplay_tools.evaluation.merging import merge
-from smartplay_tools.evaluation.plan import trial_seed
-from tests.evaluation.players import Broken, BrokenOnce, Killer, Waiting
+from smartplay_tools.evaluation.plan import Cell, plan_episodes, trial_seed
+from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Waiting
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 GAMES = [BANDIT, HANOI]
@@ -81,6 +86,15 @@ def test_another_run_does_not_go_into_the_same_folder(tmp_path):
         sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline", seed=1)
 
 
+def test_a_file_is_no_folder_for_a_run(tmp_path):
+    taken = tmp_path / "taken"
+    taken.touch()
+    with pytest.raises(sp.InvalidArgumentError, match="taken cannot hold a run"):
+        sp.evaluate([HANOI], out=taken, trials=1, executor="inline")
+    with pytest.raises(sp.InvalidArgumentError, match="taken holds no run"):
+        sp.RunFolder(taken).rows()
+
+
 def test_two_runs_cannot_write_one_folder_at_the_same_time(tmp_path):
     with sp.RunFolder(tmp_path).writing(), pytest.raises(sp.InvalidArgumentError, match="Another process is writing"):
         sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline")
@@ -111,6 +125,10 @@ def test_what_cannot_be_played_is_told_before_the_first_episode_with_its_cells(t
         ({"engine": "voxel"}, "None of the games has an engine 'voxel'"),
         ({"options": {"area": 9}}, "None of the games has an option 'area'"),
         ({"protocol": "telepathy"}, "protocol must be one of"),
+        ({"player_options": {"temperature": 1}}, "The player 'rule' cannot be made so: .*'temperature'"),
+        ({"players": ["rule:fast"]}, "The player 'rule:fast' cannot be made so"),
+        ({"players": {"mine": lambda seed: Broken(seed=seed)}, "executor": "processes"}, "worker processes"),
+        ({"player_options": {"seed": 1}}, "seed is no option of a player"),
         ({"players": ["openai:x"], "run_cost": 1.0, "player_options": {"base_url": "http://127.0.0.1:9"}}, "--price"),
     ],
 )
@@ -186,6 +204,14 @@ def test_a_worker_that_dies_takes_no_other_episode_with_it(tmp_path):
     assert multiprocessing.active_children() == []
 
 
+def test_a_task_for_a_pool_that_broke_a_moment_ago_is_lost_like_those_that_it_had(tmp_path):
+    cell = Cell(HANOI, "rule")
+    task = Task(plan_episodes([cell], trials=1).episodes[0], tmp_path / "record.jsonl")
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        assert isinstance(pool.submit(os._exit, 9).exception(), BrokenProcessPool)
+        assert processes._result(processes._submit(pool, task)) is None
+
+
 def test_a_torn_row_and_a_lost_row_are_made_again_from_the_records(tmp_path):
     sp.evaluate(GAMES, out=tmp_path, trials=2, executor="inline")
     whole = results(tmp_path)
@@ -216,6 +242,13 @@ def test_players_that_wait_play_side_by_side(tmp_path):
     run = sp.evaluate([BANDIT], {"waiting": Waiting}, out=tmp_path, trials=12, workers=8)
     assert run.complete
     assert 4 <= Waiting.most_at_once <= 8
+
+
+def test_a_player_that_serves_many_episodes_is_opened_anew_for_those_that_are_tried_again(tmp_path):
+    run = sp.evaluate([HANOI], {"connected": Connected}, out=tmp_path, trials=3, executor="async")
+    assert run.complete
+    assert {failure["error"] for failure in run.failures} == {"RuntimeError: the line broke"}
+    assert (Connected.opened, Connected.closed) == (2, 2)
 
 
 def test_shards_put_together_are_the_whole_run(tmp_path):

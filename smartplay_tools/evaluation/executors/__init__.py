@@ -38,7 +38,11 @@ class Executor(Protocol):
     meter: Meter | None
 
     def run(self, tasks: Iterator[Task]) -> Iterator[Outcome]:
-        """Make all attempts and yield their outcomes as they come."""
+        """Make all attempts and yield their outcomes as they come. May be called again."""
+        ...
+
+    def close(self) -> None:
+        """Give back what the executor holds; it makes no more attempts."""
         ...
 
 

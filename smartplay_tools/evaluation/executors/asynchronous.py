@@ -30,8 +30,12 @@ class AsyncExecutor:
         self.meter = CommonMeter(caps, spent) if caps else None
         self._shared: dict[str, AsyncPlayer | None] = {}
 
+    def close(self) -> None:
+        """See `Executor`; everything is given back when a `run` is over."""
+
     def run(self, tasks: Iterator[Task]) -> Iterator[Outcome]:
         """See `Executor`."""
+        self._shared = {}  # those of an earlier call are closed
         with asyncio.Runner() as runner:
             loop, closing = runner.get_loop(), AsyncExitStack()
             under_way: dict[asyncio.Task[Outcome], Task] = {}

@@ -17,6 +17,9 @@ class InlineExecutor:
         self.stop = threading.Event()
         self.meter = CommonMeter(caps, spent) if caps else None
 
+    def close(self) -> None:
+        """See `Executor`; everything is given back when a `run` is over."""
+
     def run(self, tasks: Iterator[Task]) -> Iterator[Outcome]:
         """See `Executor`."""
         for task in tasks:

@@ -32,6 +32,9 @@ class ProcessExecutor:
         self.stop = _SharedStop()
         self.meter = CommonMeter(caps, spent, processes=True) if caps else None
 
+    def close(self) -> None:
+        """See `Executor`; everything is given back when a `run` is over."""
+
     def run(self, tasks: Iterator[Task]) -> Iterator[Outcome]:
         """See `Executor`."""
         lost: list[Task] = []
@@ -45,7 +48,7 @@ class ProcessExecutor:
     def _run_pool(self, tasks: Iterator[Task], lost: list[Task]) -> Iterator[Outcome]:
         with self._pool(self._workers) as pool:
             # One more than there are workers waits, so that none of them does.
-            under_way = {pool.submit(_play, task): task for task in islice(tasks, self._workers + 1)}
+            under_way = {_submit(pool, task): task for task in islice(tasks, self._workers + 1)}
             while under_way:
                 done, _ = wait(under_way, return_when=FIRST_COMPLETED)
                 for future in done:
@@ -55,7 +58,7 @@ class ProcessExecutor:
                     else:
                         yield Outcome(task, times)
                         if not lost:
-                            under_way |= {pool.submit(_play, task): task for task in islice(tasks, 1)}
+                            under_way |= {_submit(pool, task): task for task in islice(tasks, 1)}
 
     def _run_alone(self, task: Task) -> Outcome:
         if self.stop.is_set():
@@ -63,7 +66,7 @@ class ProcessExecutor:
         # What the attempt before had written is of no use: it is not known where it broke off.
         task.record.unlink(missing_ok=True)
         with self._pool(1) as pool:
-            times = _result(pool.submit(_play, task))
+            times = _result(_submit(pool, task))
         if times is None:
             write_exception(task.record, "The worker process died while it played this episode.")
         return Outcome(task, times)
@@ -84,6 +87,16 @@ class _SharedStop:
 
     def is_set(self) -> bool:
         return bool(self._flag.value)
+
+
+def _submit(pool: ProcessPoolExecutor, task: Task) -> Future[Times]:
+    """Hand a task to the pool. One that broke a moment ago refuses it: then it is lost like those that it had."""
+    try:
+        return pool.submit(_play, task)
+    except BrokenProcessPool as error:
+        refused: Future[Times] = Future()
+        refused.set_exception(error)
+        return refused
 
 
 def _result(future: Future[Times]) -> Times | None:

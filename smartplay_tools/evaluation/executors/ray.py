@@ -4,11 +4,13 @@ No disk is shared: a task comes back with the bytes of its record, which only th
 Ray runs a task again when its machine or worker is lost; the record of the lost attempt is lost with it, and the one
 that comes back is one, so no episode can be counted twice.
 
-It joins the cluster that the environment names (`RAY_ADDRESS`), or starts one on this machine.
+It joins the cluster that the environment names (`RAY_ADDRESS`), or starts one on this machine. That one lives until the
+executor is closed, and the meter in it: what failed is tried again in the same cluster.
 """
 
 from __future__ import annotations
 
+import os
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -37,7 +39,7 @@ class RayExecutor:
         self._workers = workers
         self._own = not ray.is_initialized()
         if self._own:
-            ray.init(num_cpus=workers, include_dashboard=False, log_to_driver=False, configure_logging=False)
+            _connect(workers)
         self.stop = threading.Event()
         self.meter: Meter | None = None
         if caps:
@@ -47,23 +49,32 @@ class RayExecutor:
     def run(self, tasks: Iterator[Task]) -> Iterator[Outcome]:
         """See `Executor`."""
         under_way: dict[Any, Task] = {}
-        try:
-            while True:
-                for task in islice(tasks, self._workers + 1 - len(under_way)):
-                    under_way[self._play.remote(task, self.meter)] = task
-                if not under_way:
-                    return
-                done, _ = ray.wait(list(under_way), num_returns=1, timeout=0.2)
-                for reference in done:
-                    yield _outcome(reference, under_way.pop(reference))
-                if self.stop.is_set():
-                    for reference, task in under_way.items():
-                        ray.cancel(reference, force=True)
-                        yield Outcome(task, None)
-                    return
-        finally:
-            if self._own:
-                ray.shutdown()
+        while True:
+            for task in islice(tasks, self._workers + 1 - len(under_way)):
+                under_way[self._play.remote(task, self.meter)] = task
+            if not under_way:
+                return
+            done, _ = ray.wait(list(under_way), num_returns=1, timeout=0.2)
+            for reference in done:
+                yield _outcome(reference, under_way.pop(reference))
+            if self.stop.is_set():
+                for reference, task in under_way.items():
+                    ray.cancel(reference, force=True)
+                    yield Outcome(task, None)
+                return
+
+    def close(self) -> None:
+        """See `Executor`."""
+        if self._own:
+            ray.shutdown()
+
+
+def _connect(workers: int) -> None:
+    """Join the cluster that is named, which has the processors that it has, or start one with a processor a worker."""
+    how: dict[str, Any] = {"log_to_driver": False, "configure_logging": False}
+    if not os.environ.get("RAY_ADDRESS"):
+        how |= {"address": "local", "num_cpus": workers, "include_dashboard": False}
+    ray.init(**how)
 
 
 class _RemoteMeter:
