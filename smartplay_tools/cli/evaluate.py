@@ -160,7 +160,7 @@ def conclude(run: Run) -> None:
 
 
 def print_estimate(plan: Plan, given: dict[str, Price], *, as_json: bool) -> None:
-    """Print what a plan will ask for, at most."""
+    """Print what a plan will ask for, on the high side."""
     known = {cell.player: find_price(cell.player, cell.player_options) for cell in plan.cells} | given
     found = estimate.estimate(plan, {player: price for player, price in known.items() if price is not None})
     if as_json:
@@ -177,7 +177,9 @@ def print_estimate(plan: Plan, given: dict[str, Price], *, as_json: bool) -> Non
     table.add_row("[bold]all[/]", *_amounts(episodes, calls, prompts, replies, total))
     console = Console()
     console.print(table)
-    console.print("Prompts and replies in tokens: at most, as far as a few random steps of every cell can tell.")
+    console.print(
+        "Prompts and replies in tokens, on the high side: a call at every step, prompts as in a few random steps."
+    )
     if any(one.assumed_reply for one in found):
         console.print(f"Replies are taken to be {estimate.ASSUMED_REPLY} tokens long; --reply-tokens makes that a cap.")
 

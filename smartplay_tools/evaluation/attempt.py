@@ -142,7 +142,7 @@ def _on_record(task: Task) -> Iterator[None]:
         yield
     except (StoppedError, asyncio.CancelledError):
         return
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a player that exits ends its episode, not the run
         write_exception(task.record, f"{type(error).__name__}: {error}", traceback.format_exc())
 
 

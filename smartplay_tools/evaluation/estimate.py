@@ -28,7 +28,7 @@ ASSUMED_REPLY = 150
 
 @dataclass(frozen=True)
 class Estimate:
-    """What the episodes of a cell will ask for, at most, as far as can be told."""
+    """What the episodes of a cell will ask for, on the high side."""
 
     cell: Cell
     episodes: int

@@ -85,13 +85,16 @@ class Plan:
     episodes: tuple[PlannedEpisode, ...]
 
     def shard(self, number: int, count: int) -> Plan:
-        """Return the part that shard `number` of `count` plays, counting from 1: every count-th episode.
+        """Return the part that shard `number` of `count` plays, counting from 1: every count-th trial of each cell.
 
-        Neighbours in a plan take about equally long, so every shard gets its share of long and short ones.
+        So every shard gets its share of long and short episodes. Which shard an episode belongs to follows from its
+        cell and trial alone: it stays there when trials, games or players are added.
         """
         if not 1 <= number <= count:
             raise InvalidArgumentError(f"There is no shard {number} of {count}; they are 1/{count} to {count}/{count}.")
-        return replace(self, episodes=self.episodes[number - 1 :: count])
+        first = {id(cell): int(hashlib.sha256(canonical_json(cell.to_json())).hexdigest(), 16) for cell in self.cells}
+        mine = (e for e in self.episodes if (first[id(e.cell)] + e.trial) % count == number - 1)
+        return replace(self, episodes=tuple(mine))
 
 
 def trial_seed(seed: int, game: str, trial: int) -> int:

@@ -114,3 +114,10 @@ class Connected(Waiting):
         if type(self).opened == 1:
             raise RuntimeError("the line broke")
         return await super().areply(prompt)
+
+
+class Leaver(FirstMoves):
+    """Exits the program."""
+
+    def before(self, prompt: sp.Prompt) -> None:
+        raise SystemExit(0)

@@ -119,8 +119,9 @@ def test_a_dry_run_tells_the_price_and_plays_nothing(tmp_path):
     dollars = (bandit["prompt_tokens"] * 0.25 + bandit["reply_tokens"] * 2) / 1e6
     assert bandit["cost"] == pytest.approx(dollars, rel=0.01)
     assert not (tmp_path / "run").exists()
-    _, shard, _ = run(*arguments, "--shard", "1/4", "--json")
-    assert sum(cell["episodes"] for cell in json.loads(shard)) == 5
+    shards = [json.loads(run(*arguments, "--shard", f"{number}/4", "--json")[1]) for number in (1, 2, 3, 4)]
+    assert sum(cell["episodes"] for shard in shards for cell in shard) == 20
+    assert all(cell["episodes"] in (2, 3) for shard in shards for cell in shard)
     _, table, _ = run(*arguments)
     assert "--reply-tokens makes that a cap" in table
     assert re.search(r"all +20 ", table)
