@@ -111,7 +111,12 @@ async def _aplay(
         elif close and isinstance(player, AbstractContextManager):
             stack.enter_context(player)
         games = stack.enter_context(ExitStack())
-        episode, hooks = await asyncio.to_thread(_sit_down, task, clock, meter, stop, games)
+        sitting_down = asyncio.ensure_future(asyncio.to_thread(_sit_down, task, clock, meter, stop, games))
+        try:
+            episode, hooks = await asyncio.shield(sitting_down)
+        except asyncio.CancelledError:
+            await sitting_down  # a thread cannot be stopped, and what it opens has to be closed
+            raise
         await playing.aplay(episode, player, **hooks)
 
 
