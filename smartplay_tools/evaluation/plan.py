@@ -92,9 +92,15 @@ class Plan:
         """
         if not 1 <= number <= count:
             raise InvalidArgumentError(f"There is no shard {number} of {count}; they are 1/{count} to {count}/{count}.")
-        first = {id(cell): int(hashlib.sha256(canonical_json(cell.to_json())).hexdigest(), 16) for cell in self.cells}
-        mine = (e for e in self.episodes if (first[id(e.cell)] + e.trial) % count == number - 1)
+        plain = {id(cell): cell.to_json() for cell in self.cells}
+        mine = (e for e in self.episodes if shard_of(plain[id(e.cell)], e.trial, count) == number)
         return replace(self, episodes=tuple(mine))
+
+
+def shard_of(cell: Mapping[str, Any], trial: int, count: int) -> int:
+    """Return which of `count` shards, counted from 1, plays a trial of a cell, given as `Cell.to_json` writes it."""
+    first = int(hashlib.sha256(canonical_json(cell)).hexdigest(), 16)
+    return (first + trial) % count + 1
 
 
 def trial_seed(seed: int, game: str, trial: int) -> int:

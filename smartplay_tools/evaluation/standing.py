@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from smartplay_tools.evaluation.plan import shard_of
 from smartplay_tools.evaluation.store import Row
 from smartplay_tools.records import Budget
 
@@ -51,7 +52,8 @@ def standing(manifest: Mapping[str, Any], rows: Iterable[Row], failures: Iterabl
     episodes = manifest["episodes"]
     if manifest["shard"] is not None:
         number, count = manifest["shard"]
-        episodes = episodes[number - 1 :: count]
+        cells = manifest["cells"]
+        episodes = [e for e in episodes if shard_of(cells[e["cell"]], e["trial"], count) == number]
     cell_of = {episode["key"]: episode["cell"] for episode in episodes}
     planned = Counter(cell_of.values())
     finished = Counter(cell_of[row["key"]] for row in rows if row["key"] in cell_of)
