@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
-from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.records import Usage
 
 PROVIDERS = {"anthropic": "anthropic", "openai": "openai", "openai-responses": "openai"}
@@ -91,14 +91,6 @@ def find_price(player: str, player_options: Mapping[str, Any]) -> Price | None:
         return None
     cached = _rates(getattr(prices, "cache_read_mtok", None)) or given
     return Price(given, taken, cached, f"genai-prices {genai_prices.__version__}")
-
-
-def need_prices() -> None:
-    """Raise `MissingExtraError` if the tables of prices are not installed."""
-    try:
-        import genai_prices  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("A cap on cost without a price", "evaluation") from None
 
 
 def _rates(price: Any) -> Rates | None:

@@ -202,12 +202,12 @@ def _manifest(
             found[cell.player] = price.to_json()
     if caps.cost is not None:
         _check_priced(plan, found)
-    cells = list(plan.cells)
+    place = {id(cell): at for at, cell in enumerate(plan.cells)}
     return {
         "seed": plan.seed,
-        "cells": [cell.to_json() for cell in cells],
+        "cells": [cell.to_json() for cell in plan.cells],
         "episodes": [
-            {"key": episode.key, "cell": cells.index(episode.cell), "trial": episode.trial, "seed": episode.seed}
+            {"key": episode.key, "cell": place[id(episode.cell)], "trial": episode.trial, "seed": episode.seed}
             for episode in plan.episodes
         ],
         "shard": None if shard is None else list(shard),
