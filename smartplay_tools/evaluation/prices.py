@@ -6,7 +6,8 @@ counts as it began. A model that the tables do not know has no price; its cost i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
@@ -41,7 +42,7 @@ class Price:
             numbers = [float(part) for part in text.split(",")]
         except ValueError:
             numbers = []
-        if len(numbers) not in (2, 3) or any(number < 0 for number in numbers):
+        if len(numbers) not in (2, 3) or not all(0 <= number < math.inf for number in numbers):
             raise InvalidArgumentError(
                 f"{text!r} is no price; write INPUT,OUTPUT or INPUT,OUTPUT,CACHED in USD per million."
             )
@@ -91,6 +92,15 @@ def find_price(player: str, player_options: Mapping[str, Any]) -> Price | None:
         return None
     cached = _rates(getattr(prices, "cache_read_mtok", None)) or given
     return Price(given, taken, cached, f"genai-prices {genai_prices.__version__}")
+
+
+def check_known(unpriced: Iterable[str]) -> None:
+    """Raise an `InvalidArgumentError` if there are players whose price a cap on cost would need."""
+    if names := ", ".join(sorted(unpriced)):
+        raise InvalidArgumentError(
+            f"A cap on cost needs the price of {names}, which is not known here; give it with the run "
+            "(--price PLAYER=INPUT,OUTPUT in US dollars a million tokens)."
+        )
 
 
 def _rates(price: Any) -> Rates | None:

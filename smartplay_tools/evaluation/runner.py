@@ -19,7 +19,7 @@ from smartplay_tools.evaluation.attempt import PlayerFactory, Task, make_player
 from smartplay_tools.evaluation.executors import Executor, default_workers, get_executor
 from smartplay_tools.evaluation.meter import Caps
 from smartplay_tools.evaluation.plan import Plan, PlannedEpisode, make_cells, plan_episodes, suite_games
-from smartplay_tools.evaluation.prices import Price, find_price
+from smartplay_tools.evaluation.prices import Price, check_known, find_price
 from smartplay_tools.evaluation.signals import stopping
 from smartplay_tools.evaluation.store import Row, RunFolder
 from smartplay_tools.evaluation.work import OnProgress, Work
@@ -136,7 +136,7 @@ def run_plan(
         folder.write_manifest(manifest)
         known = {player: Price.from_json(price) for player, price in manifest["prices"].items()}
         repriced = () if before is None or before["prices"] == manifest["prices"] else known.keys()
-        work = Work(folder, part, factories, known, on_progress, repriced)
+        work = Work(folder, part, factories, known, caps, on_progress, repriced)
         for name, episodes in by_executor.items():
             spent = work.spent() if caps else (0, 0.0)
             chosen: Executor = executors[name](workers or default_workers(name), caps, spent)
@@ -201,7 +201,7 @@ def _manifest(
         if price is not None:
             found[cell.player] = price.to_json()
     if caps.cost is not None:
-        _check_priced(plan, found)
+        check_known({cell.player for cell in plan.cells if ":" in cell.player} - found.keys())
     place = {id(cell): at for at, cell in enumerate(plan.cells)}
     return {
         "seed": plan.seed,
@@ -227,12 +227,3 @@ def _check_same_run(folder: RunFolder, before: Mapping[str, Any], plan: Plan, sh
     if (None if shard is None else list(shard)) != before["shard"]:
         held = "no shard" if before["shard"] is None else "shard {}/{}".format(*before["shard"])
         raise InvalidArgumentError(f"{folder.path} holds {held} of this run; name a folder of its own for every shard.")
-
-
-def _check_priced(plan: Plan, prices: Mapping[str, Any]) -> None:
-    unknown = sorted({cell.player for cell in plan.cells if ":" in cell.player} - prices.keys())
-    if unknown:
-        raise InvalidArgumentError(
-            f"A cap on cost needs the price of {', '.join(unknown)}, which is not known here; give it with the run "
-            "(--price PLAYER=INPUT,OUTPUT in US dollars a million tokens)."
-        )

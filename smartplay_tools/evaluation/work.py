@@ -12,8 +12,9 @@ from dataclasses import asdict, dataclass
 
 from smartplay_tools.evaluation.attempt import PlayerFactory, Stop, Task
 from smartplay_tools.evaluation.executors import Executor, Outcome
+from smartplay_tools.evaluation.meter import Caps
 from smartplay_tools.evaluation.plan import Plan, PlannedEpisode
-from smartplay_tools.evaluation.prices import Price
+from smartplay_tools.evaluation.prices import Price, check_known
 from smartplay_tools.evaluation.store import NOT_BEGUN, Row, RunFolder, read_row, usage_of
 
 RETRIES = 3
@@ -49,14 +50,16 @@ class Work:
         plan: Plan,
         factories: Mapping[str, PlayerFactory],
         prices: Mapping[str, Price],
+        caps: Caps,
         on_progress: OnProgress | None,
         repriced: Collection[str] = (),
     ) -> None:
         self._folder, self._plan = folder, plan
-        self._factories, self._prices = factories, prices
+        self._factories, self._prices, self._caps = factories, prices, caps
         self._on_progress = on_progress or (lambda progress: None)
         self._failed = 0
         self._capped = False
+        self._unpriced: set[str] = set()
         self.cap_reached = False
         """Whether a cap of the run has kept episodes from being begun or ended."""
         folder.mend()
@@ -83,16 +86,20 @@ class Work:
     def play(self, executor: Executor, episodes: Sequence[PlannedEpisode]) -> None:
         """Play what is left of some episodes; what fails is tried again up to `RETRIES` times.
 
-        When an episode has come to a cap of the run, no further one begins.
+        When an episode has come to a cap of the run, no further one begins; nor when a provider has counted tokens
+        whose price nobody knows under a cap on cost, which is an `InvalidArgumentError`.
         """
         self._capped = False
         for _ in range(1 + RETRIES):
             left = [episode for episode in episodes if episode.key not in self._rows]
-            if not left or executor.stop.is_set() or self._capped:
+            if not left or executor.stop.is_set() or self._capped or self._unpriced:
                 break
             for outcome in executor.run(self._tasks(left, executor.stop)):
                 self._take(outcome, stopped=executor.stop.is_set())
         self.cap_reached = self.cap_reached or self._capped
+        if self._unpriced:
+            self.finish()
+            check_known(self._unpriced)
 
     def finish(self) -> list[Row]:
         """Sort the rows as planned and return them."""
@@ -102,7 +109,7 @@ class Work:
 
     def _tasks(self, episodes: Sequence[PlannedEpisode], stop: Stop) -> Iterator[Task]:
         for episode in episodes:
-            if stop.is_set() or self._capped:
+            if stop.is_set() or self._capped or self._unpriced:
                 return
             player = episode.cell.player
             record = self._folder.running(episode.key)
@@ -119,6 +126,8 @@ class Work:
             row = self._rows[episode.key] = self._row(episode)
             self._folder.append_row(row)
             self._capped = self._capped or row["end_reason"] == NOT_BEGUN
+            if row["cost"] is None and self._caps.cost is not None:
+                self._unpriced.add(row["player"])
         elif error == NOT_BEGUN:
             self._capped = True
             return

@@ -75,6 +75,15 @@ def test_a_row_tells_its_cost_or_that_nobody_knows_it(tmp_path):
     assert {row["player"]: row["cost"] for row in run.rows} == {"metered": None, "rule": 0.0}
 
 
+def test_a_cap_on_cost_is_not_pretended_where_nobody_knows_the_price(tmp_path):
+    arguments = {"out": tmp_path, "trials": 3, "executor": "inline", "run_cost": 1.0}
+    with pytest.raises(sp.InvalidArgumentError, match="needs the price of metered"):
+        sp.evaluate([BANDIT], {"metered": Metered}, **arguments)
+    assert len(sp.RunFolder(tmp_path).rows()) == 1  # what was played is kept, and no further episode began
+    free = {"metered": Price.per_million(0.0, 0.0)}
+    assert sp.evaluate([BANDIT], {"metered": Metered}, prices=free, **arguments).complete
+
+
 def test_prices_come_from_the_tables_or_from_the_user():
     assert find_price("openai:gpt-5-mini", {}) == find_price("openai-responses:gpt-5-mini", {})
     assert find_price("openai:gpt-5-mini", {"base_url": "http://127.0.0.1:8000"}) is None
@@ -86,7 +95,7 @@ def test_prices_come_from_the_tables_or_from_the_user():
     assert tiered.cost(long) > 4 * tiered.cost(short)
     assert Price.from_json(tiered.to_json()) == tiered
     assert Price.parse("2,8").cost(sp.Usage(prompt=500_000, reply=250_000, cached=100_000)) == pytest.approx(3.0)
-    for wrong in ("", "2", "2,x", "-1,2", "1,2,3,4"):
+    for wrong in ("", "2", "2,x", "-1,2", "1,2,3,4", "nan,1", "1,inf"):
         with pytest.raises(sp.InvalidArgumentError, match="write INPUT,OUTPUT"):
             Price.parse(wrong)
 
