@@ -10,6 +10,7 @@ import typer
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.show import wide_console
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.display import standing_table, summary_tables
 from smartplay_tools.evaluation.metrics import summarize
 from smartplay_tools.evaluation.standing import standing
@@ -33,10 +34,13 @@ def results(
     run = RunFolder(folder)
     manifest, rows, failures = run.manifest(), run.rows(), run.failures()
     now, summary = standing(manifest, rows, failures), summarize(rows, failures, weights=cast(Any, weights))
-    if csv is not None:
-        write_csv(rows, csv)
-    if parquet is not None:
-        write_parquet(rows, parquet)
+    try:
+        if csv is not None:
+            write_csv(rows, csv)
+        if parquet is not None:
+            write_parquet(rows, parquet)
+    except OSError as error:
+        raise InvalidArgumentError(f"{error.filename or csv or parquet} cannot be written: {error.strerror}.") from None
     counts = {"planned": now.planned, "finished": now.finished, "failed_attempts": now.failed_attempts}
     if as_json:
         print(json.dumps({**counts, **summary_json(summary)}, indent=2))

@@ -19,6 +19,7 @@ from typing import Any, Protocol, Self
 
 from smartplay_tools.dialogue import Dialogue
 from smartplay_tools.episode import Episode
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.prices import Price
 from smartplay_tools.records import Prompt, Usage
 
@@ -31,6 +32,11 @@ class Caps:
     """Budget tokens, prompts and replies together."""
     cost: float | None = None
     """US dollars."""
+
+    def __post_init__(self) -> None:
+        for name, cap in (("run_tokens", self.tokens), ("run_cost", self.cost)):
+            if cap is not None and not cap > 0:
+                raise InvalidArgumentError(f"{name} must be above 0, not {cap}; leave it out for no cap.")
 
     def __bool__(self) -> bool:
         return self.tokens is not None or self.cost is not None

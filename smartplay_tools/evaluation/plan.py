@@ -128,6 +128,7 @@ def plan_episodes(cells: Iterable[Cell], *, trials: int | None = None, seed: int
     faults: list[str] = []
     for cell in cells:
         try:
+            _check_plain(cell)
             with cell.episode(seed=0) as sample:
                 episodes += _trials(cell, sample, trials or sample.spec.trials, seed)
         except InvalidArgumentError as error:
@@ -137,6 +138,13 @@ def plan_episodes(cells: Iterable[Cell], *, trials: int | None = None, seed: int
     if len({episode.key for episode in episodes}) < len(episodes):
         raise InvalidArgumentError("The run asks for the same episode twice; name every game and player once.")
     return Plan(seed, cells, tuple(episodes))
+
+
+def _check_plain(cell: Cell) -> None:
+    try:
+        canonical_json(cell.to_json())
+    except TypeError as error:
+        raise InvalidArgumentError(f"options go on record, so they must be JSON ({error}).") from None
 
 
 def _trials(cell: Cell, sample: Episode, trials: int, seed: int) -> Iterator[PlannedEpisode]:

@@ -106,3 +106,10 @@ def test_a_folder_without_a_run_is_one_sentence(tmp_path):
     refused = run(tmp_path)
     assert refused.exit_code == 2
     assert "holds no run" in refused.output
+
+
+def test_a_table_that_cannot_be_written_is_one_sentence(tmp_path):
+    evaluate([GAMES[0]], ("random",), out=tmp_path, trials=1, executor="inline")
+    done = run(tmp_path, "--csv", tmp_path / "none" / "x.csv")
+    assert done.exit_code == 2
+    assert "x.csv cannot be written: No such file or directory." in done.output
