@@ -85,9 +85,9 @@ def generate(stream: Stream) -> Terrain:
     return Terrain(ground, creatures)
 
 
-def nearness(noise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How much a cell belongs to the meadow at the center, 0 to 1, from the noise `start`; for one world or many."""
-    start = 4 - FROM_CENTER
+def nearness(noise: NDArray[np.float64], from_center: NDArray[np.float64] = FROM_CENTER) -> NDArray[np.float64]:
+    """How much cells belong to the meadow at the center, 0 to 1, from their noise `start` and their distances."""
+    start = 4 - from_center
     start = start + 2 * noise
     near: NDArray[np.float64] = 1 / (1 + np.exp(-start))
     return near

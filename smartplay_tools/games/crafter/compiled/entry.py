@@ -17,9 +17,8 @@ from numba import njit
 
 from smartplay_tools.games.crafter.compiled.pictures import draw, scratch
 from smartplay_tools.games.crafter.compiled.step import room_needed, step
-from smartplay_tools.games.crafter.compiled.twister import seed_stream
 from smartplay_tools.games.crafter.compiled.views import see_ids, see_symbols
-from smartplay_tools.games.crafter.compiled.worldgen import begin_noise, begin_world
+from smartplay_tools.games.crafter.compiled.worldgen import begin_terrain, begin_world
 
 _SOURCES = (
     *("balance.py", "facts.py", "noise.py", "observations.py", "pictures.py", "textures.py", "world.py", "worldgen.py"),
@@ -30,7 +29,7 @@ _SOURCES = (
 class Entries(NamedTuple):
     """The functions. `which` are the numbers of the worlds to work on; the others do not change."""
 
-    begin_noise: Callable[..., None]
+    begin_terrain: Callable[..., int]
     begin_world: Callable[..., int]
     step_worlds: Callable[..., tuple[int, int]]
     identify_worlds: Callable[..., None]
@@ -61,14 +60,15 @@ def _make(digest: str) -> Entries:
         return made
 
     @compiled
-    def begin_noise_of_world(worlds: Any, number: int, seed: int, geometry: Any, noise: Any) -> None:
-        seed_stream(worlds[number], seed)
-        begin_noise(worlds[number], geometry, noise)
+    def begin_one_terrain(worlds: Any, number: int, seed: int, geometry: Any, terrain: Any, slack: float) -> int:
+        return begin_terrain(worlds[number], seed, geometry[0], terrain[0], slack)
 
     @compiled
-    def begin_one_world(worlds: Any, things: Any, near: Any, number: int, geometry: Any, start: Any, noise: Any) -> int:
+    def begin_one_world(
+        worlds: Any, things: Any, near: Any, number: int, geometry: Any, start: Any, terrain: Any
+    ) -> int:
         parts = worlds[number], things[number], near[number]
-        count = begin_world(*parts, geometry, start, noise)
+        count = begin_world(*parts, geometry[0], start, terrain[0])
         return max(count, room_needed(worlds[number]))
 
     @compiled
@@ -100,4 +100,4 @@ def _make(digest: str) -> Entries:
             w = which[i]
             draw(worlds[w], things[w], near[w], light, tables, room, out[w])
 
-    return Entries(begin_noise_of_world, begin_one_world, step_worlds, identify_worlds, symbolize_worlds, draw_worlds)
+    return Entries(begin_one_terrain, begin_one_world, step_worlds, identify_worlds, symbolize_worlds, draw_worlds)

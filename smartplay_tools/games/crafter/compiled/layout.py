@@ -99,6 +99,18 @@ def light_table(days: int = 1) -> Records:
     return table
 
 
+def one_record(**arrays: NDArray[Any]) -> Records:
+    """One record with copies of some arrays.
+
+    As an argument of a kernel it is one address, where each array would be an object whose references are counted. The
+    compiler knows the shapes.
+    """
+    record = np.zeros(1, np.dtype([(name, array.dtype, array.shape) for name, array in arrays.items()], align=True))
+    for name, array in arrays.items():
+        record[0][name] = array
+    return record
+
+
 def id_table(ids: tuple[int, ...]) -> NDArray[Any]:
     """For each id in `facts.NAMES`, whether it is one of `ids`."""
     table = np.zeros(len(NAMES), np.uint8)

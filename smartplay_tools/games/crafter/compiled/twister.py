@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from smartplay_tools.games.crafter.compiled.jit import kernel
+from smartplay_tools.games.crafter.compiled.jit import inlined, kernel
 from smartplay_tools.games.crafter.compiled.layout import KEY
 
 _MIDDLE = 397
@@ -47,7 +47,7 @@ def twist(key: Any) -> None:
     key[KEY - 1] = key[_MIDDLE - 1] ^ (y >> _ONE) ^ (_MATRIX if y & _ONE else _ZERO)
 
 
-@kernel
+@inlined
 def temper(y: Any) -> Any:
     """The random word that follows from a word of the state."""
     y ^= y >> _SHIFTS[0]
@@ -56,7 +56,7 @@ def temper(y: Any) -> Any:
     return y ^ (y >> _SHIFTS[3])
 
 
-@kernel
+@inlined
 def to_double(first: Any, second: Any) -> float:
     """The double from [0, 1) that is made of two random words."""
     return ((first >> _FIVE) * 67108864.0 + (second >> _SIX)) / 9007199254740992.0
@@ -78,6 +78,35 @@ def uniform(world: Any) -> float:
     """Draw a double from [0, 1)."""
     first = draw_word(world)
     return to_double(first, draw_word(world))
+
+
+@kernel
+def temper_all(key: Any, words: Any) -> None:
+    """The random words that follow from all words of the state, for `next_uniform`."""
+    for i in range(KEY):
+        words[i] = temper(key[i])
+
+
+@kernel
+def _uniform_across(key: Any, words: Any, at: int) -> tuple[float, int]:
+    """The next double, of which a word, or both, are from the next state."""
+    last = words[KEY - 1]
+    twist(key)
+    temper_all(key, words)
+    if at == KEY:
+        return to_double(words[0], words[1]), 2
+    return to_double(last, words[0]), 1
+
+
+@inlined
+def next_uniform(key: Any, words: Any, at: int) -> tuple[float, int]:
+    """Draw a double from [0, 1) at a position in the state; return the position after it, too.
+
+    The same as `uniform`, but faster if many numbers are drawn: `words` are those of the state, tempered at once.
+    """
+    if at + 2 > KEY:
+        return _uniform_across(key, words, at)
+    return to_double(words[at], words[at + 1]), at + 2
 
 
 @kernel

@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from smartplay_tools.games.crafter.compiled.entry import entries
 from smartplay_tools.games.crafter.compiled.layout import THING, WORLD, Records, light_table
+from smartplay_tools.games.crafter.compiled.noise import SLACK, geometry
 from smartplay_tools.games.crafter.compiled.pictures import tables
-from smartplay_tools.games.crafter.compiled.worldgen import Noise, geometry
+from smartplay_tools.games.crafter.compiled.terrain import new_terrain
 from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, AREA, ARROW, LENGTH, NIGHT_PIXELS
 from smartplay_tools.games.crafter.observations import CARRIED, IMAGE, SEMANTIC
 from smartplay_tools.games.crafter.stream import twister_bytes, world_seed
 from smartplay_tools.games.crafter.views import Scene, Sight, body_texture, thing_texture
 from smartplay_tools.games.crafter.world import CHUNK_OF, COLUMN, DIRECTIONS, MARGIN, position, without_margin
-from smartplay_tools.games.crafter.worldgen import nearness
+from smartplay_tools.games.crafter.worldgen import FROM_CENTER, nearness
 from smartplay_tools.games.crafter.worlds import Numbers
 
 _ROOM = 512
@@ -29,12 +30,12 @@ _ROOM = 512
 _LOCAL = threading.local()
 
 
-def _noise() -> Noise:
+def _terrain() -> Records:
     """The buffers of this thread for making worlds."""
-    if not hasattr(_LOCAL, "noise"):
-        _LOCAL.noise = Noise.new()
-    noise: Noise = _LOCAL.noise
-    return noise
+    if not hasattr(_LOCAL, "terrain"):
+        _LOCAL.terrain = new_terrain()
+    terrain: Records = _LOCAL.terrain
+    return terrain
 
 
 class CompiledWorlds:
@@ -95,11 +96,15 @@ class CompiledWorlds:
                 self._make_room(2 * needed)
 
     def _begin(self, which: Numbers, seeds: NDArray[np.uint32]) -> int:
-        make, worlds, noise, needed = entries(), (self._records, self._things, self._near), _noise(), 0
+        make, worlds, terrain, needed = entries(), (self._records, self._things, self._near), _terrain(), 0
         for number in which.tolist():
-            self._records[number] = np.zeros((), WORLD)
-            make.begin_noise(self._records, number, int(seeds[number]), geometry(), noise)
-            needed = max(needed, make.begin_world(*worlds, number, geometry(), nearness(noise.fields[0]), noise))
+            self._records[number : number + 1].view(np.uint8).fill(0)
+            unsure = make.begin_terrain(self._records, number, int(seeds[number]), geometry(), terrain, SLACK)
+            near = terrain["starts"][0, :unsure]
+            # The exponential in it has to be numpy's.
+            if unsure:
+                near = nearness(near, FROM_CENTER[terrain["cells"][0, :unsure]])
+            needed = max(needed, make.begin_world(*worlds, number, geometry(), near, terrain))
         return needed
 
     def step(self, which: Numbers, actions: NDArray[np.int64]) -> None:
