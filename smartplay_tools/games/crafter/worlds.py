@@ -27,7 +27,7 @@ Numbers = NDArray[np.intp]
 COMPILED, PLAIN = ENGINES = ("compiled", "fast")
 SLOW = (
     "numba is not installed, so worlds are stepped by Python one after the other: a step takes about 13 times as long, "
-    "a picture 9 times, a reset 3 times (benchmarks/crafter_vector.py). Install the extra: "
+    "a picture 5 times, a reset 8 times (benchmarks/crafter_vector.py). Install the extra: "
     "pip install 'smartplay-tools[rl]'; or ask for engine=\"fast\"."
 )
 """The warning if the slow engine is used although it was not asked for."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from smartplay_tools.games.crafter.compiled.ground import add, is_creature, set_ground, thing_at, visit
-from smartplay_tools.games.crafter.compiled.jit import kernel
+from smartplay_tools.games.crafter.compiled.jit import inlined, kernel
 from smartplay_tools.games.crafter.compiled.layout import id_table
 from smartplay_tools.games.crafter.compiled.twister import uniform
 from smartplay_tools.games.crafter.facts import (
@@ -235,7 +235,7 @@ def _recover(world: Any) -> None:
         hurt(world, 1)
 
 
-@kernel
+@inlined
 def take_turn(world: Any, things: Any, near: Any, action: int) -> None:
     """The player's turn. While it sleeps, every action is replaced by sleeping."""
     if world.sleeping:

@@ -11,7 +11,10 @@ kernel = njit(nogil=True, boundscheck=False, error_model="numpy", fastmath=False
 """Compile a function that other compiled functions call."""
 
 inlined = njit(nogil=True, boundscheck=False, error_model="numpy", fastmath=False, forceinline=True)
-"""Compile a function into those that call it. Loops over many cells need this to work on several cells at once."""
+"""Compile a function into those that call it, for what is called often.
+
+A loop over many cells then works on several at once, and the references to arrays are not counted at every call.
+"""
 
 approximate = njit(nogil=True, boundscheck=False, error_model="numpy", fastmath={"contract"})
 """Compile a function whose result need not be that of Python: a product and a sum may be rounded once, together."""

@@ -21,7 +21,7 @@ from smartplay_tools.games.crafter.compiled.ground import (
     toward,
     walk,
 )
-from smartplay_tools.games.crafter.compiled.jit import kernel
+from smartplay_tools.games.crafter.compiled.jit import inlined, kernel
 from smartplay_tools.games.crafter.compiled.layout import id_table
 from smartplay_tools.games.crafter.compiled.twister import below, draw_word, uniform
 from smartplay_tools.games.crafter.facts import (
@@ -126,7 +126,7 @@ def _plant(world: Any, thing: Any) -> None:
         remove(world, thing)
 
 
-@kernel
+@inlined
 def take_thing_turn(world: Any, things: Any, near: Any, thing: Any) -> None:
     """The turn of a thing."""
     if thing.kind == COW:
@@ -196,7 +196,7 @@ def _come_or_leave(
 _ZOMBIES, _SKELETONS, _COWS = tuple(ZOMBIES), tuple(SKELETONS), tuple(COWS)
 
 
-@kernel
+@inlined
 def balance(world: Any, things: Any, near: Any, now: Any) -> None:
     """Add and remove creatures in every chunk that something has been in."""
     for i in range(world.chunk_count):

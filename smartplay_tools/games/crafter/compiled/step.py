@@ -7,7 +7,7 @@ from typing import Any
 from smartplay_tools.games.crafter.balance import INTERVAL
 from smartplay_tools.games.crafter.compiled.body import take_turn
 from smartplay_tools.games.crafter.compiled.ground import distance, list_near
-from smartplay_tools.games.crafter.compiled.jit import kernel
+from smartplay_tools.games.crafter.compiled.jit import inlined, kernel
 from smartplay_tools.games.crafter.compiled.layout import KEY, MOST_ADDED
 from smartplay_tools.games.crafter.compiled.others import balance, take_thing_turn
 from smartplay_tools.games.crafter.compiled.twister import skip
@@ -15,7 +15,7 @@ from smartplay_tools.games.crafter.facts import NIGHT_PIXELS, UPDATE_DISTANCE
 from smartplay_tools.games.crafter.world import RELIST_STEPS
 
 
-@kernel
+@inlined
 def step(world: Any, things: Any, near: Any, light: Any, action: int) -> float:
     """Play an action; return the reward. `things` needs `room_needed` rows, and `light` a row for this step."""
     world.steps += 1

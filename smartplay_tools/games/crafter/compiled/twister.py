@@ -34,17 +34,23 @@ def seed_stream(world: Any, seed: int) -> None:
     world.word = KEY
 
 
+@inlined
+def _mix(word: Any, following: Any, far: Any) -> Any:
+    """The word that replaces `word` in the next state."""
+    y = (word & _UPPER) | (following & _LOWER)
+    return far ^ (y >> _ONE) ^ (_MATRIX if y & _ONE else _ZERO)
+
+
 @kernel
 def twist(key: Any) -> None:
-    """Replace the state's words by the next ones. No loop reads what its last few rounds wrote, so each vectorizes."""
+    """Replace the state's words by the next ones. No loop reads what it has written, so each works on many at once."""
     for i in range(_LAG):
-        y = (key[i] & _UPPER) | (key[i + 1] & _LOWER)
-        key[i] = key[i + _MIDDLE] ^ (y >> _ONE) ^ (_MATRIX if y & _ONE else _ZERO)
-    for i in range(_LAG, KEY - 1):
-        y = (key[i] & _UPPER) | (key[i + 1] & _LOWER)
-        key[i] = key[i - _LAG] ^ (y >> _ONE) ^ (_MATRIX if y & _ONE else _ZERO)
-    y = (key[KEY - 1] & _UPPER) | (key[0] & _LOWER)
-    key[KEY - 1] = key[_MIDDLE - 1] ^ (y >> _ONE) ^ (_MATRIX if y & _ONE else _ZERO)
+        key[i] = _mix(key[i], key[i + 1], key[i + _MIDDLE])
+    for i in range(_LAG, 2 * _LAG):
+        key[i] = _mix(key[i], key[i + 1], key[i - _LAG])
+    for i in range(2 * _LAG, KEY - 1):
+        key[i] = _mix(key[i], key[i + 1], key[i - _LAG])
+    key[KEY - 1] = _mix(key[KEY - 1], key[0], key[_MIDDLE - 1])
 
 
 @inlined
