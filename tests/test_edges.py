@@ -346,6 +346,46 @@ class TestConcurrency:
         for _ in range(10):
             assert len(asyncio.run(play())) == 20
 
+    def test_a_call_that_is_cancelled_while_it_waits_is_not_played(self):
+        async def play(episode: sp.Episode) -> int:
+            advance, begun = episode.game.advance, threading.Event()
+
+            def slow(action: int):
+                begun.set()
+                time.sleep(0.1)
+                return advance(action)
+
+            episode.game.advance = slow
+            first, second, third = [asyncio.ensure_future(episode.acall("act", {"action": "1"})) for _ in range(3)]
+            await asyncio.to_thread(begun.wait)
+            second.cancel()
+            assert (await third).data["step"] == 2
+            assert second.cancelled()
+            return (await first).data["step"]
+
+        with sp.Episode(RPS, seed=1, tokenizer="approximate") as episode:
+            assert asyncio.run(play(episode)) == 1
+            assert episode.stats.steps == 2
+
+    def test_an_event_loop_that_ends_while_a_call_is_played_leaves_the_episode_usable(self):
+        async def leave(episode: sp.Episode) -> None:
+            advance, begun = episode.game.advance, threading.Event()
+
+            def slow(action: int):
+                begun.set()
+                time.sleep(0.1)
+                return advance(action)
+
+            episode.game.advance = slow
+            call = asyncio.ensure_future(episode.acall("act", {"action": "1"}))
+            await asyncio.to_thread(begun.wait)
+            call.cancel()
+
+        with sp.Episode(RPS, seed=1, tokenizer="approximate") as episode:
+            asyncio.run(leave(episode))
+            again = asyncio.run(episode.acall("act", {"action": "1"}))
+            assert again.data["step"] == 2
+
     def test_many_episodes_share_few_threads(self):
         async def play() -> int:
             episodes = [sp.Episode(RPS, seed=seed, tokenizer="approximate") for seed in range(200)]

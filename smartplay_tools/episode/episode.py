@@ -191,9 +191,7 @@ class Episode:
 
     async def acall(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
         """Answer one call in a shared thread; the calls of an episode are answered in the order of their arrival."""
-        import asyncio
-
-        return await asyncio.wrap_future(self.queue.submit(lambda: self.call(name, arguments, call_id)))
+        return await self.queue.run(lambda: self.call(name, arguments, call_id))
 
     def functions(self) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
         """Return the game's tools as plain annotated, documented functions: observe, act, read_manual."""
