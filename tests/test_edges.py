@@ -346,6 +346,18 @@ class TestConcurrency:
         for _ in range(10):
             assert len(asyncio.run(play())) == 20
 
+    def test_slow_steps_of_many_episodes_wait_at_the_same_time(self):
+        async def play(episodes: list[sp.Episode]) -> float:
+            for episode in episodes:
+                episode.game.advance = lambda action, advance=episode.game.advance: time.sleep(0.2) or advance(action)
+            began = time.perf_counter()
+            await asyncio.gather(*(episode.acall("act", {"action": "1"}) for episode in episodes))
+            return time.perf_counter() - began
+
+        episodes = [sp.Episode(RPS, seed=seed, tokenizer="approximate") for seed in range(8)]
+        assert asyncio.run(play(episodes)) < 8 * 0.2 / 2
+        assert [episode.stats.steps for episode in episodes] == [1] * 8
+
     def test_a_call_that_is_cancelled_while_it_waits_is_not_played(self):
         async def play(episode: sp.Episode) -> int:
             advance, begun = episode.game.advance, threading.Event()

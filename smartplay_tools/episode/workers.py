@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 THREADS = 16
-"""How many threads all episodes of a process share."""
+"""How many threads all episodes of a process share at most."""
+
+PATIENCE = 0.02
+"""Seconds: most games' functions take a hundredth of it."""
 
 
 class SerialQueue:
@@ -135,36 +138,74 @@ class _Mailbox:
 
 
 class _SharedThreads:
-    """The threads of all episodes; each takes one function of a queue after the other until none waits."""
+    """The threads of all episodes; each takes one function of a queue after the other until none waits.
+
+    Python runs one thread at a time, and threads that compete for it slow each other down. So one thread does all the
+    work as long as it gets on, and another one stands by. It joins in when no function has begun for `PATIENCE`
+    seconds, because those that run wait for something else than Python, and then the next one stands by.
+    """
 
     def __init__(self) -> None:
         self._pool: ThreadPoolExecutor | None = None
         self._ready: deque[SerialQueue] = deque()
-        self._at_work = 0
+        self._call = threading.Condition(_LOCK)
+        self._threads = self._running = self._begun = 0
+        """How many threads there are, how many of them run a function, and how many functions have begun in all."""
 
     def add(self, queue: SerialQueue) -> None:
         """Have the functions of a queue run, behind those of the other queues."""
         with _LOCK:
             self._ready.append(queue)
-            if self._at_work == THREADS:
-                return
-            self._at_work += 1
-            if self._pool is None:
-                from concurrent.futures import ThreadPoolExecutor
+            if not self._running:
+                self._call.notify()
+            is_missing = self._adds_thread()
+        if is_missing:
+            self._start_thread()
 
+    def _adds_thread(self) -> bool:
+        """Count another thread if all of them are busy and there may be more; the caller starts it."""
+        adds = self._threads == self._running < THREADS
+        self._threads += adds
+        return adds
+
+    def _start_thread(self) -> None:
+        from concurrent.futures import ThreadPoolExecutor
+
+        with _LOCK:
+            if self._pool is None:
                 self._pool = ThreadPoolExecutor(THREADS, thread_name_prefix="smartplay")
         self._pool.submit(self._work)
 
     def _work(self) -> None:
-        while True:
+        joins = False
+        while (queue := self._next_queue(joins)) is not None:
+            has_more = queue.run_next()
             with _LOCK:
-                if not self._ready:
-                    self._at_work -= 1
-                    return
-                queue = self._ready.popleft()
-            if queue.run_next():
-                with _LOCK:
+                self._running -= 1
+                if has_more:
                     self._ready.append(queue)
+            joins = True
+
+    def _next_queue(self, joins: bool) -> SerialQueue | None:
+        """Wait until this thread is needed and return what it runs next; None if nothing waits.
+
+        `joins` says that it need not wait for the others.
+        """
+        with _LOCK:
+            while self._ready and self._running and not joins:
+                before = self._begun
+                self._call.wait(PATIENCE)
+                joins = self._begun == before
+            if not self._ready:
+                self._threads -= 1
+                return None
+            queue = self._ready.popleft()
+            self._running += 1
+            self._begun += 1
+            is_missing = bool(self._ready) and self._adds_thread()
+        if is_missing:
+            self._start_thread()
+        return queue
 
 
 _LOCK = threading.Lock()
