@@ -40,7 +40,7 @@ from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.tokens import TokenCounter, Tokenizer
 from smartplay_tools.transcript.events import FORMAT, Event
-from smartplay_tools.transcript.file import TranscriptWriter
+from smartplay_tools.transcript.file import Sink, TranscriptWriter
 from smartplay_tools.types import Budget, EndReason, EpisodeResult, Progress, ToolCall, ToolResult, ToolSpec
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Episode:
         config: EpisodeConfig,
         *,
         tokenizer: str | Tokenizer | None = None,
-        transcript: str | Path | list[Event] | None = None,
+        transcript: Sink | None = None,
     ) -> Self:
         """Return the episode of a config; `tokenizer` is required if the config names a tokenizer object of yours."""
         counter = TokenCounter(config.tokenizer if tokenizer is None else tokenizer)
@@ -118,7 +118,7 @@ class Episode:
         config: EpisodeConfig,
         spec: GameSpec,
         counter: TokenCounter,
-        transcript: str | Path | list[Event] | None,
+        transcript: Sink | None,
     ) -> None:
         self.config = config
         """Everything that determines this episode."""

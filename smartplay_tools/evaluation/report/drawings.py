@@ -62,7 +62,7 @@ def _replay(config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
         driver.run(with_end=False)
         tools = Tools(episode.game)
         names = episode.game.actions
-    _compare(acts, [event for event in driver.events if event["event"] == "call"])
+    _compare(acts, [event for event in driver.record.events if event["event"] == "call"])
     kind = "text" if states[0].keys() == {"text"} else config.spec.family
     actions = [tools.parse(event["name"], read(event["arguments"])).action for event in acts]
     rewards = [event["data"]["reward"] for event in acts]
