@@ -123,10 +123,8 @@ class Episode:
         self.config = config
         """Everything that determines this episode."""
         self.spec, self.counter = spec, counter
-        options = dict(config.options) if config.engine is None else {**config.options, "engine": config.engine}
-        history = spec.history if config.budget.history == "game" else config.budget.history
         began = time.perf_counter()
-        self.game = spec.make(**options, history=history)
+        self.game = config.make_game(spec)
         try:
             self.game.reset(seed=config.seed)
             self._session = GameSession(spec, self.game, config.budget, counter, config.manual, config.context)
