@@ -76,10 +76,11 @@ _SURFACE = np.zeros(256, np.intp)
 for _biome, _kind in _SURFACE_OF.items():
     _SURFACE[_biome] = _SURFACES.index(_kind)
 _PROFILES = _profiles()
-_SNOWY = np.isin(np.arange(256), [Biome.ICE_PLAINS, Biome.COLD_TAIGA, Biome.COLD_BEACH, Biome.FROZEN_RIVER])
+_COVER = np.zeros(256, np.uint8)
+"""By biome: what lies where no plant stands."""
+_COVER[[Biome.ICE_PLAINS, Biome.COLD_TAIGA, Biome.COLD_BEACH, Biome.FROZEN_RIVER]] = Block.SNOW
 
 _TREE_SALT, _SHRUB_SALT = 101, 102
-_NOWHERE, _NOTHING = np.zeros(0, np.int32), np.zeros(0, np.uint8)
 
 
 class World:
@@ -175,39 +176,29 @@ def _plant_trees(
     rooted = (unit(bits) < plants.TREE_DENSITY[biome]) & (ground >= SEA_LEVEL - 1 - BOTTOM)
     x, z = np.nonzero(rooted)
     kinds = plants.TREE_CHOICE[biome[x, z], bits[x, z] & 255]
-    feet = np.stack([x - plants.REACH, ground[x, z] + 1, z - plants.REACH], axis=1).astype(np.int32)
     # Shape by shape and then by place: of two trees, the same one wins wherever the rectangle begins.
-    groups = [(plants.SHAPES[kind], feet[kinds == kind]) for kind in np.unique(kinds).tolist()]
-    for part in ("foliage", "trunk"):
-        cells = [_cells_of(getattr(shape, part), places, columns.shape) for shape, places in groups]
-        where = np.concatenate([_NOWHERE, *(where for where, _ in cells)])
-        what = np.concatenate([_NOTHING, *(what for _, what in cells)])
-        flat = columns.reshape(-1)
-        free = flat[where] == Block.AIR if part == "foliage" else plants.GIVES_WAY[flat[where]]
-        flat[where[free]] = what[free]
-
-
-def _cells_of(
-    shape: NDArray[np.int32], feet: NDArray[np.int32], size: tuple[int, ...]
-) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Flat positions and blocks of the cells of plants of one shape, as far as they lie in the rectangle."""
-    cells = feet[:, None, :] + shape[None, :, :3]
-    x, y, z = cells[..., 0], cells[..., 1], cells[..., 2]
-    inside = (x >= 0) & (x < size[0]) & (z >= 0) & (z < size[1]) & (y < size[2])
-    blocks = np.broadcast_to(shape[:, 3].astype(np.uint8), inside.shape)
-    return ((x * size[1] + z) * size[2] + y)[inside], blocks[inside]
+    order = kinds.argsort(kind="stable")
+    x, z, kinds = x[order], z[order], kinds[order]
+    feet = np.stack([x - plants.REACH, ground[x, z] + 1, z - plants.REACH]).astype(np.int32)
+    flat = columns.reshape(-1)
+    where, what = plants.FOLIAGE.place(kinds, feet, columns.shape)
+    free = flat[where] == Block.AIR
+    flat[where[free]] = what[free]
+    where, what = plants.TRUNKS.place(kinds, feet, columns.shape)
+    free = plants.GIVES_WAY[flat[where]]
+    flat[where[free]] = what[free]
 
 
 def _plant_shrubs(
     columns: NDArray[np.uint8], biome: NDArray[np.uint8], ground: NDArray[np.int16], bits: NDArray[np.uint32]
 ) -> None:
     """Place everything that is one cell high on free ground: snow, plants, lilies on a swamp's water."""
-    x, z = np.ogrid[: biome.shape[0], : biome.shape[1]]
+    flat = columns.reshape(-1)
+    above = np.arange(0, flat.size, HEIGHT).reshape(biome.shape) + (ground + 1)
     dry = ground >= SEA_LEVEL - 1 - BOTTOM
-    above = columns[x, z, ground + 1]
-    grows = unit(bits) < plants.SHRUB_DENSITY[biome]
-    shrub = plants.SHRUB_CHOICE[biome, bits & 255]
-    shrub = np.where(grows, shrub, np.where(_SNOWY[biome], Block.SNOW, Block.AIR)).astype(np.uint8)
-    columns[x, z, ground + 1] = np.where(dry & (above == Block.AIR), shrub, above)
-    lilies = ~dry & (biome == Biome.SWAMPLAND) & (unit(bits) > np.float32(0.92))
+    chance = unit(bits)
+    shrub = np.where(chance < plants.SHRUB_DENSITY[biome], plants.SHRUB_CHOICE[biome, bits & 255], _COVER[biome])
+    free = dry & (flat[above] == Block.AIR)
+    flat[above[free]] = shrub[free]
+    lilies = ~dry & (biome == Biome.SWAMPLAND) & (chance > np.float32(0.92))
     columns[..., SEA_LEVEL - BOTTOM][lilies] = Block.LILY_PAD
