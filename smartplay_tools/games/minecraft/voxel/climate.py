@@ -113,7 +113,7 @@ def climate(seed: int, x: Axis, z: Axis) -> Climate:
 
 def biomes(c: Climate) -> NDArray[np.uint8]:
     """The biome of every place. Later rules win."""
-    biome = np.full(c.land.shape, Biome.PLAINS, np.uint8)
+    biome = np.full_like(c.land, Biome.PLAINS, np.uint8)
     biome[c.wetness > -0.02] = Biome.FOREST
     biome[(c.wetness > -0.02) & (c.variety > 0.22)] = Biome.BIRCH_FOREST
     biome[(c.wetness > 0.06) & (c.variety < -0.22)] = Biome.ROOFED_FOREST
@@ -177,4 +177,4 @@ def terrain(seed: int, x: Axis, z: Axis) -> tuple[NDArray[np.uint8], NDArray[np.
     corners_z = np.arange(z[0, 0] // SPACING, z[0, -1] // SPACING + 2)[None, :] * SPACING
     coarse = np.stack(list(vars(climate(seed, corners_x, corners_z)).values()))
     fine = Climate(*enlarge(coarse, x, z, SPACING))
-    return biomes(fine), heights(seed, fine, x, z)
+    return np.ascontiguousarray(biomes(fine)), np.ascontiguousarray(heights(seed, fine, x, z))

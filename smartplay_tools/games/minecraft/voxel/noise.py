@@ -6,6 +6,8 @@ coordinates, given as a column of x and a row of z; results are [x, z].
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,11 +48,11 @@ class Fractal:
 
     salt: int
     scale: int
-    """Blocks between the random values of the first field; a power of two times any number of blocks."""
+    """Blocks between the random values of the first field; half as many, rounded down, of the next."""
     octaves: int
     east: int = 0
     south: int = 0
-    """The place that is asked for lies that many blocks before the place of the result."""
+    """By how many blocks the result is that of a place further east and south."""
 
 
 class Noise:
@@ -61,47 +63,37 @@ class Noise:
     """
 
     def __init__(self, *fractals: Fractal) -> None:
+        self._octaves = [fractal.octaves for fractal in fractals]
         layers = [(fractal, octave) for fractal in fractals for octave in range(fractal.octaves)]
         self._salts = [fractal.salt * 16 + octave for fractal, octave in layers]
         self._scale = np.array([max(fractal.scale >> octave, 1) for fractal, octave in layers])[:, None]
         self._east = np.array([fractal.east for fractal, _ in layers])[:, None]
         self._south = np.array([fractal.south for fractal, _ in layers])[:, None]
         self._strength = np.array([0.5**octave for _, octave in layers], np.float32)[:, None, None]
-        self._total = np.array([1 / (2 - 0.5 ** (f.octaves - 1)) for f in fractals], np.float32)[:, None, None]
-        self._first = np.cumsum([0, *(fractal.octaves for fractal in fractals[:-1])])
-        octaves = np.array([fractal.octaves for fractal in fractals])
-        self._octaves = max(octaves)
-        self._deep = [np.flatnonzero(octaves > octave) for octave in range(self._octaves)]
 
-    def __call__(self, seed: int, x: Axis, z: Axis) -> Field:
-        """The fractals at the given places, [fractal, x, z]."""
+    def __call__(self, seed: int, x: Axis, z: Axis) -> list[Field]:
+        """The fractals at the given places."""
         west, i, x_weight = self._cells(x.ravel() + self._east)
         north, j, z_weight = self._cells(z.ravel() + self._south)
         salts = np.array([_mixed(seed, salt) for salt in self._salts], np.uint32)[:, None, None]
         corners = unit(_scrambled(west[:, :, None], north[:, None, :], salts)) * np.float32(2) - np.float32(1)
-        # Rows first, because the gathered array, (places in x) x (corners in z), is then small.
         layer = np.arange(len(self._salts))[:, None]
-        rows = corners[layer, i + 1]
-        low = corners[layer, i]
-        rows -= low
-        rows *= x_weight[:, :, None]
-        rows += low
-        across = rows.shape[2]
-        at = np.arange(0, rows.size, across).reshape(*rows.shape[:2], 1) + j[:, None, :]
-        low = rows.take(at)
-        at += 1
-        fields = rows.take(at)
-        fields -= low
-        fields *= z_weight[:, None, :]
-        fields += low
+        rows = _between(corners[layer, i], corners[layer, i + 1], x_weight)
+        # Now z comes first in memory, so that this second interpolation, the large one, gathers whole rows.
+        rows = rows.swapaxes(1, 2).copy()
+        fields = _between(rows[layer, j], rows[layer, j + 1], z_weight)
         fields *= self._strength
-        # Octave by octave: NumPy's own sums leave the order of their terms open, and with it the last bit.
-        totals = fields[self._first]
-        for octave in range(1, self._octaves):
-            deep = self._deep[octave]
-            totals[deep] += fields[self._first[deep] + octave]
-        totals *= self._total
-        return totals
+        each = iter(fields.swapaxes(1, 2))
+        return [self._total(each, octaves) for octaves in self._octaves]
+
+    @staticmethod
+    def _total(fields: Iterator[Field], octaves: int) -> Field:
+        """The next fractal. Octaves are added one by one: NumPy's sums leave their order open, and so the last bit."""
+        total = next(fields)
+        for field in itertools.islice(fields, octaves - 1):
+            total += field
+        total *= np.float32(1 / (2 - 0.5 ** (octaves - 1)))
+        return total
 
     def _cells(self, places: Axis) -> tuple[Axis, Axis, Field]:
         """By layer: the lattice's coordinates, and for every place its cell of the lattice and its weight there."""
@@ -113,17 +105,27 @@ class Noise:
         return lattice, cell, t * t * t * (t * (t * np.float32(6) - np.float32(15)) + np.float32(10))
 
 
+def _between(low: Field, high: Field, weight: Field) -> Field:
+    """Interpolate linearly along the second axis; `high` is overwritten."""
+    high -= low
+    high *= weight[:, :, None]
+    high += low
+    return high
+
+
 def enlarge(coarse: Field, x: Axis, z: Axis, spacing: int) -> Field:
     """Interpolate fields known every `spacing` blocks, from the one at or before the first place, to all places."""
     i, x_weight = np.divmod(x.ravel(), spacing)
     j, z_weight = np.divmod(z.ravel(), spacing)
     i -= i[0]
     skipped, last = int(z_weight[0]), int(j[-1] - j[0]) + 1
-    low = coarse.take(i, axis=-2)
-    rows = (coarse.take(i + 1, axis=-2) - low) * (x_weight.astype(np.float32) / np.float32(spacing))[:, None] + low
-    slope = rows[..., 1 : last + 1] - rows[..., :last]
+    coarse = coarse.swapaxes(-1, -2)
+    low = coarse.take(i, axis=-1)
+    rows = coarse.take(i + 1, axis=-1) - low
+    rows *= x_weight.astype(np.float32) / np.float32(spacing)
+    rows += low
     span = slice(skipped, skipped + len(j))
-    field: Field = slope.repeat(spacing, axis=-1)[..., span]
-    field *= z_weight.astype(np.float32) / np.float32(spacing)
-    field += rows[..., :last].repeat(spacing, axis=-1)[..., span]
-    return field
+    field: Field = (rows[..., 1 : last + 1, :] - rows[..., :last, :]).repeat(spacing, axis=-2)[..., span, :]
+    field *= (z_weight.astype(np.float32) / np.float32(spacing))[:, None]
+    field += rows[..., :last, :].repeat(spacing, axis=-2)[..., span, :]
+    return field.swapaxes(-1, -2)
