@@ -23,7 +23,9 @@ SIDE = 256
 BOTTOM, HEIGHT = 32, 96
 """The window's lowest layer and its number of layers. Nothing outside is ever seen."""
 
-CHUNK = 16
+CHUNK = 32
+"""Side of what is generated at once. Few large calls of NumPy cost less than many small ones."""
+
 NEAREST = 72
 """Everything up to this distance from the player, along x and z, is generated before it is used."""
 
@@ -100,6 +102,7 @@ class World:
         self.biome = np.zeros((SIDE, SIDE), np.uint8)
         self.ground = np.zeros((SIDE, SIDE), np.int16)
         self._present: dict[tuple[int, int], tuple[int, int]] = {}
+        self._prepared: tuple[int, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
         """The state without the second view of the blocks, which a copy makes from its own blocks."""
@@ -111,13 +114,18 @@ class World:
 
     def prepare(self, x: int, z: int) -> None:
         """Generate the missing chunks around a place."""
-        near = [
-            (i, j)
-            for i in range((x - NEAREST) // CHUNK, (x + NEAREST) // CHUNK + 1)
-            for j in range((z - NEAREST) // CHUNK, (z + NEAREST) // CHUNK + 1)
-        ]
+        near = tuple((c + side) // CHUNK for c in (x, z) for side in (-NEAREST, NEAREST))
+        if near == self._prepared:
+            return
+        self._prepared = near
+        west, east, north, south = near
         slots = SIDE // CHUNK - 1
-        missing = {chunk for chunk in near if self._present.get((chunk[0] & slots, chunk[1] & slots)) != chunk}
+        missing = {
+            (i, j)
+            for i in range(west, east + 1)
+            for j in range(north, south + 1)
+            if self._present.get((i & slots, j & slots)) != (i, j)
+        }
         for i, j in missing:
             self._present[i & slots, j & slots] = (i, j)
         for i, j, wide, deep in _rectangles(missing):
