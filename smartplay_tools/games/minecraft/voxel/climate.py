@@ -107,7 +107,7 @@ def climate(seed: int, x: Axis, z: Axis) -> Climate:
     land, warmth, wetness, variety, ruggedness, course, east, south = _FIELDS(seed, x, z)
     slopes = [(there - course) / np.float32(SPACING) for there in (east, south)]
     slope = np.sqrt(slopes[0] ** 2 + slopes[1] ** 2)
-    river: Field = course / np.maximum(slope, np.float32(_FLAT))
+    river = (course / np.maximum(slope, np.float32(_FLAT))).astype(np.float32, copy=False)
     return Climate(land + np.float32(0.3), warmth, wetness, variety, ruggedness, river)
 
 

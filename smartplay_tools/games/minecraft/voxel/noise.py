@@ -101,8 +101,9 @@ class Noise:
         first = cell[:, :1].copy()
         cell -= first
         lattice = first + np.arange(int(cell[:, -1].max()) + 2)
-        t = rest.astype(np.float32) * (1 / self._scale).astype(np.float32)
-        return lattice, cell, t * t * t * (t * (t * np.float32(6) - np.float32(15)) + np.float32(10))
+        t: Any = rest.astype(np.float32) * (1 / self._scale).astype(np.float32)
+        weight: Field = t * t * t * (t * (t * np.float32(6) - np.float32(15)) + np.float32(10))
+        return lattice, cell, weight
 
 
 def _between(low: Field, high: Field, weight: Field) -> Field:
