@@ -8,7 +8,6 @@ in the real game.
 
 from __future__ import annotations
 
-import functools
 import math
 from math import floor
 
@@ -108,7 +107,7 @@ class Walker:
         x, z, vx, vz = self.x, self.z, self.vx, self.vz
         west, east, north, south = *_cells(x), *_cells(z)
         wanted = self.y + self.vy
-        self.y = y = self._reach_y(wanted, _columns(west, east, north, south))
+        self.y = y = self._reach_y(wanted, west, east, north, south)
         self.grounded = y != wanted and self.vy < 0
         if y != wanted:
             self.vy = 0.0
@@ -117,18 +116,18 @@ class Walker:
             wanted = x + vx
             first, last = _cells(wanted)
             edge = last if vx > 0 else first
-            if not west <= edge <= east and self._is_solid(_columns(edge, edge, north, south), y):
+            if not west <= edge <= east and self._is_solid(edge, edge, north, south, *_layers(y)):
                 self.x = _beside(edge, x)
+                west, east = _cells(self.x)
                 if self.x != wanted:
                     self.vx, stopped = 0.0, True
             else:
-                self.x = wanted
-            west, east = _cells(self.x)
+                self.x, west, east = wanted, first, last
         if vz:
             wanted = z + vz
             first, last = _cells(wanted)
             edge = last if vz > 0 else first
-            if not north <= edge <= south and self._is_solid(_columns(west, east, edge, edge), y):
+            if not north <= edge <= south and self._is_solid(west, east, edge, edge, *_layers(y)):
                 self.z = _beside(edge, z)
                 if self.z != wanted:
                     self.vz, stopped = 0.0, True
@@ -136,38 +135,37 @@ class Walker:
                 self.z = wanted
         return stopped
 
-    def _reach_y(self, wanted: float, columns: tuple[int, ...]) -> float:
+    def _reach_y(self, wanted: float, west: int, east: int, north: int, south: int) -> float:
         """The height that is reached in the direction of the wanted one; falls may pass several layers."""
-        flat = self.world.flat
         if wanted < self.y:
             for layer in range(floor(self.y + _SKIN) - 1, floor(wanted) - 1, -1):
-                for column in columns:
-                    if SOLID[flat[column + layer]]:
-                        return layer + 1.0
+                if self._is_solid(west, east, north, south, layer, layer):
+                    return layer + 1.0
         else:
             layer = floor(wanted + TALL)
-            for column in columns:
-                if SOLID[flat[column + layer]]:
-                    return max(layer - TALL, self.y)
+            if self._is_solid(west, east, north, south, layer, layer):
+                return max(layer - TALL, self.y)
         return wanted
-
-    def _is_solid(self, columns: tuple[int, ...], feet: float) -> bool:
-        """Whether a body with its feet at that height would be in a solid block of one of these columns."""
-        flat = self.world.flat
-        low, high = _layers(feet)
-        for column in columns:
-            for cell in range(column + low, column + high + 1):
-                if SOLID[flat[cell]]:
-                    return True
-        return False
 
     def _is_free(self, dx: float, dy: float, dz: float) -> bool:
         """Whether the body, moved by that much, would be in neither blocks nor water."""
-        columns = _columns(*_cells(self.x + dx), *_cells(self.z + dz))
-        if self._is_solid(columns, self.y + dy):
-            return False
+        west, east, north, south = *_cells(self.x + dx), *_cells(self.z + dz)
         low, high = _layers(self.y + dy)
+        if self._is_solid(west, east, north, south, low, high):
+            return False
+        columns = [_column(x, z) for x in range(west, east + 1) for z in range(north, south + 1)]
         return all(_WATER not in self.world.flat[column + low : column + high + 1] for column in columns)
+
+    def _is_solid(self, west: int, east: int, north: int, south: int, low: int, high: int) -> bool:
+        """Whether there is a solid block among these cells, borders included."""
+        flat = self.world.flat
+        for x in range(west, east + 1):
+            for z in range(north, south + 1):
+                column = _column(x, z)
+                for cell in range(column + low, column + high + 1):
+                    if SOLID[flat[cell]]:
+                        return True
+        return False
 
 
 def _cells(middle: float) -> tuple[int, int]:
@@ -183,12 +181,6 @@ def _layers(feet: float) -> tuple[int, int]:
 def _column(x: int, z: int) -> int:
     """What to add to a height for the place of a cell in the row of all blocks."""
     return ((x & (SIDE - 1)) * SIDE + (z & (SIDE - 1))) * HEIGHT - BOTTOM
-
-
-@functools.lru_cache(maxsize=256)  # a body stays in its columns for some ticks
-def _columns(west: int, east: int, north: int, south: int) -> tuple[int, ...]:
-    """The columns of a rectangle, borders included."""
-    return tuple(_column(x, z) for x in range(west, east + 1) for z in range(north, south + 1))
 
 
 def _beside(edge: int, here: float) -> float:
