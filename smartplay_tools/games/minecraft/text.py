@@ -8,7 +8,8 @@ directions from the rays and groups all blocks alike. The text is otherwise the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,31 +46,67 @@ def describe(seen: Observation, mode: TextMode, action: str | None = None) -> st
     return ("" if action is None else f"You took action {action}.\n\n") + "\n".join(frame)
 
 
-def components(
-    names: NDArray[np.str_], *, ignored: frozenset[str], mode: TextMode
-) -> list[tuple[str, NDArray[np.intp]]]:
-    """Connected groups of equal names as (name, flat indices), in the order of their first cells.
+@dataclass(frozen=True)
+class Groups:
+    """Connected groups of cells with equal names, in the order of their first cells."""
+
+    names: list[str]
+    cells: NDArray[np.intp]
+    """Flat indices of the cells of all groups, ascending."""
+    group: NDArray[np.intp]
+    """For each of these cells its group."""
+
+    @property
+    def sizes(self) -> NDArray[np.intp]:
+        """The number of cells of each group."""
+        return np.bincount(self.group)
+
+
+def groups(names: NDArray[np.str_], *, ignored: frozenset[str], mode: TextMode) -> Groups:
+    """Group the cells of an array of names.
 
     Blocks connect through faces, the view's cells also through corners. In `paper` mode the alphabetically first name
     is one group, connected or not, and comes first, because the labelling treats it as background.
     """
-    structure = _FACES if names.ndim == 3 else _ALL_NEIGHBOURS
-    found, codes = np.unique(names, return_inverse=True)
-    codes = codes.reshape(names.shape)
-    background: list[tuple[str, NDArray[np.intp]]] = []
-    groups: list[tuple[str, NDArray[np.intp]]] = []
-    for code, name in enumerate(found.tolist()):
-        if name in ignored:
-            continue
-        mask = codes == code
-        cells = np.flatnonzero(mask)
-        if code == 0 and mode == "paper":
-            background.append((name, cells))
-            continue
-        labels, count = ndimage.label(mask, structure)
-        labels = labels.ravel()[cells]
-        groups += [(name, cells[labels == label]) for label in range(1, count + 1)]
-    return background + sorted(groups, key=lambda group: group[1][0])
+    found, codes = _coded(names)
+    wanted = [code for code, name in enumerate(found) if name not in ignored]
+    background = mode == "paper" and 0 in wanted
+    labels = _labels(codes, wanted[background:]).ravel()
+    codes = codes.ravel()
+    if background:
+        labels[codes == 0] = labels.max() + 1
+    cells = np.flatnonzero(labels)
+    labels = labels[cells]
+    # NumPy assigns one after the other, so that in reverse the first cell of each group is what remains.
+    first = np.zeros(labels.max(initial=0) + 1, np.intp)
+    first[labels[::-1]] = cells[::-1]
+    order = np.append(first[1:-1], -1).argsort() if background else first[1:].argsort()
+    place = np.empty(len(first), np.intp)
+    place[1 + order] = np.arange(len(order))
+    return Groups([found[code] for code in codes[first[1 + order]].tolist()], cells, place[labels])
+
+
+def _coded(names: NDArray[np.str_]) -> tuple[list[str], NDArray[np.intp]]:
+    """The names that there are, in alphabetical order, and the index of each cell's name."""
+    flat = names.ravel()
+    # Only the first of neighbours with one name is compared with all others.
+    heads = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+    heads = np.concatenate([[0], heads])
+    found, codes = np.unique(flat[heads], return_inverse=True)
+    return found.tolist(), codes.repeat(np.diff(heads, append=flat.size)).reshape(names.shape)
+
+
+def _labels(codes: NDArray[np.intp], wanted: Sequence[int]) -> NDArray[np.intp]:
+    """A number over 0 for every cell with one of these codes, the same for connected cells of one code."""
+    if not wanted:
+        return np.zeros(codes.shape, np.intp)
+    # One plane beside the other, with a gap between them, because a call of the labelling costs more than its cells.
+    planes = np.zeros((*codes.shape[:-1], len(wanted), codes.shape[-1] + 1), bool)
+    planes[..., :-1] = codes[..., None, :] == np.array(wanted)[:, None]
+    flat = planes.reshape(*codes.shape[:-1], -1)
+    labels, _ = ndimage.label(flat, _FACES if codes.ndim == 3 else _ALL_NEIGHBOURS)
+    together: NDArray[np.intp] = labels.reshape(planes.shape)[..., :-1].max(axis=-2).astype(np.intp)
+    return together
 
 
 # Where the player is and what the cursor points at.
@@ -95,8 +132,10 @@ def _surroundings(seen: Observation, mode: TextMode) -> str:
     middle = NEAR // 2
     nearest: dict[str, tuple[float, str]] = {}
     blocks = seen.blocks[:, middle - BELOW :, :]
-    for name, cells in components(blocks, ignored=frozenset({"air"}), mode=mode):
-        x, y, z = (float(axis.sum() / len(cells)) for axis in np.unravel_index(cells, blocks.shape))
+    found = groups(blocks, ignored=frozenset({"air"}), mode=mode)
+    sizes = found.sizes
+    middles = [np.bincount(found.group, axis) / sizes for axis in np.unravel_index(found.cells, blocks.shape)]
+    for name, x, y, z in zip(found.names, *(axis.tolist() for axis in middles), strict=True):
         dx, dy, dz = x - middle, y - BELOW, z - middle
         distance = math.sqrt(dx**2 + dy**2 + dz**2)
         if distance and (name not in nearest or distance < nearest[name][0]):
@@ -132,11 +171,15 @@ def _seen_things(
 ) -> Iterator[str]:
     direction: Callable[[Observation, int], str] = _paper_direction if mode == "paper" else _true_direction
     distances = distances[1:]
-    for name, cells in components(names[1:].reshape(VIEW, VIEW), ignored=ignored, mode=mode):
-        nearest = int(cells[distances[cells].argmin()])
-        share = 100 * len(cells) / VIEW**2
-        distance = distances[nearest]
-        yield f" - {name}, {distance:.2f} blocks away, {direction(seen, nearest)}, taking {share:.0f}% of screen"
+    found = groups(names[1:].reshape(VIEW, VIEW), ignored=ignored, mode=mode)
+    # As above, in reverse: the nearest cell of each group is what remains, the first of several.
+    order = distances[found.cells].argsort(kind="stable")[::-1]
+    nearest = np.zeros(len(found.names), np.intp)
+    nearest[found.group[order]] = found.cells[order]
+    values = nearest.tolist(), distances[nearest].tolist(), found.sizes.tolist()
+    for name, cell, distance, size in zip(found.names, *values, strict=True):
+        share = 100 * size / VIEW**2
+        yield f" - {name}, {distance:.2f} blocks away, {direction(seen, cell)}, taking {share:.0f}% of screen"
 
 
 def _paper_direction(seen: Observation, cell: int) -> str:
