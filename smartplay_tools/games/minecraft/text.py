@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +29,12 @@ LONGEST = 200 + (NEAR**3 + 2 * VIEW**2) * (LONGEST_NAME + 80)
 
 CHARACTERS = "".join(map(chr, range(32, 127))) + "\n"
 
+_AROUND = (NEAR, NEAR // 2 + 1 + BELOW, NEAR)
+"""The blocks that are described, by x, y, z."""
+
+_PLACES = np.indices(_AROUND).reshape(3, -1).tolist()
+"""The coordinates of these blocks: for each axis a list by flat index."""
+
 _FACES = ndimage.generate_binary_structure(3, 1)
 _ALL_NEIGHBOURS = ndimage.generate_binary_structure(2, 2)
 
@@ -46,66 +51,46 @@ def describe(seen: Observation, mode: TextMode, action: str | None = None) -> st
     return ("" if action is None else f"You took action {action}.\n\n") + "\n".join(frame)
 
 
-@dataclass(frozen=True)
-class Groups:
-    """Connected groups of cells with equal names, in the order of their first cells."""
-
-    names: list[str]
-    cells: NDArray[np.intp]
-    """Flat indices of the cells of all groups, ascending."""
-    group: NDArray[np.intp]
-    """For each of these cells its group."""
-
-    @property
-    def sizes(self) -> NDArray[np.intp]:
-        """The number of cells of each group."""
-        return np.bincount(self.group)
-
-
-def groups(names: NDArray[np.str_], *, ignored: frozenset[str], mode: TextMode) -> Groups:
-    """Group the cells of an array of names.
+def components(names: NDArray[np.str_], *, ignored: frozenset[str], mode: TextMode) -> list[tuple[str, list[int]]]:
+    """Connected groups of equal names as (name, flat indices), in the order of their first cells.
 
     Blocks connect through faces, the view's cells also through corners. In `paper` mode the alphabetically first name
     is one group, connected or not, and comes first, because the labelling treats it as background.
     """
     found, codes = _coded(names)
     wanted = [code for code, name in enumerate(found) if name not in ignored]
-    background = mode == "paper" and 0 in wanted
-    labels = _labels(codes, wanted[background:]).ravel()
-    codes = codes.ravel()
-    if background:
-        labels[codes == 0] = labels.max() + 1
-    cells = np.flatnonzero(labels)
-    labels = labels[cells]
-    # NumPy assigns one after the other, so that in reverse the first cell of each group is what remains.
-    first = np.zeros(labels.max(initial=0) + 1, np.intp)
-    first[labels[::-1]] = cells[::-1]
-    order = np.append(first[1:-1], -1).argsort() if background else first[1:].argsort()
-    place = np.empty(len(first), np.intp)
-    place[1 + order] = np.arange(len(order))
-    return Groups([found[code] for code in codes[first[1 + order]].tolist()], cells, place[labels])
+    if not wanted:
+        return []
+    groups: dict[int, list[int]] = {}
+    if mode == "paper" and wanted[0] == 0:
+        groups[-1] = np.flatnonzero(codes == 0).tolist()
+        del wanted[0]
+    for cell, label in enumerate(_labels(codes, wanted).ravel().tolist() if wanted else ()):
+        if label:
+            groups.setdefault(label, []).append(cell)
+    code_of = codes.ravel()
+    return [(found[code_of[cells[0]]], cells) for cells in groups.values()]
 
 
 def _coded(names: NDArray[np.str_]) -> tuple[list[str], NDArray[np.intp]]:
     """The names that there are, in alphabetical order, and the index of each cell's name."""
     flat = names.ravel()
-    # Only the first of neighbours with one name is compared with all others.
-    heads = np.flatnonzero(flat[1:] != flat[:-1]) + 1
-    heads = np.concatenate([[0], heads])
-    found, codes = np.unique(flat[heads], return_inverse=True)
-    return found.tolist(), codes.repeat(np.diff(heads, append=flat.size)).reshape(names.shape)
+    # Neighbours often have the same name: only the first of each such run is looked up.
+    begins = np.ones(len(flat), bool)
+    np.not_equal(flat[1:], flat[:-1], out=begins[1:])
+    heads = flat[begins].tolist()
+    found = sorted(set(heads))
+    codes = {name: code for code, name in enumerate(found)}
+    return found, np.array([codes[name] for name in heads])[begins.cumsum() - 1].reshape(names.shape)
 
 
-def _labels(codes: NDArray[np.intp], wanted: Sequence[int]) -> NDArray[np.intp]:
+def _labels(codes: NDArray[np.intp], wanted: Sequence[int]) -> NDArray[np.int32]:
     """A number over 0 for every cell with one of these codes, the same for connected cells of one code."""
-    if not wanted:
-        return np.zeros(codes.shape, np.intp)
     # One plane beside the other, with a gap between them, because a call of the labelling costs more than its cells.
     planes = np.zeros((*codes.shape[:-1], len(wanted), codes.shape[-1] + 1), bool)
-    planes[..., :-1] = codes[..., None, :] == np.array(wanted)[:, None]
-    flat = planes.reshape(*codes.shape[:-1], -1)
-    labels, _ = ndimage.label(flat, _FACES if codes.ndim == 3 else _ALL_NEIGHBOURS)
-    together: NDArray[np.intp] = labels.reshape(planes.shape)[..., :-1].max(axis=-2).astype(np.intp)
+    np.equal(codes[..., None, :], np.array(wanted)[:, None], out=planes[..., :-1])
+    labels, _ = ndimage.label(planes.reshape(*codes.shape[:-1], -1), _FACES if codes.ndim == 3 else _ALL_NEIGHBOURS)
+    together: NDArray[np.int32] = labels.reshape(planes.shape)[..., :-1].max(axis=-2)
     return together
 
 
@@ -132,10 +117,8 @@ def _surroundings(seen: Observation, mode: TextMode) -> str:
     middle = NEAR // 2
     nearest: dict[str, tuple[float, str]] = {}
     blocks = seen.blocks[:, middle - BELOW :, :]
-    found = groups(blocks, ignored=frozenset({"air"}), mode=mode)
-    sizes = found.sizes
-    middles = [np.bincount(found.group, axis) / sizes for axis in np.unravel_index(found.cells, blocks.shape)]
-    for name, x, y, z in zip(found.names, *(axis.tolist() for axis in middles), strict=True):
+    for name, cells in components(blocks, ignored=frozenset({"air"}), mode=mode):
+        x, y, z = (sum(map(axis.__getitem__, cells)) / len(cells) for axis in _PLACES)
         dx, dy, dz = x - middle, y - BELOW, z - middle
         distance = math.sqrt(dx**2 + dy**2 + dz**2)
         if distance and (name not in nearest or distance < nearest[name][0]):
@@ -170,16 +153,11 @@ def _seen_things(
     seen: Observation, names: NDArray[np.str_], distances: NDArray[np.float32], ignored: frozenset[str], mode: TextMode
 ) -> Iterator[str]:
     direction: Callable[[Observation, int], str] = _paper_direction if mode == "paper" else _true_direction
-    distances = distances[1:]
-    found = groups(names[1:].reshape(VIEW, VIEW), ignored=ignored, mode=mode)
-    # As above, in reverse: the nearest cell of each group is what remains, the first of several.
-    order = distances[found.cells].argsort(kind="stable")[::-1]
-    nearest = np.zeros(len(found.names), np.intp)
-    nearest[found.group[order]] = found.cells[order]
-    values = nearest.tolist(), distances[nearest].tolist(), found.sizes.tolist()
-    for name, cell, distance, size in zip(found.names, *values, strict=True):
-        share = 100 * size / VIEW**2
-        yield f" - {name}, {distance:.2f} blocks away, {direction(seen, cell)}, taking {share:.0f}% of screen"
+    far = distances[1:].tolist()
+    for name, cells in components(names[1:].reshape(VIEW, VIEW), ignored=ignored, mode=mode):
+        nearest = min(cells, key=far.__getitem__)
+        share = 100 * len(cells) / VIEW**2
+        yield f" - {name}, {far[nearest]:.2f} blocks away, {direction(seen, nearest)}, taking {share:.0f}% of screen"
 
 
 def _paper_direction(seen: Observation, cell: int) -> str:
