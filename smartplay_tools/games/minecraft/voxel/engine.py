@@ -93,7 +93,7 @@ class VoxelEngine:
         self._world.prepare(x, z)
         names = blocks.NAMES[self._text]
         fan, eye = _fan(self._yaw, self._text), (p.x, p.y + EYES, p.z)
-        hits, block_distances = fan.hit_blocks(self._world.blocks, eye)
+        hits, block_distances = fan.hit_blocks(self._world.blocks, eye, self._world.top)
         species, low, high = animals.animals_near(self._world, x, z, self._time)
         hit, entity_distances = hit_boxes(low, high, eye, fan.directions, block_distances)
         return Observation(

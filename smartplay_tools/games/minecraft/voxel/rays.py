@@ -28,7 +28,9 @@ _NEAR = 16.0
 """Blocks from the eye. A ray that has hit something nearer is left out of the second stage."""
 
 _NEVER = 1e6
-"""A parallel ray gets planes that are this far away, behind every range."""
+"""A distance behind every range: that of the planes of a parallel ray, and of what is not hit."""
+
+_AIR = int(Block.AIR)
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ class Fan:
         slopes = directions.T.copy()
         moves = np.abs(slopes) > _PARALLEL
         along = np.where(moves, slopes, np.float32(1))
+        self._rise = slopes[1].astype(np.float64)
         self._constants = np.stack([slopes, along, (along < 0).astype(np.float32)])
         self._stages: list[_Stage] = []
         first = [0, 0, 0]
@@ -60,8 +63,8 @@ class Fan:
             reach = (np.where(moves, np.abs(slopes), 0) * np.minimum(ranges, far)).max(axis=1)
             last = [int(r) + 2 if r else 0 for r in reach.tolist()]
             axis = np.repeat(np.arange(3), np.subtract(last, first))
-            number = np.concatenate([np.arange(*span, dtype=np.float32) for span in zip(first, last, strict=True)])
-            planes = np.where(along[axis] > 0, number[:, None] + 1, -number[:, None])
+            number = np.concatenate([np.arange(*span) for span in zip(first, last, strict=True)])[:, None]
+            planes = np.where(along[axis] > 0, number + 1, -number).astype(np.float32)
             planes[~moves[axis]] = _NEVER
             borders = np.searchsorted(axis, range(4)).tolist()
             spans = tuple(slice(*span) for span in itertools.pairwise(borders))
@@ -69,15 +72,18 @@ class Fan:
             first = last
 
     def hit_blocks(
-        self, blocks: NDArray[np.uint8], eye: tuple[float, float, float]
+        self, blocks: NDArray[np.uint8], eye: tuple[float, float, float], top: int = HEIGHT - 1
     ) -> tuple[NDArray[np.uint8], Floats]:
         """The block that each ray hits (air for none) and how far away (the range for none).
 
-        `blocks` is the window of a `World`. Water and plants are hit like anything else.
+        `blocks` is the window of a `World`, which has only air above its layer `top`. Water and plants are hit like
+        anything else.
         """
+        # A layer more, against rounding; and a ray that does not rise may come from above.
+        sky = max(BOTTOM + top + 2 - eye[1], 1.0)
         hits, distances, axes = np.zeros(len(self.ranges), np.uint8), self.ranges.copy(), np.full(len(self.ranges), -1)
         for stage in self._stages:
-            rays = np.flatnonzero(distances > stage.near)
+            rays = np.flatnonzero((distances > stage.near) & (self._rise * stage.near < sky))
             if not len(rays):
                 break
             block, distance, axis = self._first(stage, rays, blocks.reshape(-1), eye)
@@ -112,17 +118,18 @@ class Fan:
         cells += corner
         cells[::2] &= SIDE - 1
         x, y, z = cells
-        outside = y.view(np.uint32) >= HEIGHT
+        free = y.view(np.uint32) >= HEIGHT
         x *= SIDE
         x += z
         x *= HEIGHT
         x += y
         found = flat.take(x, mode="clip")
-        outside |= found == Block.AIR
-        reached[outside] = np.inf
-        nearest = reached.argmin(axis=0)
+        free |= found == _AIR
+        # The sum is faster than an assignment where it is free.
+        nearest = (reached + free * np.float32(_NEVER)).argmin(axis=0)
         each = np.arange(len(rays))
-        return found[nearest, each], reached[nearest, each], stage.axis[nearest]
+        distance = np.where(free[nearest, each], np.float32(np.inf), reached[nearest, each])
+        return found[nearest, each], distance, stage.axis[nearest]
 
 
 def hit_blocks(

@@ -93,6 +93,7 @@ class World:
         flat: the same bytes in a row, for reading single cells.
         biome: biome id by [x, z].
         ground: the highest block of the ground by [x, z], in the window's layers.
+        top: the highest layer that anything generated so far reaches.
     """
 
     def __init__(self, seed: int) -> None:
@@ -101,6 +102,7 @@ class World:
         self.flat = memoryview(self.blocks.data).cast("B")
         self.biome = np.zeros((SIDE, SIDE), np.uint8)
         self.ground = np.zeros((SIDE, SIDE), np.int16)
+        self.top = 0
         self._present: dict[tuple[int, int], tuple[int, int]] = {}
         self._prepared: tuple[int, ...] = ()
 
@@ -158,6 +160,7 @@ class World:
         _plant_trees(columns, biome, ground, hashed(self.seed, _TREE_SALT, xs, zs))
         shrubs = hashed(self.seed, _SHRUB_SALT, xs[reach:-reach], zs[:, reach:-reach])
         _plant_shrubs(columns, biome[inner], ground[inner], shrubs)
+        self.top = max(self.top, int(np.flatnonzero(columns.reshape(-1, HEIGHT).max(axis=0))[-1]))
         i, j = (np.arange(x, x + wide) & _MASK)[:, None], (np.arange(z, z + deep) & _MASK)[None, :]
         self.blocks[i, j], self.biome[i, j], self.ground[i, j] = columns, biome[inner], ground[inner]
 
