@@ -8,7 +8,7 @@ directions from the rays and groups all blocks alike. The text is otherwise the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,43 +55,60 @@ def components(names: NDArray[np.str_], *, ignored: frozenset[str], mode: TextMo
     """Connected groups of equal names as (name, flat indices), in the order of their first cells.
 
     Blocks connect through faces, the view's cells also through corners. In `paper` mode the alphabetically first name
-    is one group, connected or not, and comes first, because the labelling treats it as background.
+    is one group, connected or not, and comes first, because the original's labelling treats it as background.
     """
-    found, codes = _coded(names)
-    wanted = [code for code, name in enumerate(found) if name not in ignored]
-    if not wanted:
-        return []
-    groups: dict[int, list[int]] = {}
-    if mode == "paper" and wanted[0] == 0:
-        groups[-1] = np.flatnonzero(codes == 0).tolist()
-        del wanted[0]
-    for cell, label in enumerate(_labels(codes, wanted).ravel().tolist() if wanted else ()):
-        if label:
-            groups.setdefault(label, []).append(cell)
-    code_of = codes.ravel()
-    return [(found[code_of[cells[0]]], cells) for cells in groups.values()]
+    runs = _runs(names)
+    background = min(runs)[0] if mode == "paper" else None
+    groups: dict[int, tuple[str, list[int]]] = {}
+    if background is not None and background not in ignored:
+        groups[-1] = background, [cell for name, begin, end in runs if name == background for cell in range(begin, end)]
+    runs = [run for run in runs if run[0] not in ignored and run[0] != background]
+    for (name, begin, end), number in zip(runs, _connected(runs, names.shape), strict=True):
+        groups.setdefault(number, (name, []))[1].extend(range(begin, end))
+    return list(groups.values())
 
 
-def _coded(names: NDArray[np.str_]) -> tuple[list[str], NDArray[np.intp]]:
-    """The names that there are, in alphabetical order, and the index of each cell's name."""
-    flat = names.ravel()
-    # Neighbours often have the same name: only the first of each such run is looked up.
-    begins = np.ones(len(flat), bool)
-    np.not_equal(flat[1:], flat[:-1], out=begins[1:])
-    heads = flat[begins].tolist()
-    found = sorted(set(heads))
-    codes = {name: code for code, name in enumerate(found)}
-    return found, np.array([codes[name] for name in heads])[begins.cumsum() - 1].reshape(names.shape)
+_Run = tuple[str, int, int]
+"""A name and the flat indices of the first of its cells in a row, and of the first that follows them."""
 
 
-def _labels(codes: NDArray[np.intp], wanted: Sequence[int]) -> NDArray[np.int32]:
-    """A number over 0 for every cell with one of these codes, the same for connected cells of one code."""
-    # One plane beside the other, with a gap between them, because a call of the labelling costs more than its cells.
-    planes = np.zeros((*codes.shape[:-1], len(wanted), codes.shape[-1] + 1), bool)
-    np.equal(codes[..., None, :], np.array(wanted)[:, None], out=planes[..., :-1])
-    labels, _ = ndimage.label(planes.reshape(*codes.shape[:-1], -1), _FACES if codes.ndim == 3 else _ALL_NEIGHBOURS)
-    together: NDArray[np.int32] = labels.reshape(planes.shape)[..., :-1].max(axis=-2)
-    return together
+def _runs(names: NDArray[np.str_]) -> list[_Run]:
+    """The equal neighbours along the last axis, in order. There are few, which makes what follows fast."""
+    begins = np.ones(names.shape, bool)
+    np.not_equal(names[..., 1:], names[..., :-1], out=begins[..., 1:])
+    first = np.flatnonzero(begins)
+    at = first.tolist()
+    return list(zip(names.ravel()[first].tolist(), at, [*at[1:], names.size], strict=True))
+
+
+def _connected(runs: list[_Run], shape: tuple[int, ...]) -> list[int]:
+    """For each run the number of the first run to which it is connected, directly or by way of others."""
+    rows, width, corners = shape[-2], shape[-1], len(shape) == 2
+    groups = list(range(len(runs)))
+    by_row: dict[int, list[tuple[str, int, int, int]]] = {}
+    for number, (name, begin, end) in enumerate(runs):
+        row = begin // width
+        by_row.setdefault(row, []).append((name, begin, end, number))
+        # The rows beside it that have been seen, one at most in each direction.
+        before = [(row - 1, width)] if row % rows else []
+        if row >= rows:
+            before.append((row - rows, rows * width))
+        for earlier, offset in before:
+            low, high = begin - offset - corners, end - offset + corners
+            for its_name, its_begin, its_end, other in by_row.get(earlier, ()):
+                if its_begin < high and low < its_end and its_name == name:
+                    one, two = _first(groups, number), _first(groups, other)
+                    if one < two:
+                        groups[two] = one
+                    else:
+                        groups[one] = two
+    return [_first(groups, number) for number in range(len(runs))]
+
+
+def _first(groups: list[int], number: int) -> int:
+    while groups[number] != number:
+        number = groups[number]
+    return number
 
 
 # Where the player is and what the cursor points at.
