@@ -57,10 +57,11 @@ class VoxelEngine:
         sine, cosine = heading(self._yaw)
         player.tick(None, sine, cosine)
         self._time += 1
+        column = None
         for stride in strides:
             player.tick(stride, sine, cosine)
             self._time += 1
-            if self._biome() in goal.biomes:
+            if column != (column := (math.floor(player.x), math.floor(player.z))) and self._biome() in goal.biomes:
                 break
         return self._observe()
 

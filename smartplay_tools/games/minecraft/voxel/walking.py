@@ -23,6 +23,8 @@ _JUMP, _SPRINT_JUMP_PUSH = 0.42, 0.2
 _WALK, _IN_AIR, _IN_WATER, _SPRINT = 0.1, 0.02, 0.02, 1.3
 _AIR_DRAG, _WATER_DRAG = 0.91, 0.8
 _GROUND_DRAG, _ICE_DRAG = 0.6 * _AIR_DRAG, 0.98 * _AIR_DRAG
+_ON_GROUND, _ON_ICE = ((drag, _WALK * _GROUND_DRAG**3 / drag**3) for drag in (_GROUND_DRAG, _ICE_DRAG))
+"""Drag and push: the push is adapted to the drag, so starting on ice is slow."""
 _SWIM_UP, _SINK, _CLIMB_OUT, _CLIMB_REACH = 0.04, 0.02, 0.3, 0.6
 _INPUT = 0.98
 _TWO_INPUTS = math.sqrt(_INPUT * _INPUT + _INPUT * _INPUT)
@@ -43,25 +45,39 @@ class Walker:
 
     def tick(self, stride: Stride | None, sine: float, cosine: float) -> None:
         """Move for a tick, with "forward" and the stride's keys held, or with none; `sine, cosine` are the yaw's."""
-        if -_STANDSTILL < self.vx < _STANDSTILL:
-            self.vx = 0.0
-        if -_STANDSTILL < self.vy < _STANDSTILL:
-            self.vy = 0.0
-        if -_STANDSTILL < self.vz < _STANDSTILL:
-            self.vz = 0.0
+        vx = 0.0 if -_STANDSTILL < self.vx < _STANDSTILL else self.vx
+        vy = 0.0 if -_STANDSTILL < self.vy < _STANDSTILL else self.vy
+        vz = 0.0 if -_STANDSTILL < self.vz < _STANDSTILL else self.vz
         flat, column, before = self.world.flat, _column(floor(self.x), floor(self.z)), self.y
-        wet = flat[column + floor(before + 0.4)] == _WATER
-        self._jump_or_sprint(stride, wet, sine, cosine)
+        wet, grounded = flat[column + floor(before + 0.4)] == _WATER, self.grounded
+        # The keys "jump" and "sprint".
+        if stride is None:
+            self.sprinting = False
+        elif not stride.jump:
+            self.sprinting = True
+        elif grounded and not wet:
+            vy = _JUMP
+            if self.sprinting:
+                vx -= sine * _SPRINT_JUMP_PUSH
+                vz += cosine * _SPRINT_JUMP_PUSH
+        # What holds the body, and how much the keys of direction push it there.
         if wet:
-            self.vy += _SWIM_UP
-            drag = _WATER_DRAG
-        elif self.grounded:
-            drag = _ICE_DRAG if SLIPPERY[flat[column + floor(before - 1)]] else _GROUND_DRAG
+            vy += _SWIM_UP
+            drag, push = _WATER_DRAG, _IN_WATER
         else:
-            drag = _AIR_DRAG
+            if grounded:
+                drag, push = _ON_ICE if SLIPPERY[flat[column + floor(before - 1)]] else _ON_GROUND
+            else:
+                drag, push = _AIR_DRAG, _IN_AIR
+            if self.sprinting:
+                push *= _SPRINT
         if stride is not None:
-            self._push(stride.left, wet, drag, sine, cosine)
-        stopped = self._move()
+            if stride.left:
+                push /= _TWO_INPUTS
+            left = stride.left * _INPUT
+            vx += push * (left * cosine - _INPUT * sine)
+            vz += push * (_INPUT * cosine + left * sine)
+        stopped = self._move(vx, vy, vz)
         if stopped:
             self.sprinting = False
         self.vx *= drag
@@ -73,44 +89,18 @@ class Walker:
         else:
             self.vy = (self.vy - _GRAVITY) * _FALL_DRAG
 
-    def _jump_or_sprint(self, stride: Stride | None, wet: bool, sine: float, cosine: float) -> None:
-        if stride is None:
-            self.sprinting = False
-        elif not stride.jump:
-            self.sprinting = True
-        elif self.grounded and not wet:
-            self.vy = _JUMP
-            if self.sprinting:
-                self.vx -= sine * _SPRINT_JUMP_PUSH
-                self.vz += cosine * _SPRINT_JUMP_PUSH
-
-    def _push(self, left: int, wet: bool, drag: float, sine: float, cosine: float) -> None:
-        """Accelerate. On the ground the push is adapted to the drag, so starting on ice is slow."""
-        if wet:
-            push = _IN_WATER
-        else:
-            push = _WALK * _GROUND_DRAG**3 / drag**3 if self.grounded else _IN_AIR
-            if self.sprinting:
-                push *= _SPRINT
-        if left:
-            push /= _TWO_INPUTS
-        aside = left * _INPUT
-        self.vx += push * (aside * cosine - _INPUT * sine)
-        self.vz += push * (_INPUT * cosine + aside * sine)
-
-    def _move(self) -> bool:
-        """Move by the velocity, stopping at solid blocks: up or down, along x, along z. Return whether a side did.
+    def _move(self, vx: float, vy: float, vz: float) -> bool:
+        """Move by a velocity, stopping at solid blocks: up or down, along x, along z. Return whether a side did.
 
         The body is in no solid block, and a tick moves it by less than a block along x and z. So blocks can stop it
         only in a row of cells that it enters.
         """
-        x, z, vx, vz = self.x, self.z, self.vx, self.vz
+        x, z = self.x, self.z
         west, east, north, south = *_cells(x), *_cells(z)
-        wanted = self.y + self.vy
+        wanted = self.y + vy
         self.y = y = self._reach_y(wanted, west, east, north, south)
-        self.grounded = y != wanted and self.vy < 0
-        if y != wanted:
-            self.vy = 0.0
+        self.grounded = y != wanted and vy < 0
+        self.vx, self.vy, self.vz = vx, vy if y == wanted else 0.0, vz
         stopped = False
         if vx:
             wanted = x + vx
@@ -125,8 +115,7 @@ class Walker:
                 self.x, west, east = wanted, first, last
         if vz:
             wanted = z + vz
-            first, last = _cells(wanted)
-            edge = last if vz > 0 else first
+            edge = floor(wanted + HALF_WIDTH - _SKIN) if vz > 0 else floor(wanted - HALF_WIDTH + _SKIN)
             if not north <= edge <= south and self._is_solid(west, east, edge, edge, *_layers(y)):
                 self.z = _beside(edge, z)
                 if self.z != wanted:
