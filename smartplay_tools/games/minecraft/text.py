@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from smartplay_tools.games.minecraft.observation import NEAR, VIEW, VIEW_STEP, Observation, TextMode
 
@@ -34,9 +33,6 @@ _AROUND = (NEAR, NEAR // 2 + 1 + BELOW, NEAR)
 
 _PLACES = np.indices(_AROUND).reshape(3, -1).tolist()
 """The coordinates of these blocks: for each axis a list by flat index."""
-
-_FACES = ndimage.generate_binary_structure(3, 1)
-_ALL_NEIGHBOURS = ndimage.generate_binary_structure(2, 2)
 
 
 def describe(seen: Observation, mode: TextMode, action: str | None = None) -> str:
@@ -82,7 +78,10 @@ def _runs(names: NDArray[np.str_]) -> list[_Run]:
 
 
 def _connected(runs: list[_Run], shape: tuple[int, ...]) -> list[int]:
-    """For each run the number of the first run to which it is connected, directly or by way of others."""
+    """For each run the number of the first run to which it is connected, directly or by way of others.
+
+    Arrays this small have few runs: calls of SciPy's labelling, made for pictures, take longer than this loop.
+    """
     rows, width, corners = shape[-2], shape[-1], len(shape) == 2
     groups = list(range(len(runs)))
     by_row: dict[int, list[tuple[str, int, int, int]]] = {}
@@ -106,6 +105,7 @@ def _connected(runs: list[_Run], shape: tuple[int, ...]) -> list[int]:
 
 
 def _first(groups: list[int], number: int) -> int:
+    """The first run of a group: every other one points to an earlier one."""
     while groups[number] != number:
         number = groups[number]
     return number
