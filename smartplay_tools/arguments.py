@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 __all__ = ["DEEPEST", "Arguments", "as_text", "canonical", "read"]
@@ -45,7 +45,7 @@ def read(arguments: Any) -> Arguments:
         return _read(text)
     known = _read_again(text)
     # Whoever gets the values may change them; what is remembered is for all episodes.
-    return replace(known, values=dict(known.values)) if known.values else known
+    return Arguments(known.text, known.canonical, dict(known.values), None) if known.values else known
 
 
 def _read(text: str) -> Arguments:

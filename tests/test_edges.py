@@ -346,6 +346,58 @@ class TestConcurrency:
         for _ in range(10):
             assert len(asyncio.run(play())) == 20
 
+    def test_slow_steps_of_many_episodes_wait_at_the_same_time(self):
+        async def play(episodes: list[sp.Episode]) -> float:
+            for episode in episodes:
+                episode.game.advance = lambda action, advance=episode.game.advance: time.sleep(0.2) or advance(action)
+            began = time.perf_counter()
+            await asyncio.gather(*(episode.acall("act", {"action": "1"}) for episode in episodes))
+            return time.perf_counter() - began
+
+        episodes = [sp.Episode(RPS, seed=seed, tokenizer="approximate") for seed in range(8)]
+        assert asyncio.run(play(episodes)) < 8 * 0.2 / 2
+        assert [episode.stats.steps for episode in episodes] == [1] * 8
+
+    def test_a_call_that_is_cancelled_while_it_waits_is_not_played(self):
+        async def play(episode: sp.Episode) -> int:
+            advance, begun = episode.game.advance, threading.Event()
+
+            def slow(action: int):
+                begun.set()
+                time.sleep(0.1)
+                return advance(action)
+
+            episode.game.advance = slow
+            first, second, third = [asyncio.ensure_future(episode.acall("act", {"action": "1"})) for _ in range(3)]
+            await asyncio.to_thread(begun.wait)
+            second.cancel()
+            assert (await third).data["step"] == 2
+            assert second.cancelled()
+            return (await first).data["step"]
+
+        with sp.Episode(RPS, seed=1, tokenizer="approximate") as episode:
+            assert asyncio.run(play(episode)) == 1
+            assert episode.stats.steps == 2
+
+    def test_an_event_loop_that_ends_while_a_call_is_played_leaves_the_episode_usable(self):
+        async def leave(episode: sp.Episode) -> None:
+            advance, begun = episode.game.advance, threading.Event()
+
+            def slow(action: int):
+                begun.set()
+                time.sleep(0.1)
+                return advance(action)
+
+            episode.game.advance = slow
+            call = asyncio.ensure_future(episode.acall("act", {"action": "1"}))
+            await asyncio.to_thread(begun.wait)
+            call.cancel()
+
+        with sp.Episode(RPS, seed=1, tokenizer="approximate") as episode:
+            asyncio.run(leave(episode))
+            again = asyncio.run(episode.acall("act", {"action": "1"}))
+            assert again.data["step"] == 2
+
     def test_many_episodes_share_few_threads(self):
         async def play() -> int:
             episodes = [sp.Episode(RPS, seed=seed, tokenizer="approximate") for seed in range(200)]

@@ -8,10 +8,8 @@ prompts and receives the replies.
 
 from __future__ import annotations
 
-import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass
 from itertools import compress, count
 from operator import is_not
@@ -267,25 +265,9 @@ class BaseConversation(ABC):
         """
         if self._is_warm and not self.episode.game.is_slow:
             return function()
-        result = await in_thread(self.episode, function)
+        result = await self.episode.queue.run_to_end(function)
         self._is_warm = True
         return result
-
-
-async def in_thread(episode: Episode, function: Callable[[], T]) -> T:
-    """Run a function in one of the shared threads, in the episode's order.
-
-    If the waiting task is cancelled after the function has begun, it still waits for the function to end, because a
-    thread cannot be stopped.
-    """
-    future: Future[T] = episode.queue.submit(function)
-    waiting = asyncio.wrap_future(future)
-    try:
-        return await asyncio.shield(waiting)
-    except asyncio.CancelledError:
-        if not future.cancel():
-            await asyncio.wait([waiting])
-        raise
 
 
 def checked_usage(usage: Usage | None) -> dict[str, Any] | None:

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, TypeAlias, get_args, runtime_checkable
 
-from smartplay_tools.conversation.base import BaseConversation, CheckedReply, in_thread
+from smartplay_tools.conversation.base import BaseConversation, CheckedReply
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.conversation.session import Conversation
 from smartplay_tools.episode.config import ProtocolName, check_choice
@@ -80,7 +80,8 @@ async def aplay(
 ) -> EpisodeResult:
     """Play an episode on a running event loop; slow games, and players that are not asynchronous, run in threads."""
     conversation = _attach(episode, player, protocol)
-    while (prompt := await in_thread(conversation.episode, lambda: _next_prompt(conversation, on_prompt))) is not None:
+    queue = conversation.episode.queue
+    while (prompt := await queue.run_to_end(lambda: _next_prompt(conversation, on_prompt))) is not None:
         try:
             if isinstance(player, AsyncPlayer):
                 reply = _checked(await player.areply(prompt))

@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any, Literal, Self, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
@@ -21,6 +21,9 @@ from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
+
+if TYPE_CHECKING:
+    from smartplay_tools.games.base import TextGame
 
 ManualMode = Literal["tool", "pinned", "none"]
 BatchPolicy = Literal["all", "first_act"]
@@ -116,6 +119,12 @@ class CellConfig(Rules):
         """The setting: the rules as registered here, with the numbers of this config."""
         setting = self.setting
         return replace(get_spec(self.game), history=setting.history, rollout=setting.rollout, kwargs=setting.kwargs)
+
+    def make_game(self, spec: GameSpec) -> TextGame:
+        """Build the game, before its first reset. `spec` is the setting, which need not be registered."""
+        engine = {} if self.engine is None else {"engine": self.engine}
+        history = spec.history if self.budget.history == "game" else self.budget.history
+        return spec.make(**self.options, **engine, history=history)
 
     def to_json(self) -> dict[str, Any]:
         """Return the config as plain data, without fields at their defaults."""

@@ -40,7 +40,7 @@ from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.tokens import TokenCounter, Tokenizer
 from smartplay_tools.transcript.events import FORMAT, Event
-from smartplay_tools.transcript.file import TranscriptWriter
+from smartplay_tools.transcript.file import Sink, TranscriptWriter
 from smartplay_tools.types import Budget, EndReason, EpisodeResult, Progress, ToolCall, ToolResult, ToolSpec
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Episode:
         config: EpisodeConfig,
         *,
         tokenizer: str | Tokenizer | None = None,
-        transcript: str | Path | list[Event] | None = None,
+        transcript: Sink | None = None,
     ) -> Self:
         """Return the episode of a config; `tokenizer` is required if the config names a tokenizer object of yours."""
         counter = TokenCounter(config.tokenizer if tokenizer is None else tokenizer)
@@ -118,15 +118,13 @@ class Episode:
         config: EpisodeConfig,
         spec: GameSpec,
         counter: TokenCounter,
-        transcript: str | Path | list[Event] | None,
+        transcript: Sink | None,
     ) -> None:
         self.config = config
         """Everything that determines this episode."""
         self.spec, self.counter = spec, counter
-        options = dict(config.options) if config.engine is None else {**config.options, "engine": config.engine}
-        history = spec.history if config.budget.history == "game" else config.budget.history
         began = time.perf_counter()
-        self.game = spec.make(**options, history=history)
+        self.game = config.make_game(spec)
         try:
             self.game.reset(seed=config.seed)
             self._session = GameSession(spec, self.game, config.budget, counter, config.manual, config.context)
@@ -191,9 +189,7 @@ class Episode:
 
     async def acall(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
         """Answer one call in a shared thread; the calls of an episode are answered in the order of their arrival."""
-        import asyncio
-
-        return await asyncio.wrap_future(self.queue.submit(lambda: self.call(name, arguments, call_id)))
+        return await self.queue.run(lambda: self.call(name, arguments, call_id))
 
     def functions(self) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
         """Return the game's tools as plain annotated, documented functions: observe, act, read_manual."""

@@ -2,6 +2,10 @@
 
 A game's step may take milliseconds or wait for another process, so it must not run on an event loop. One thread per
 episode would be too many for ten thousand episodes; here a call that waits for its turn occupies no thread.
+
+Where thousands of calls wait, handing them over would cost more than most games' steps. So a thread that has run a
+function takes the next one itself, and results go back to an event loop in batches: as many as there are when it comes
+to look, after one wake-up.
 """
 
 from __future__ import annotations
@@ -9,55 +13,211 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
+from weakref import WeakKeyDictionary
+
+if TYPE_CHECKING:
+    import asyncio
+    from concurrent.futures import ThreadPoolExecutor
+
+T = TypeVar("T")
 
 THREADS = 16
-"""How many threads all episodes of a process share."""
+"""How many threads all episodes of a process share at most."""
 
-_pool: ThreadPoolExecutor | None = None
-_pool_lock = threading.Lock()
+PATIENCE = 0.02
+"""Seconds: most games' functions take a hundredth of it."""
 
 
 class SerialQueue:
-    """Runs functions in the shared threads, one at a time, in the order in which they were submitted."""
+    """Runs functions in the shared threads, one at a time, in the order in which they were given."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._waiting: deque[tuple[Future[Any], Callable[[], Any]]] = deque()
+        self._waiting: deque[_Job] = deque()
         self._is_running = False
 
-    def submit(self, function: Callable[[], Any]) -> Future[Any]:
-        """Return the future of a function; one that is cancelled before it has begun is not run."""
-        future: Future[Any] = Future()
-        with self._lock:
-            self._waiting.append((future, function))
+    async def run(self, function: Callable[[], T]) -> T:
+        """Return the result of a function; it is not run if the waiting task is cancelled before it has begun.
+
+        A task that is cancelled later leaves at once, and the function runs to its end, because a thread cannot be
+        stopped.
+        """
+        result: T = await self._submit(function).waiter
+        return result
+
+    async def run_to_end(self, function: Callable[[], T]) -> T:
+        """Do what `run` does; but a task that is cancelled after the function has begun still waits for its end."""
+        import asyncio
+
+        job = self._submit(function)
+        try:
+            result: T = await asyncio.shield(job.waiter)
+        except asyncio.CancelledError:
+            if not job.cancel():
+                await asyncio.wait([job.waiter])
+            raise
+        return result
+
+    def _submit(self, function: Callable[[], Any]) -> _Job:
+        job = _Job(function)
+        with _LOCK:
+            self._waiting.append(job)
             if self._is_running:
-                return future
+                return job
             self._is_running = True
-        _shared_pool().submit(self._run_next)
-        return future
+        _SHARED.add(self)
+        return job
 
-    def _run_next(self) -> None:
-        with self._lock:
-            future, function = self._waiting.popleft()
-        if future.set_running_or_notify_cancel():
-            try:
-                result = function()
-            except BaseException as error:
-                future.set_exception(error)
-            else:
-                future.set_result(result)
-        with self._lock:
-            if not self._waiting:
-                self._is_running = False
+    def run_next(self) -> bool:
+        """Run the first function that waits; return whether others wait behind it."""
+        with _LOCK:
+            job = self._waiting.popleft()
+        job.run()
+        with _LOCK:
+            self._is_running = bool(self._waiting)
+            return self._is_running
+
+
+class _Job:
+    """A function that waits for a thread, and the future of the event loop that waits for it."""
+
+    def __init__(self, function: Callable[[], Any]) -> None:
+        from asyncio import get_running_loop  # loaded with the first call that needs it
+
+        self.loop = get_running_loop()
+        self.waiter: asyncio.Future[Any] = self.loop.create_future()
+        self._function = function
+        self._has_begun = self._is_cancelled = False
+
+    def cancel(self) -> bool:
+        """Cancel the function, unless it has begun; return whether it never will."""
+        with _LOCK:
+            self._is_cancelled = not self._has_begun
+            return self._is_cancelled
+
+    def run(self) -> None:
+        with _LOCK:
+            if self._is_cancelled or self.waiter.cancelled():
                 return
-        _shared_pool().submit(self._run_next)  # behind the calls of other episodes
+            self._has_begun = True
+        result, error = None, None
+        try:
+            result = self._function()
+        except BaseException as raised:
+            error = raised
+        _mailbox(self.loop).put(self.waiter, result, error)
 
 
-def _shared_pool() -> ThreadPoolExecutor:
-    global _pool
-    with _pool_lock:
-        if _pool is None:
-            _pool = ThreadPoolExecutor(THREADS, thread_name_prefix="smartplay")
-        return _pool
+class _Mailbox:
+    """What has come back for the futures of one event loop; the loop is woken once for everything that is in it."""
+
+    def __init__(self) -> None:
+        self._results: list[tuple[asyncio.Future[Any], Any, BaseException | None]] = []
+
+    def put(self, waiter: asyncio.Future[Any], result: Any, error: BaseException | None) -> None:
+        with _LOCK:
+            self._results.append((waiter, result, error))
+            if len(self._results) > 1:
+                return
+        try:
+            waiter.get_loop().call_soon_threadsafe(self._hand_out)
+        except RuntimeError:  # the loop is closed, and nobody waits
+            with _LOCK:
+                self._results.clear()
+
+    def _hand_out(self) -> None:
+        with _LOCK:
+            results, self._results = self._results, []
+        for waiter, result, error in results:
+            if waiter.done():
+                continue
+            if error is None:
+                waiter.set_result(result)
+            else:
+                waiter.set_exception(error)
+
+
+class _SharedThreads:
+    """The threads of all episodes; each takes one function of a queue after the other until none waits.
+
+    Python runs one thread at a time, and threads that compete for it slow each other down. So one thread does all the
+    work as long as it gets on, and another one stands by. It joins in when no function has begun for `PATIENCE`
+    seconds, because those that run wait for something else than Python, and then the next one stands by.
+    """
+
+    def __init__(self) -> None:
+        self._pool: ThreadPoolExecutor | None = None
+        self._ready: deque[SerialQueue] = deque()
+        self._call = threading.Condition(_LOCK)
+        self._threads = self._running = self._begun = 0
+        """How many threads there are, how many of them run a function, and how many functions have begun in all."""
+
+    def add(self, queue: SerialQueue) -> None:
+        """Have the functions of a queue run, behind those of the other queues."""
+        with _LOCK:
+            self._ready.append(queue)
+            if not self._running:
+                self._call.notify()
+            is_missing = self._adds_thread()
+        if is_missing:
+            self._start_thread()
+
+    def _adds_thread(self) -> bool:
+        """Count another thread if all of them are busy and there may be more; the caller starts it."""
+        adds = self._threads == self._running < THREADS
+        self._threads += adds
+        return adds
+
+    def _start_thread(self) -> None:
+        from concurrent.futures import ThreadPoolExecutor
+
+        with _LOCK:
+            if self._pool is None:
+                self._pool = ThreadPoolExecutor(THREADS, thread_name_prefix="smartplay")
+        self._pool.submit(self._work)
+
+    def _work(self) -> None:
+        joins = False
+        while (queue := self._next_queue(joins)) is not None:
+            has_more = queue.run_next()
+            with _LOCK:
+                self._running -= 1
+                if has_more:
+                    self._ready.append(queue)
+            joins = True
+
+    def _next_queue(self, joins: bool) -> SerialQueue | None:
+        """Wait until this thread is needed and return what it runs next; None if nothing waits.
+
+        `joins` says that it need not wait for the others.
+        """
+        with _LOCK:
+            while self._ready and self._running and not joins:
+                before = self._begun
+                self._call.wait(PATIENCE)
+                joins = self._begun == before
+            if not self._ready:
+                self._threads -= 1
+                return None
+            queue = self._ready.popleft()
+            self._running += 1
+            self._begun += 1
+            is_missing = bool(self._ready) and self._adds_thread()
+        if is_missing:
+            self._start_thread()
+        return queue
+
+
+_LOCK = threading.Lock()
+"""Held for a few operations at a time, by every part of this module: none of them calls out while it holds it."""
+
+_MAILBOXES: WeakKeyDictionary[asyncio.AbstractEventLoop, _Mailbox] = WeakKeyDictionary()
+_SHARED = _SharedThreads()
+
+
+def _mailbox(loop: asyncio.AbstractEventLoop) -> _Mailbox:
+    with _LOCK:
+        mailbox = _MAILBOXES.get(loop)
+        if mailbox is None:
+            mailbox = _MAILBOXES[loop] = _Mailbox()
+        return mailbox

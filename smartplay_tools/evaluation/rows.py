@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -48,22 +48,26 @@ UNANSWERED = "CancelledError: the run stopped while a reply was awaited"
 
 
 def read_row(record: Path, trial: int, price: Price | None = None) -> Row:
-    """Return the row of a finished episode, from its record.
+    """Return the row of a finished episode, from its record."""
+    kinds = ("start", "end") if price is None else ("start", "usage", "end")
+    return row_of(list(scan(record, *kinds)), record.stem, trial, price)
+
+
+def row_of(events: Sequence[Event], key: str, trial: int, price: Price | None = None) -> Row:
+    """Return the row of a finished episode, from the events of its record.
 
     Its cost is in US dollars: 0 if no provider reported any tokens, None if one did and the price of the
     player's model is not known.
     """
-    start, end = read_ends(record)
-    assert start is not None
-    assert end is not None
+    start, end = events[0], next(event for event in reversed(events) if event["event"] == "end")
     facts = recorded_facts(start)
     copied = {name: facts[name] for name in COPIED}
     cost: float | None = None
     if price is not None:
-        cost = sum(price.cost(usage_of(event)) for event in scan(record, "usage"))
+        cost = sum(price.cost(usage_of(event)) for event in events if event["event"] == "usage")
     elif end["result"]["tokens"]["provider"] is None:
         cost = 0.0
-    return {"key": record.stem, **end["result"], **copied, "trial": trial, "cost": cost}
+    return {"key": key, **end["result"], **copied, "trial": trial, "cost": cost}
 
 
 class _RowFacts(BaseModel):

@@ -17,6 +17,7 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.replays.located import located
 from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.file import MemoryRecord
 from smartplay_tools.types import ToolCall, ToolSpec, Usage
 
 if TYPE_CHECKING:
@@ -54,10 +55,10 @@ class Driver:
         on_step: Callable[[TextGame], None] | None = None,
     ) -> None:
         self.recorded = [event for event in recorded if event["event"] not in NOT_REPLAYED]
-        self.events: list[Event] = []
+        self.record = MemoryRecord()
         """The new record."""
         config = EpisodeConfig.from_event(recorded[0])
-        self.episode = Episode.from_config(config, tokenizer=tokenizer, transcript=self.events)
+        self.episode = Episode.from_config(config, tokenizer=tokenizer, transcript=self.record)
         self.episode.on_step(on_step)
         self.conversation: Driven | None = None
         self._kind = kind
@@ -154,7 +155,7 @@ class Driver:
 
     def differences(self) -> Iterator[str]:
         """Yield a sentence for every field in which the two records differ."""
-        recorded, again = self.recorded, self.events
+        recorded, again = self.recorded, self.record.events
         if not recorded or recorded[-1]["event"] != "end":
             # The process died; what it wrote is compared, what the replay adds at its own end is not.
             again = again[: len(recorded)]

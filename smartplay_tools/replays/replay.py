@@ -17,6 +17,7 @@ from smartplay_tools.replays.prompts import sent_prompts
 from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import broken_links, check_format, read_transcript
+from smartplay_tools.transcript.hashing import event_line
 from smartplay_tools.types import EpisodeResult
 
 
@@ -49,16 +50,23 @@ def replay(source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer |
     `tokenizer` is required if the record was counted with a tokenizer object of yours, or with a file that was moved.
     """
     recorded = read_events(source)
-    name = source if isinstance(source, str | Path) else "The record"
+    return replay_events(recorded, source if isinstance(source, str | Path) else None, tokenizer=tokenizer)
+
+
+def replay_events(
+    recorded: Sequence[Event], path: str | Path | None, *, tokenizer: str | Tokenizer | None = None
+) -> Replay:
+    """Replay the events of a record; `path` is the file that they were read from, if there is one."""
+    name = "The record" if path is None else path
     try:
         driver = Driver(recorded, tokenizer=tokenizer)
         with driver.episode:
             driver.run()
             is_complete = recorded[-1]["event"] == "end"
-            broken = [*_broken(recorded)]
-            # Equal digests at the ends of two unbroken chains mean equal records.
-            is_same = not broken and driver.events[-1:] and recorded[-1].get("chain") == driver.events[-1]["chain"]
-            differences = [*broken, *(() if is_same else driver.differences()), *_tampered(recorded)]
+            # The same bytes are the same events with the same chain, and need not be compared one by one.
+            written = b"".join(map(_line, recorded)) if path is None else Path(path).read_bytes()
+            changes = [] if driver.record.written == written else [*_broken(recorded), *driver.differences()]
+            differences = [*changes, *_tampered(recorded)]
     except SmartPlayError:
         raise
     except (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
@@ -76,6 +84,10 @@ def read_events(source: str | Path | Sequence[Event]) -> list[Event]:
         raise TranscriptError("The events are not a transcript: they do not begin with a start event.")
     check_format(events[0])
     return events
+
+
+def _line(event: Event) -> bytes:
+    return event_line(event).encode("ascii") + b"\n"
 
 
 def _broken(recorded: Sequence[Event]) -> Iterator[str]:

@@ -99,7 +99,7 @@ def _continue_record(
     """Make the episode write to its record again: the new events beyond the recorded ones, and all that follow."""
     episode = driver.episode
     before = [event for event in recorded if event["event"] not in ("end", "exception")]
-    beyond = driver.events[len(driver.recorded) :]
+    beyond = driver.record.events[len(driver.recorded) :]
     if transcript is None and isinstance(source, str | Path):
         writer = TranscriptWriter.resume(source, before)
     elif transcript is None:

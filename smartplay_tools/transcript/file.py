@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from smartplay_tools.arguments import canonical
 from smartplay_tools.errors import TranscriptError
@@ -20,20 +20,49 @@ from smartplay_tools.transcript.hashing import chain_after, event_line, with_cha
 from smartplay_tools.transcript.times import TimesWriter
 
 
+class MemoryRecord:
+    """A record in memory: the bytes that a file would have. Its events are parsed when they are asked for."""
+
+    def __init__(self) -> None:
+        self._lines: list[bytes] = []
+        self._events: list[Event] = []
+
+    def append(self, lines: bytes) -> None:
+        """Append lines, each with its line break."""
+        self._lines.append(lines)
+
+    @property
+    def written(self) -> bytes:
+        """All lines so far."""
+        return b"".join(self._lines)
+
+    @property
+    def events(self) -> list[Event]:
+        """The events of all lines so far."""
+        lines = self.written.splitlines()
+        self._events += map(json.loads, lines[len(self._events) :])
+        return self._events
+
+
+Sink: TypeAlias = str | Path | list[Event] | MemoryRecord
+"""Where a record is written: a new file, a list of events, or memory."""
+
+
 class TranscriptWriter:
-    """Writes events to a new file or appends them to a list, each with the hash chain up to it.
+    """Writes events to a new file or to memory, each with the hash chain up to it.
 
     If writing to the file fails, the error names the file and nothing more is written. The file then contains the
     beginning of the record, which can be replayed.
     """
 
-    def __init__(self, sink: str | Path | list[Event]) -> None:
+    def __init__(self, sink: Sink) -> None:
         self._events: list[Event] | None = sink if isinstance(sink, list) else None
+        self._memory: MemoryRecord | None = sink if isinstance(sink, MemoryRecord) else None
         self._file: AppendedFile | None = None
         self.path: Path | None = None
         self._chain = ""
         self._times: TimesWriter | None = None
-        if not isinstance(sink, list):
+        if isinstance(sink, str | Path):
             self.path = _usable(sink)
             if self.path.exists():
                 raise TranscriptError(f"{self.path} exists, and a record is never overwritten; name another file.")
@@ -48,7 +77,8 @@ class TranscriptWriter:
     def resume(cls, path: str | Path, events: Iterable[Event]) -> TranscriptWriter:
         """Continue the file from which `read_transcript` returned these events; an incomplete last line is removed."""
         writer = cls.__new__(cls)
-        writer._events, writer.path = None, _usable(path)
+        writer._events = writer._memory = None
+        writer.path = _usable(path)
         events = list(events)
         writer._chain = events[-1].get("chain", "") if events else ""
         known = b"".join(event_line(event).encode("ascii") + b"\n" for event in events)
@@ -79,6 +109,8 @@ class TranscriptWriter:
             if self._events is not None:
                 self._events.append(json.loads(line))
             lines += line.encode("ascii") + b"\n"
+        if self._memory is not None:
+            self._memory.append(lines)
         if self._file is not None:
             try:
                 self._file.write(lines)

@@ -19,7 +19,7 @@ from smartplay_tools.types import ToolSpec
 
 def event_line(event: Mapping[str, Any]) -> str:
     """Return an event as JSON in ASCII, so that any text, lone surrogates included, is read back unchanged."""
-    return json.dumps(event)
+    return _EVENT_ENCODER.encode(event)
 
 
 def chain_after(before: str, line: str) -> str:
@@ -76,8 +76,9 @@ def canonical_json(value: Any) -> bytes:
     return _ENCODER.encode(value).encode("ascii")
 
 
+_EVENT_ENCODER = json.JSONEncoder(check_circular=False)
 _ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"))
-"""The encoder, created once because `json.dumps` would create one for every message."""
+"""The encoders, created once because `json.dumps` would create one for every message."""
 
 _text: Callable[[str], str] = _ENCODER.encode
 """Encodes a text, which needs no walk through containers."""

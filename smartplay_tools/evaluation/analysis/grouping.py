@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any
 
@@ -89,7 +89,7 @@ def by_cell(rows: Iterable[Row]) -> list[tuple[PlayedCell, list[Row]]]:
     groups: dict[str, tuple[PlayedCell, list[Row]]] = {}
     for row in rows:
         cell = cell_of(row)
-        groups.setdefault(_key(asdict(cell)), (cell, []))[1].append(row)
+        groups.setdefault(_key(vars(cell)), (cell, []))[1].append(row)
     return list(groups.values())
 
 

@@ -10,7 +10,8 @@ A drawing lists changes: a value that does not change is not repeated.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.arguments import read
 from smartplay_tools.episode.config import EpisodeConfig, Setting
@@ -19,8 +20,11 @@ from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.report.walks import draw_walk
 from smartplay_tools.games.registry import packages_are_imported
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.replays.driver import Driver
+from smartplay_tools.prompts import GAME_IS_OVER
 from smartplay_tools.transcript.events import Event
+
+if TYPE_CHECKING:
+    from smartplay_tools.games.base import TextGame
 
 REPLAYED = (
     "Drawn from the game itself: the recorded actions were played again when this page was made, and every state "
@@ -53,38 +57,44 @@ def draw(events: Sequence[Event]) -> dict[str, Any]:
 
 def _replay(config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
     acts = [event for event in events if event["event"] == "call" and event["data"].get("legal") is True]
-    states: list[dict[str, Any]] = []
-    driver = Driver([events[0], *acts], on_step=lambda game: states.append(game.drawing()))
-    with driver.episode as episode:
-        states.append(episode.game.drawing())
+    with closing(config.make_game(config.spec)) as game:
+        game.reset(seed=config.seed)
+        states = [game.drawing()]
         if not states[0]:
             return {"kind": None, "source": "This game has no drawing of its own."}
-        driver.run(with_end=False)
-        tools = Tools(episode.game)
-        names = episode.game.actions
-    _compare(acts, [event for event in driver.events if event["event"] == "call"])
-    kind = "text" if states[0].keys() == {"text"} else config.spec.family
-    actions = [tools.parse(event["name"], read(event["arguments"])).action for event in acts]
-    rewards = [event["data"]["reward"] for event in acts]
-    return {
-        "kind": kind,
-        "source": REPLAYED,
-        "changes": list(changes(states)),
-        "names": names,
-        "actions": actions,
-        "rewards": rewards,
-    }
+        tools, actions = Tools(game), []
+        for act in acts:
+            actions.append(_play_again(game, tools, act))
+            states.append(game.drawing())
+        kind = "text" if states[0].keys() == {"text"} else config.spec.family
+        return {
+            "kind": kind,
+            "source": REPLAYED,
+            "changes": list(changes(states)),
+            "names": game.actions,
+            "actions": actions,
+            "rewards": [act["data"]["reward"] for act in acts],
+        }
 
 
-def _compare(acts: Sequence[Event], again: Sequence[Event]) -> None:
-    if len(acts) != len(again):
-        raise _DisagreementError(f"It ended after {len(again)} of {len(acts)} steps.")
-    for was, now in zip(acts, again, strict=True):
-        step, recorded = was["data"]["step"], was["data"].get("state_hash")
-        if recorded != now["data"].get("state_hash"):
-            raise _DisagreementError(f"Step {step} has a different state hash.")
-        if was["text"] != now["text"]:
-            raise _DisagreementError(f"Step {step} has a different text.")
+def _play_again(game: TextGame, tools: Tools, act: Event) -> int:
+    """Play a recorded action and return its index; `_DisagreementError` if anything else comes of it."""
+    data = act["data"]
+    step = data["step"]
+    try:
+        action = tools.parse(act["name"], read(act["arguments"])).action
+        assert action is not None
+        text, reward, _, _ = game.advance(action)
+    except Exception as error:
+        raise _DisagreementError(f"Step {step} cannot be played ({type(error).__name__}).") from error
+    if "state_hash" in data and data["state_hash"] != game.state_hash():
+        raise _DisagreementError(f"Step {step} has a different state hash.")
+    if data["reward"] != reward:
+        raise _DisagreementError(f"Step {step} has a different reward.")
+    # What was cut for the player says less than the hash.
+    if not act["cut"] and act["text"] not in (text, f"{text}\n{GAME_IS_OVER}"):
+        raise _DisagreementError(f"Step {step} has a different text.")
+    return action
 
 
 def changes(states: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:

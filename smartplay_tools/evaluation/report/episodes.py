@@ -115,12 +115,16 @@ def turns(events: Sequence[Event]) -> list[dict[str, Any]]:
                 turn["choice"] = {"action": event["action"], "fallback": event["fallback"]}
             case "call":
                 turn["items"].append({"call": _call(event)})
-    if recorded_facts(events[0])["protocol"] == "tools":
+    if not _is_paper(events):
         for shown in TurnBuilder.of(events).all_turns:
             turn = found[shown.number]
             turn["message"] = shown.assistant
             turn["items"].sort(key=_place)
     return found
+
+
+def _is_paper(events: Sequence[Event]) -> bool:
+    return bool(events[0]["config"].get("protocol") == "paper")
 
 
 def _place(item: Mapping[str, Any]) -> float:
@@ -142,9 +146,9 @@ def _call(event: Event) -> dict[str, Any]:
 def check(events: Sequence[Event]) -> dict[str, Any]:
     """Rebuild every prompt and compare its sha256 with the record's; return their number, and those that differ."""
     views = [event for event in events if event["event"] == "view"]
-    paper = events[0]["config"].get("protocol") == "paper"
     work = sum(
-        view["step"] - view["first"] if paper else sum(last - first for first, last in view["turns"]) for view in views
+        view["step"] - view["first"] if _is_paper(events) else sum(last - first for first, last in view["turns"])
+        for view in views
     )
     if work > MOST_REBUILT:
         return {"prompts": len(views), "differ": None}

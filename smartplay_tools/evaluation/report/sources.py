@@ -89,12 +89,15 @@ def find_sources(path: Path) -> Sources:
 
 def _run(folder: RunFolder) -> Sources:
     manifest, rows = folder.manifest(), {row["key"]: row for row in folder.rows()}
+    attempts_at: dict[str, list[Path]] = {}
+    for file in (*folder.attempts(), *folder.running()):
+        attempts_at.setdefault(file.name.partition(".")[0], []).append(file)
     found: list[Source] = []
     waiting = 0
     for planned in manifest["episodes"]:
         key = planned["key"]
         finished = [folder.transcript(key)] if folder.transcript(key).exists() else []
-        attempts = [file for name in ("attempts", "running") for file in sorted((folder.path / name).glob(f"{key}.*"))]
+        attempts = attempts_at.get(key, [])
         waiting += not finished and not attempts
         facts = {"trial": planned["trial"]}
         # The cost is that of the finished attempt; earlier attempts were charged separately.

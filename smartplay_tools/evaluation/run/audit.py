@@ -6,18 +6,23 @@ audit also checks that the row agrees with the record, and that the record is of
 
 from __future__ import annotations
 
+import functools
 import multiprocessing
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.folder import RunFolder
-from smartplay_tools.evaluation.rows import Row, read_row
-from smartplay_tools.replays.replay import replay
+from smartplay_tools.evaluation.rows import Row, row_of
+from smartplay_tools.replays.replay import replay_events
+from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import read_transcript
+
+CHUNK = 8
+"""Episodes that a worker process is handed at a time: handing over a short one takes as long as its replay."""
 
 
 @dataclass(frozen=True)
@@ -31,37 +36,38 @@ class Finding:
 
 
 def audit(folder: RunFolder, workers: int, tokenizer: str | None = None) -> Iterator[Finding]:
-    """Yield a finding for every finished episode of a run, in the order of completion.
+    """Yield a finding for every finished episode of a run, in the order of its rows.
 
     `tokenizer` names the records' tokenizer if its file was moved.
     """
-    jobs = [(folder.transcript(row["key"]), row) for row in folder.rows()]
+    rows = folder.rows()
+    records = [folder.transcript(row["key"]) for row in rows]
+    check = functools.partial(_audit, tokenizer=tokenizer)
     if workers == 1:
-        yield from (_audit(record, row, tokenizer) for record, row in jobs)
+        yield from map(check, records, rows)
         return
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        for future in as_completed([pool.submit(_audit, record, row, tokenizer) for record, row in jobs]):
-            yield future.result()
+        yield from pool.map(check, records, rows, chunksize=CHUNK)
 
 
-def _audit(record: Path, row: Row, tokenizer: str | None) -> Finding:
+def _audit(record: Path, row: Row, *, tokenizer: str | None) -> Finding:
     try:
-        found = replay(record, tokenizer=tokenizer)
-        differences = [*found.differences, *_row_differences(record, row)]
+        events = read_transcript(record)
+        found = replay_events(events, record, tokenizer=tokenizer)
+        differences = [*found.differences, *_row_differences(events, row)]
     except SmartPlayError as error:
         differences = [str(error)]
     return Finding(row["key"], row["game"], tuple(differences))
 
 
-def _row_differences(record: Path, row: Row) -> Iterator[str]:
-    events = read_transcript(record)
+def _row_differences(events: Sequence[Event], row: Row) -> Iterator[str]:
     if not any(event["event"] == "end" for event in events):
         yield "The record is incomplete: it has no end event."
         return
     key = EpisodeConfig.from_event(events[0]).key
     if key != row["key"]:
         yield f"The record is of another episode, {key}."
-    for name, value in read_row(record, row["trial"]).items():
+    for name, value in row_of(events, key, row["trial"]).items():
         # The cost follows from the run's prices, which are in the manifest.
         if name not in ("cost", "key") and row.get(name) != value:
             yield f"The field {name} is {row.get(name)!r} in the row, {value!r} in the record."
