@@ -89,8 +89,9 @@ def animals_near(
     squares = x // _PASTURE, z // _PASTURE
     number, ticks = divmod(time, _REST)
     herds = _herds(world.seed, *squares)
-    here, way = _walks(world.seed, *squares, number)
-    at = herds.home + (here + way * min(2 * ticks / _REST, 1.0))
+    # They walk from place to place, and rest half of the time.
+    here, there = (_stops(world.seed, *squares, n) for n in (number, number + 1))
+    at = herds.home + (here + (there - here) * min(2 * ticks / _REST, 1.0))
     home_x, home_z = herds.home & (SIDE - 1)
     under_x, under_z = np.floor(at).astype(np.int64) & (SIDE - 1)
     species = _SPECIES_OF[world.biome[home_x, home_z], herds.choice]
@@ -134,19 +135,13 @@ def _herds(seed: int, x: int, z: int) -> _Herds:
 
 
 @functools.lru_cache(maxsize=64)
-def _walks(seed: int, x: int, z: int, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the animals are, from their homes, when their walk with that number begins, and the way that they go.
-
-    Both are [axis, animal]. They walk from place to place, and rest half of the time.
-    """
+def _stops(seed: int, x: int, z: int, number: int) -> NDArray[np.float64]:
+    """Where the animals rest before their walk with that number, from their homes, [axis, animal]."""
     herds = _herds(seed, x, z)
-
-    def offset(number: int, axis: int) -> NDArray[np.float64]:
-        bits = hashed(seed, _SALT + 10 + 2 * number + axis, herds.number, herds.row)
-        return (unit(bits) * 2 - 1).astype(np.float64) * _STROLL + 0.5
-
-    here, there = (np.stack([offset(n, axis) for axis in (0, 1)]) for n in (number, number + 1))
-    return here, there - here
+    salts = (_SALT + 10 + 2 * number + axis for axis in (0, 1))
+    bits = np.stack([hashed(seed, salt, herds.number, herds.row) for salt in salts])
+    stops: NDArray[np.float64] = (unit(bits) * 2 - 1).astype(np.float64) * _STROLL + 0.5
+    return stops
 
 
 def _roll(bits: NDArray[np.uint32], shift: int, sides: int) -> NDArray[np.int64]:
