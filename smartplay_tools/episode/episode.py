@@ -147,7 +147,7 @@ class Episode:
         """Reason, error and detail of the end if the episode is closed now: why its host has stopped, if it said."""
         self.lock = threading.RLock()
         """Held while a call or a reply is processed."""
-        self.queue = SerialQueue()
+        self.queue = SerialQueue(is_slow=self.game.is_slow)
         """Runs the calls of asynchronous callers one after the other."""
         self._answered: OrderedDict[str, tuple[tuple[str, str], ToolResult]] = OrderedDict()
         self._on_step: Callable[[TextGame], None] | None = None

@@ -30,9 +30,13 @@ PATIENCE = 0.02
 
 
 class SerialQueue:
-    """Runs functions in the shared threads, one at a time, in the order in which they were given."""
+    """Runs functions in the shared threads, one at a time, in the order in which they were given.
 
-    def __init__(self) -> None:
+    `is_slow` says that its functions wait for something else than Python, so that they need a thread of their own.
+    """
+
+    def __init__(self, *, is_slow: bool = False) -> None:
+        self.is_slow = is_slow
         self._waiting: deque[_Job] = deque()
         self._is_running = False
 
@@ -156,7 +160,7 @@ class _SharedThreads:
         """Have the functions of a queue run, behind those of the other queues."""
         with _LOCK:
             self._ready.append(queue)
-            if not self._running:
+            if not self._running or queue.is_slow:
                 self._call.notify()
             is_missing = self._adds_thread()
         if is_missing:
@@ -192,7 +196,7 @@ class _SharedThreads:
         `joins` says that it need not wait for the others.
         """
         with _LOCK:
-            while self._ready and self._running and not joins:
+            while self._ready and self._running and not (joins or self._ready[0].is_slow):
                 before = self._begun
                 self._call.wait(PATIENCE)
                 joins = self._begun == before

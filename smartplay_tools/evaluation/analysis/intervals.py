@@ -135,6 +135,13 @@ def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[
     used = [at for at in range(len(samples)) if any(weightings[each][at] for each in regular)]
     if not regular:
         return estimates
+    if len(used) == 1:
+        # A sum over one sample is a multiple of its mean, whose interval is mostly known.
+        (interval,) = _intervals([ordered[used[0]]])
+        for at in regular:
+            low, high = sorted(weightings[at][used[0]] * end for end in interval)
+            estimates[at] = replace(estimates[at], low=low, high=high)
+        return estimates
     data = [np.array(ordered[at]) for at in used]
     scale = max(np.abs(values).max() for values in data)
     weights = np.array([[weightings[each][at] for at in used] for each in regular])
