@@ -6,9 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from smartplay_tools.games.minecraft.observation import Observation, malmo_rays, rays, true_rays
-from smartplay_tools.games.minecraft.text import describe
+from smartplay_tools.games.minecraft.text import components, describe
 
 NORTH, EAST, SOUTH, WEST = -180.0, -90.0, 0.0, 90.0
 FEET = 4
@@ -353,3 +354,20 @@ def test_entities_before_null_in_the_alphabet_are_lumped_together():
     assert [line.split(",")[0] for line in lines["paper"]] == [" - cow", " - sheep", " - sheep"]
     assert lines["paper"][0].endswith("taking 1% of screen")
     assert [line.split(",")[0] for line in lines["corrected"]] == [" - cow", " - cow", " - sheep", " - sheep"]
+
+
+@pytest.mark.parametrize("shape", [(17, 17), (9, 6, 9)])
+def test_groups_are_those_of_scipys_labelling(shape):
+    """Blocks connect through faces, cells of the view also through corners."""
+    random, neighbours = np.random.default_rng(0), ndimage.generate_binary_structure(len(shape), 4 - len(shape))
+    for share in (0.2, 0.5, 0.8):
+        names = np.where(random.random(shape) < share, "air", random.choice(["acacia wood", "dirt", "stone"], shape))
+        expected = []
+        for name in ("acacia wood", "dirt", "stone"):
+            labels, count = ndimage.label(names == name, neighbours)
+            expected += [(name, np.flatnonzero(labels == label).tolist()) for label in range(1, count + 1)]
+        found = components(names, ignored=frozenset({"air"}), mode="corrected")
+        assert found == sorted(expected, key=lambda group: group[1])
+        first, *others = components(names, ignored=frozenset({"air"}), mode="paper")
+        assert first == ("acacia wood", np.flatnonzero(names == "acacia wood").tolist())
+        assert others == [group for group in found if group[0] != "acacia wood"]

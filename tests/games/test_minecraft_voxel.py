@@ -16,7 +16,7 @@ from smartplay_tools.games.minecraft.tasks import CORRECTED_GOALS, Stride
 from smartplay_tools.games.minecraft.voxel import animals, plants, start
 from smartplay_tools.games.minecraft.voxel.blocks import NAMES, SOLID, Block
 from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, Biome, biomes, climate, terrain
-from smartplay_tools.games.minecraft.voxel.rays import hit_blocks, hit_boxes
+from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_blocks, hit_boxes
 from smartplay_tools.games.minecraft.voxel.walking import Walker
 from smartplay_tools.games.minecraft.voxel.world import BOTTOM, HEIGHT, SIDE, World
 from tests.guides.voxel import Guide
@@ -146,6 +146,28 @@ def test_rays_hit_what_a_walk_from_cell_to_cell_hits():
                 block, distance = march(world, eye, fan[n].astype(float), float(RAY_RANGES[n]))
                 differences += (block, round(distance, 2)) != (blocks[n], round(float(distances[n]), 2))
     assert differences <= 4  # of 1,552: rays that graze an edge within rounding
+
+
+def test_far_and_near_blocks_of_a_sparse_world_are_hit_and_layers_of_air_above_it_may_be_named():
+    random, world = np.random.default_rng(0), World(0)
+    top = 70
+    world.blocks[..., :top] = random.integers(0, 100, (SIDE, SIDE, top), np.uint8) == 0
+    world.blocks[..., 0] = Block.BEDROCK
+    differences, near, far = 0, 0, 0
+    for yaw in (-180, -90, 0, 90):
+        eye = (float(random.uniform(-200, 200)), BOTTOM + 50.3, float(random.uniform(-200, 200)))
+        fan = Fan(true_rays(yaw), RAY_RANGES)
+        blocks, distances = fan.hit_blocks(world.blocks, eye)
+        for n in range(0, 290, 17):
+            block, distance = march(world, eye, fan.directions[n].astype(float), float(RAY_RANGES[n]))
+            differences += (block, round(distance, 2)) != (blocks[n], round(float(distances[n]), 2))
+        near, far = near + int((distances < 16).sum()), far + int(((distances > 16) & (blocks > 0)).sum())
+        named = fan.hit_blocks(world.blocks, eye, top)
+        assert np.array_equal(named[0], blocks)
+        assert np.array_equal(named[1], distances)
+    assert differences <= 1  # of 72: rays that graze an edge within rounding
+    assert near > 50
+    assert far > 50
 
 
 def test_rays_hit_the_nearest_box():

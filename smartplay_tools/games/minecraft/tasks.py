@@ -64,6 +64,9 @@ def turn(action: int, yaw: float) -> int:
     return int(bins) * TURN_STEP - 180
 
 
+_STRIDES = {(left, jump): Stride(left, jump) for left in (-1, 0, 1) for jump in (False, True)}
+
+
 def strides(random: np.random.Generator) -> list[Stride]:
     """Draw the keys of one action's ticks.
 
@@ -71,4 +74,4 @@ def strides(random: np.random.Generator) -> list[Stride]:
     ticks sprint; the other half jump.
     """
     draws = random.random((TICKS, 2)).tolist()
-    return [Stride((side >= 0.75) - (0.5 <= side < 0.75), jump >= 0.5) for side, jump in draws]
+    return [_STRIDES[(side >= 0.75) - (0.5 <= side < 0.75), jump >= 0.5] for side, jump in draws]

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from smartplay_tools.games.minecraft.observation import NEAR, VIEW, VIEW_STEP, Observation, TextMode
 
@@ -29,8 +28,11 @@ LONGEST = 200 + (NEAR**3 + 2 * VIEW**2) * (LONGEST_NAME + 80)
 
 CHARACTERS = "".join(map(chr, range(32, 127))) + "\n"
 
-_FACES = ndimage.generate_binary_structure(3, 1)
-_ALL_NEIGHBOURS = ndimage.generate_binary_structure(2, 2)
+_AROUND = (NEAR, NEAR // 2 + 1 + BELOW, NEAR)
+"""The blocks that are described, by x, y, z."""
+
+_PLACES = np.indices(_AROUND).reshape(3, -1).tolist()
+"""The coordinates of these blocks: for each axis a list by flat index."""
 
 
 def describe(seen: Observation, mode: TextMode, action: str | None = None) -> str:
@@ -45,31 +47,68 @@ def describe(seen: Observation, mode: TextMode, action: str | None = None) -> st
     return ("" if action is None else f"You took action {action}.\n\n") + "\n".join(frame)
 
 
-def components(
-    names: NDArray[np.str_], *, ignored: frozenset[str], mode: TextMode
-) -> list[tuple[str, NDArray[np.intp]]]:
+def components(names: NDArray[np.str_], *, ignored: frozenset[str], mode: TextMode) -> list[tuple[str, list[int]]]:
     """Connected groups of equal names as (name, flat indices), in the order of their first cells.
 
     Blocks connect through faces, the view's cells also through corners. In `paper` mode the alphabetically first name
-    is one group, connected or not, and comes first, because the labelling treats it as background.
+    is one group, connected or not, and comes first, because the original's labelling treats it as background.
     """
-    structure = _FACES if names.ndim == 3 else _ALL_NEIGHBOURS
-    found, codes = np.unique(names, return_inverse=True)
-    codes = codes.reshape(names.shape)
-    background: list[tuple[str, NDArray[np.intp]]] = []
-    groups: list[tuple[str, NDArray[np.intp]]] = []
-    for code, name in enumerate(found.tolist()):
-        if name in ignored:
-            continue
-        mask = codes == code
-        cells = np.flatnonzero(mask)
-        if code == 0 and mode == "paper":
-            background.append((name, cells))
-            continue
-        labels, count = ndimage.label(mask, structure)
-        labels = labels.ravel()[cells]
-        groups += [(name, cells[labels == label]) for label in range(1, count + 1)]
-    return background + sorted(groups, key=lambda group: group[1][0])
+    runs = _runs(names)
+    background = min(runs)[0] if mode == "paper" else None
+    groups: dict[int, tuple[str, list[int]]] = {}
+    if background is not None and background not in ignored:
+        groups[-1] = background, [cell for name, begin, end in runs if name == background for cell in range(begin, end)]
+    runs = [run for run in runs if run[0] not in ignored and run[0] != background]
+    for (name, begin, end), number in zip(runs, _connected(runs, names.shape), strict=True):
+        groups.setdefault(number, (name, []))[1].extend(range(begin, end))
+    return list(groups.values())
+
+
+_Run = tuple[str, int, int]
+"""A name and the flat indices of the first of its cells in a row, and of the first that follows them."""
+
+
+def _runs(names: NDArray[np.str_]) -> list[_Run]:
+    """The equal neighbours along the last axis, in order. There are few, which makes what follows fast."""
+    begins = np.ones(names.shape, bool)
+    np.not_equal(names[..., 1:], names[..., :-1], out=begins[..., 1:])
+    first = np.flatnonzero(begins)
+    at = first.tolist()
+    return list(zip(names.ravel()[first].tolist(), at, [*at[1:], names.size], strict=True))
+
+
+def _connected(runs: list[_Run], shape: tuple[int, ...]) -> list[int]:
+    """For each run the number of the first run to which it is connected, directly or by way of others.
+
+    Arrays this small have few runs: calls of SciPy's labelling, made for pictures, take longer than this loop.
+    """
+    rows, width, corners = shape[-2], shape[-1], len(shape) == 2
+    groups = list(range(len(runs)))
+    by_row: dict[int, list[tuple[str, int, int, int]]] = {}
+    for number, (name, begin, end) in enumerate(runs):
+        row = begin // width
+        by_row.setdefault(row, []).append((name, begin, end, number))
+        # The rows beside it that have been seen, one at most in each direction.
+        before = [(row - 1, width)] if row % rows else []
+        if row >= rows:
+            before.append((row - rows, rows * width))
+        for earlier, offset in before:
+            low, high = begin - offset - corners, end - offset + corners
+            for its_name, its_begin, its_end, other in by_row.get(earlier, ()):
+                if its_begin < high and low < its_end and its_name == name:
+                    one, two = _first(groups, number), _first(groups, other)
+                    if one < two:
+                        groups[two] = one
+                    else:
+                        groups[one] = two
+    return [_first(groups, number) for number in range(len(runs))]
+
+
+def _first(groups: list[int], number: int) -> int:
+    """The first run of a group: every other one points to an earlier one."""
+    while groups[number] != number:
+        number = groups[number]
+    return number
 
 
 # Where the player is and what the cursor points at.
@@ -96,7 +135,7 @@ def _surroundings(seen: Observation, mode: TextMode) -> str:
     nearest: dict[str, tuple[float, str]] = {}
     blocks = seen.blocks[:, middle - BELOW :, :]
     for name, cells in components(blocks, ignored=frozenset({"air"}), mode=mode):
-        x, y, z = (float(axis.sum() / len(cells)) for axis in np.unravel_index(cells, blocks.shape))
+        x, y, z = (sum(map(axis.__getitem__, cells)) / len(cells) for axis in _PLACES)
         dx, dy, dz = x - middle, y - BELOW, z - middle
         distance = math.sqrt(dx**2 + dy**2 + dz**2)
         if distance and (name not in nearest or distance < nearest[name][0]):
@@ -131,12 +170,11 @@ def _seen_things(
     seen: Observation, names: NDArray[np.str_], distances: NDArray[np.float32], ignored: frozenset[str], mode: TextMode
 ) -> Iterator[str]:
     direction: Callable[[Observation, int], str] = _paper_direction if mode == "paper" else _true_direction
-    distances = distances[1:]
+    far = distances[1:].tolist()
     for name, cells in components(names[1:].reshape(VIEW, VIEW), ignored=ignored, mode=mode):
-        nearest = int(cells[distances[cells].argmin()])
+        nearest = min(cells, key=far.__getitem__)
         share = 100 * len(cells) / VIEW**2
-        distance = distances[nearest]
-        yield f" - {name}, {distance:.2f} blocks away, {direction(seen, nearest)}, taking {share:.0f}% of screen"
+        yield f" - {name}, {far[nearest]:.2f} blocks away, {direction(seen, nearest)}, taking {share:.0f}% of screen"
 
 
 def _paper_direction(seen: Observation, cell: int) -> str:

@@ -6,6 +6,7 @@ on what the player does. Animals do not block the player.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -85,41 +86,63 @@ def animals_near(
     world: World, x: int, z: int, time: int
 ) -> tuple[NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
     """Species (as an index of `SPECIES`) and the two corners of the box of every animal around a place."""
-    members = np.arange(_HERD)
+    squares = x // _PASTURE, z // _PASTURE
+    number, ticks = divmod(time, _REST)
+    herds = _herds(world.seed, *squares)
+    # They walk from place to place, and rest half of the time.
+    here, there = (_stops(world.seed, *squares, n) for n in (number, number + 1))
+    at = herds.home + (here + (there - here) * min(2 * ticks / _REST, 1.0))
+    home_x, home_z = herds.home & (SIDE - 1)
+    under_x, under_z = np.floor(at).astype(np.int64) & (SIDE - 1)
+    species = _SPECIES_OF[world.biome[home_x, home_z], herds.choice]
+    ground = world.ground[under_x, under_z].astype(np.int64) + BOTTOM
+    swims = _SWIMS[species]
+    lives = (species >= 0) & np.where(swims, ground < SEA_LEVEL - 4, ground >= SEA_LEVEL - 1)
+    lives &= (np.abs(herds.home - np.array([[x], [z]])) <= FARTHEST).all(axis=0)
+    feet = np.where(swims, SEA_LEVEL - 2, ground + 1)
+    species, feet, at = species[lives], feet[lives], at[:, lives]
+    half = _WIDTH[species] / 2
+    low, high = at - half, at + half
+    corners = np.array([[low[0], feet, low[1]], [high[0], feet + _HEIGHT[species], high[1]]], np.float32)
+    return species, corners[0].T, corners[1].T
+
+
+@dataclass(frozen=True)
+class _Herds:
+    """The animals that may live in the pastures around one, whatever the ground is."""
+
+    number: NDArray[np.int64]
+    """What tells an animal from the others of its row of pastures, by animal."""
+    row: NDArray[np.int64]
+    home: NDArray[np.int64]
+    """x and z of the homes, [axis, animal]."""
+    choice: NDArray[np.uint32]
+    """Which of the species of its biome it is."""
+
+
+@functools.lru_cache(maxsize=64)
+def _herds(seed: int, x: int, z: int) -> _Herds:
     span = np.arange(-2, 3)
-    grid = np.meshgrid(x // _PASTURE + span, z // _PASTURE + span, members, indexing="ij")
+    grid = np.meshgrid(x + span, z + span, np.arange(_HERD), indexing="ij")
     i, j, member = (axis.ravel() for axis in grid)
-    herd, own = hashed(world.seed, _SALT, i, j), hashed(world.seed, _SALT + 1, i * _HERD + member, j)
+    number = i * _HERD + member
+    herd, own = hashed(seed, _SALT, i, j), hashed(seed, _SALT + 1, number, j)
     # Different bits of one hash are independent random numbers.
     home_x = i * _PASTURE + _roll(herd, 4, _PASTURE) + _roll(own, 0, 2 * _ROAM + 1) - _ROAM
     home_z = j * _PASTURE + _roll(herd, 12, _PASTURE) + _roll(own, 8, 2 * _ROAM + 1) - _ROAM
-    some = (unit(herd) < _HERDS) & (np.abs(home_x - x) <= FARTHEST) & (np.abs(home_z - z) <= FARTHEST)
-    some &= member <= _roll(herd, 2, _HERD)
-    i, j, member, home_x, home_z, herd = (a[some] for a in (i, j, member, home_x, home_z, herd))
-    mask = SIDE - 1
-    species = _SPECIES_OF[world.biome[home_x & mask, home_z & mask], herd % _CHOICES]
-    at_x, at_z = (
-        home + _stroll(world.seed, axis, i * _HERD + member, j, time) for axis, home in enumerate((home_x, home_z))
-    )
-    ground = world.ground[np.floor(at_x).astype(int) & mask, np.floor(at_z).astype(int) & mask] + BOTTOM
-    swims = _SWIMS[species]
-    lives = (species >= 0) & np.where(swims, ground < SEA_LEVEL - 4, ground >= SEA_LEVEL - 1)
-    feet = np.where(swims, SEA_LEVEL - 2, ground + 1)
-    species, at_x, feet, at_z = (a[lives] for a in (species, at_x, feet, at_z))
-    half = _WIDTH[species] / 2
-    low = np.stack([at_x - half, feet, at_z - half], axis=1).astype(np.float32)
-    high = np.stack([at_x + half, feet + _HEIGHT[species], at_z + half], axis=1).astype(np.float32)
-    return species, low, high
+    some = (unit(herd) < _HERDS) & (member <= _roll(herd, 2, _HERD))
+    return _Herds(number[some], j[some], np.stack([home_x, home_z])[:, some], herd[some] % _CHOICES)
+
+
+@functools.lru_cache(maxsize=64)
+def _stops(seed: int, x: int, z: int, number: int) -> NDArray[np.float64]:
+    """Where the animals rest before their walk with that number, from their homes, [axis, animal]."""
+    herds = _herds(seed, x, z)
+    salts = (_SALT + 10 + 2 * number + axis for axis in (0, 1))
+    bits = np.stack([hashed(seed, salt, herds.number, herds.row) for salt in salts])
+    stops: NDArray[np.float64] = (unit(bits) * 2 - 1).astype(np.float64) * _STROLL + 0.5
+    return stops
 
 
 def _roll(bits: NDArray[np.uint32], shift: int, sides: int) -> NDArray[np.int64]:
     return (bits >> np.uint32(shift)).astype(np.int64) % sides
-
-
-def _stroll(seed: int, axis: int, i: NDArray[np.int64], j: NDArray[np.int64], time: int) -> NDArray[np.float64]:
-    """The offset of animals from home along one axis: they walk from place to place, and rest half of the time."""
-    number, ticks = divmod(time, _REST)
-    salt = _SALT + 10 + 2 * number + axis
-    here, there = ((unit(hashed(seed, s, i, j)) * 2 - 1).astype(np.float64) * _STROLL + 0.5 for s in (salt, salt + 2))
-    way: NDArray[np.float64] = here + (there - here) * min(2 * ticks / _REST, 1.0)
-    return way

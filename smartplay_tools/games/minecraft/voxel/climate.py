@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.games.minecraft.voxel.noise import Axis, Field, enlarge, fractal_noise
+from smartplay_tools.games.minecraft.voxel.noise import Axis, Field, Fractal, Noise, enlarge
 
 SEA_LEVEL = 63
 """The first layer of air above the sea; the highest water is one below."""
@@ -69,6 +69,17 @@ class Climate:
     river: Field
     """Blocks to the middle of the nearest river, about; of either sign on its two sides."""
 
+    @cached_property
+    def swampiness(self) -> Field:
+        """1 in the middle of a swamp, falling to 0 around it."""
+        mild = _ramp(self.warmth, COOL, 14) * _ramp(-self.warmth, -0.4, 14)
+        return _ramp(self.wetness, 0.1, 14) * _ramp(self.variety, -0.08, 14) * mild * _ramp(-self.ruggedness, -0.2, 10)
+
+    @cached_property
+    def islandness(self) -> Field:
+        """1 in the middle of a mushroom island, falling to 0 around it."""
+        return _ramp(self.variety, 0.3, 8) * _ramp(-self.land, 0.14, 14)
+
 
 SHORE = 0.03
 COLD, COOL, WARM = -0.26, -0.08, 0.16
@@ -77,30 +88,32 @@ RIVER_BED, RIVER_BANK = 5.0, 24.0
 """Blocks from the middle of a river to where its bed ends, and to where its valley does."""
 
 
+_FIELDS = Noise(
+    Fractal(salt=1, scale=760, octaves=4),  # land
+    Fractal(salt=2, scale=640, octaves=3),  # warmth
+    Fractal(salt=3, scale=520, octaves=3),  # wetness
+    Fractal(salt=4, scale=340, octaves=2),  # variety
+    Fractal(salt=5, scale=480, octaves=2),  # ruggedness
+    # Rivers run where a field is 0; its slope, from two neighbours, turns the field's value into a distance.
+    Fractal(salt=6, scale=800, octaves=3),
+    Fractal(salt=6, scale=800, octaves=3, east=SPACING),
+    Fractal(salt=6, scale=800, octaves=3, south=SPACING),
+)
+_HILLS = Noise(Fractal(salt=7, scale=96, octaves=3))
+
+
 def climate(seed: int, x: Axis, z: Axis) -> Climate:
     """The slow fields at the given places."""
-
-    def field(salt: int, scale: int, octaves: int, east: int = 0, south: int = 0) -> Field:
-        return fractal_noise(seed, salt, x + east, z + south, scale=scale, octaves=octaves)
-
-    # Rivers run where a field is 0; its slope turns the field's value into a distance.
-    course = field(6, 800, 3)
-    slopes = [(field(6, 800, 3, *step) - course) / np.float32(SPACING) for step in ((SPACING, 0), (0, SPACING))]
+    land, warmth, wetness, variety, ruggedness, course, east, south = _FIELDS(seed, x, z)
+    slopes = [(there - course) / np.float32(SPACING) for there in (east, south)]
     slope = np.sqrt(slopes[0] ** 2 + slopes[1] ** 2)
-
-    return Climate(
-        land=field(1, 760, 4) + np.float32(0.3),
-        warmth=field(2, 640, 3),
-        wetness=field(3, 520, 3),
-        variety=field(4, 340, 2),
-        ruggedness=field(5, 480, 2),
-        river=(course / np.maximum(slope, np.float32(_FLAT))).astype(np.float32),
-    )
+    river = (course / np.maximum(slope, np.float32(_FLAT))).astype(np.float32, copy=False)
+    return Climate(land + np.float32(0.3), warmth, wetness, variety, ruggedness, river)
 
 
 def biomes(c: Climate) -> NDArray[np.uint8]:
     """The biome of every place. Later rules win."""
-    biome = np.full(c.land.shape, Biome.PLAINS, np.uint8)
+    biome = np.full_like(c.land, Biome.PLAINS, np.uint8)
     biome[c.wetness > -0.02] = Biome.FOREST
     biome[(c.wetness > -0.02) & (c.variety > 0.22)] = Biome.BIRCH_FOREST
     biome[(c.wetness > 0.06) & (c.variety < -0.22)] = Biome.ROOFED_FOREST
@@ -114,7 +127,7 @@ def biomes(c: Climate) -> NDArray[np.uint8]:
     biome[cold] = Biome.ICE_PLAINS
     biome[cold & (c.variety > 0.02)] = Biome.ICE_SPIKES
     biome[cold & (c.wetness > 0.1)] = Biome.COLD_TAIGA
-    biome[_swampiness(c) > 0.5] = Biome.SWAMPLAND
+    biome[c.swampiness > 0.5] = Biome.SWAMPLAND
     biome[(c.ruggedness > RUGGED) & (c.land > SHORE)] = Biome.EXTREME_HILLS
     river = np.abs(c.river) < RIVER_BED + 3
     biome[river] = Biome.RIVER
@@ -127,13 +140,13 @@ def biomes(c: Climate) -> NDArray[np.uint8]:
     biome[ocean] = Biome.OCEAN
     biome[c.land < -0.25] = Biome.DEEP_OCEAN
     biome[ocean & cold] = Biome.FROZEN_OCEAN
-    biome[_islandness(c) > 0.6] = Biome.MUSHROOM_ISLAND
+    biome[c.islandness > 0.6] = Biome.MUSHROOM_ISLAND
     return biome
 
 
 def heights(seed: int, c: Climate, x: Axis, z: Axis) -> NDArray[np.int16]:
     """The highest block of the ground, plants left out."""
-    hills: Any = fractal_noise(seed, 7, x, z, scale=96, octaves=3)
+    hills = _HILLS(seed, x, z)[0]
     rise = _ramp(c.land, SHORE, 1 / 12)
     mountain = np.maximum(c.ruggedness - np.float32(RUGGED - 0.1), 0) * rise
     height = np.where(
@@ -141,37 +154,27 @@ def heights(seed: int, c: Climate, x: Axis, z: Axis) -> NDArray[np.int16]:
         np.float32(61.4) + 60 * c.land + np.minimum(np.maximum(-5 * c.land, 0), 1) * 3 * hills,
         np.float32(63.2) + rise * (3 + 4 * np.maximum(hills, -0.7)) + mountain * (70 + 60 * hills),
     )
-    swamp = _swampiness(c) * rise
+    swamp = c.swampiness * rise
     height += swamp * (np.float32(62.1) + np.float32(1.6) * hills - height)
     inland = c.land >= SHORE
     valley = 1 - _ramp(np.abs(c.river), RIVER_BED, 1 / (RIVER_BANK - RIVER_BED))
     height += np.where(inland, valley * rise, 0) * (np.float32(58.5) - height)
-    height += _islandness(c) * (np.float32(66) + 3 * hills - height)
+    height += c.islandness * (np.float32(66) + 3 * hills - height)
     ground: NDArray[np.int16] = np.clip(np.floor(height), LOWEST_GROUND, HIGHEST_GROUND).astype(np.int16)
     return ground
 
 
 def _ramp(field: Field, start: float, slope: float) -> Field:
     """0 up to `start`, then rising by `slope` per unit to 1."""
-    ramp: Field = np.clip((field - np.float32(start)) * np.float32(slope), 0, 1)
-    return ramp
-
-
-def _swampiness(c: Climate) -> Field:
-    """1 in the middle of a swamp, falling to 0 around it."""
-    mild = _ramp(c.warmth, COOL, 14) * _ramp(-c.warmth, -0.4, 14)
-    return _ramp(c.wetness, 0.1, 14) * _ramp(c.variety, -0.08, 14) * mild * _ramp(-c.ruggedness, -0.2, 10)
-
-
-def _islandness(c: Climate) -> Field:
-    """1 in the middle of a mushroom island, falling to 0 around it."""
-    return _ramp(c.variety, 0.3, 8) * _ramp(-c.land, 0.14, 14)
+    ramp: Field = field - np.float32(start)
+    ramp *= np.float32(slope)
+    return ramp.clip(0, 1, out=ramp)
 
 
 def terrain(seed: int, x: Axis, z: Axis) -> tuple[NDArray[np.uint8], NDArray[np.int16]]:
     """Biome and ground height of every block column of a rectangle."""
     corners_x = np.arange(x[0, 0] // SPACING, x[-1, 0] // SPACING + 2)[:, None] * SPACING
     corners_z = np.arange(z[0, 0] // SPACING, z[0, -1] // SPACING + 2)[None, :] * SPACING
-    coarse = climate(seed, corners_x, corners_z)
-    fine = Climate(**{name: enlarge(field, x, z, SPACING) for name, field in vars(coarse).items()})
-    return biomes(fine), heights(seed, fine, x, z)
+    coarse = np.stack(list(vars(climate(seed, corners_x, corners_z)).values()))
+    fine = Climate(*enlarge(coarse, x, z, SPACING))
+    return np.ascontiguousarray(biomes(fine)), np.ascontiguousarray(heights(seed, fine, x, z))

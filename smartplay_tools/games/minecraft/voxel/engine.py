@@ -10,7 +10,6 @@ from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from smartplay_tools.games.minecraft.observation import (
     NEAR,
@@ -22,15 +21,15 @@ from smartplay_tools.games.minecraft.observation import (
 )
 from smartplay_tools.games.minecraft.tasks import Goal, Stride
 from smartplay_tools.games.minecraft.voxel import animals, blocks
-from smartplay_tools.games.minecraft.voxel.rays import hit_blocks, hit_boxes
+from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_boxes
 from smartplay_tools.games.minecraft.voxel.start import make_world
 from smartplay_tools.games.minecraft.voxel.walking import EYES, Walker
 from smartplay_tools.games.minecraft.voxel.world import World
 
 
 @functools.cache
-def _rays(yaw: float, mode: TextMode) -> NDArray[np.float32]:
-    return rays(yaw, mode)
+def _fan(yaw: float, mode: TextMode) -> Fan:
+    return Fan(rays(yaw, mode), RAY_RANGES)
 
 
 class VoxelEngine:
@@ -58,10 +57,11 @@ class VoxelEngine:
         sine, cosine = heading(self._yaw)
         player.tick(None, sine, cosine)
         self._time += 1
+        column = None
         for stride in strides:
             player.tick(stride, sine, cosine)
             self._time += 1
-            if self._biome() in goal.biomes:
+            if column != (column := (math.floor(player.x), math.floor(player.z))) and self._biome() in goal.biomes:
                 break
         return self._observe()
 
@@ -93,17 +93,17 @@ class VoxelEngine:
         x, y, z = math.floor(p.x), math.floor(p.y), math.floor(p.z)
         self._world.prepare(x, z)
         names = blocks.NAMES[self._text]
-        directions, eye = _rays(self._yaw, self._text), (p.x, p.y + EYES, p.z)
-        hits, block_distances = hit_blocks(self._world.blocks, eye, directions, RAY_RANGES)
+        fan, eye = _fan(self._yaw, self._text), (p.x, p.y + EYES, p.z)
+        hits, block_distances = fan.hit_blocks(self._world.blocks, eye, self._world.top)
         species, low, high = animals.animals_near(self._world, x, z, self._time)
-        hit, entity_distances = hit_boxes(low, high, eye, directions, block_distances)
+        hit, entity_distances = hit_boxes(low, high, eye, fan.directions, block_distances)
         return Observation(
             position=np.array([p.x, p.y, p.z], np.float32),
             yaw=self._yaw,
             pitch=0.0,
             biome=self._biome(),
             blocks=names[self._world.cube(x, y, z, NEAR // 2)],
-            ray_directions=directions,
+            ray_directions=fan.directions,
             ray_blocks=names[hits],
             ray_block_distances=block_distances,
             ray_entities=animals.NAMES[np.append(species + 1, 0)[hit]],

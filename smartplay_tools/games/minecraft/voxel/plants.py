@@ -6,7 +6,7 @@ plants far outside the generated rectangle cannot reach into it: `REACH` bounds 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -176,6 +176,33 @@ for _biome, (_density, _shapes) in TREES.items():
 for _biome, (_density, _blocks) in SHRUBS.items():
     SHRUB_DENSITY[_biome] = _density
     SHRUB_CHOICE[_biome] = np.array(_blocks, np.uint8)[np.arange(_CHOICES) % len(_blocks)]
+
+
+class Part:
+    """A part (the trunk or the foliage) of all shapes in one table, so that many plants are placed at once."""
+
+    def __init__(self, tables: Sequence[NDArray[np.int32]]) -> None:
+        self._count = np.array([len(table) for table in tables])
+        self._first = np.cumsum(self._count) - self._count
+        self._cells = np.concatenate(tables).T.copy()
+        self._blocks = self._cells[3].astype(np.uint8)
+
+    def place(
+        self, kinds: NDArray[np.int32], feet: NDArray[np.int32], size: tuple[int, ...]
+    ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+        """Flat positions and blocks, plant by plant, of the cells that lie in a box of that size.
+
+        `kinds` are indices of `SHAPES`; `feet` has a row for each of x, y, z.
+        """
+        count = self._count[kinds]
+        row = np.arange(count.sum()) + (self._first[kinds] - np.cumsum(count) + count).repeat(count)
+        x, y, z = (foot.repeat(count) + cell.take(row) for foot, cell in zip(feet, self._cells[:3], strict=True))
+        inside = (x >= 0) & (x < size[0]) & (z >= 0) & (z < size[1]) & (y < size[2])
+        return ((x * size[1] + z) * size[2] + y)[inside], self._blocks[row[inside]]
+
+
+TRUNKS = Part([shape.trunk for shape in SHAPES])
+FOLIAGE = Part([shape.foliage for shape in SHAPES])
 
 _LEAVES = [b for b in Block if b.name.endswith("LEAVES")]
 GIVES_WAY = np.array([b in _LEAVES or (not SOLID[b] and b != Block.WATER) for b in Block])

@@ -7,7 +7,7 @@ a spot is searched on the ground there from which the player can walk away in mo
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,12 @@ _UNPLEASANT = (Biome.RIVER, Biome.FROZEN_RIVER, Biome.SWAMPLAND, Biome.EXTREME_H
 def make_world(seed: int, goals: frozenset[int]) -> tuple[World, tuple[float, float, float]]:
     """The world of a seed, and a start in it. A world without a start for these goals is replaced by the next."""
     for attempt in itertools.count():
-        world = World((seed + attempt * 0x9E3779B9) % 2**32)
-        for x, z in itertools.islice(_places(world.seed, goals), _TRIES):
+        this = (seed + attempt * 0x9E3779B9) % 2**32
+        places = list(itertools.islice(_places(this, goals), _TRIES))
+        if not places:
+            continue
+        world = World(this)
+        for x, z in places:
             world.prepare(x, z)
             if (feet := _stand(world, x, z, goals)) is not None:
                 return world, feet
@@ -51,15 +55,22 @@ def _places(seed: int, goals: frozenset[int]) -> Iterator[tuple[int, int]]:
     axis = np.arange(-reach, reach + 1) * _SCALE
     fields = climate(seed, axis[:, None], axis[None, :])
     biome = biomes(fields)
-    good = (fields.land > SHORE) & ~np.isin(biome, _UNPLEASANT)
+    good = (fields.land > SHORE) & ~_one_of(_UNPLEASANT)[biome]
     if goals:
-        away = ndimage.distance_transform_edt(~np.isin(biome, list(goals))) * _SCALE
+        away = ndimage.distance_transform_edt(~_one_of(goals)[biome]) * _SCALE
         good &= (away >= NEAREST_GOAL) & (away <= FARTHEST_GOAL)
     inner = slice(reach - _STARTS, reach + _STARTS + 1)
     x, z = np.nonzero(good[inner, inner])
     order = np.argsort(hashed(seed, 301, x, z), kind="stable")
     for i, j in zip(x[order].tolist(), z[order].tolist(), strict=True):
         yield (i - _STARTS) * _SCALE, (j - _STARTS) * _SCALE
+
+
+def _one_of(some: Iterable[int]) -> NDArray[np.bool_]:
+    """By biome: whether it is one of these."""
+    table = np.zeros(256, bool)
+    table[list(some)] = True
+    return table
 
 
 def _stand(world: World, x: int, z: int, goals: frozenset[int]) -> tuple[float, float, float] | None:

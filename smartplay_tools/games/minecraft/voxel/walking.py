@@ -9,6 +9,7 @@ in the real game.
 from __future__ import annotations
 
 import math
+from math import floor
 
 from smartplay_tools.games.minecraft.tasks import Stride
 from smartplay_tools.games.minecraft.voxel.blocks import SLIPPERY, SOLID, Block
@@ -16,13 +17,17 @@ from smartplay_tools.games.minecraft.voxel.world import BOTTOM, HEIGHT, SIDE, Wo
 
 HALF_WIDTH, TALL, EYES = 0.3, 1.8, 1.62
 
+_WATER = int(Block.WATER)
 _GRAVITY, _FALL_DRAG = 0.08, 0.98
 _JUMP, _SPRINT_JUMP_PUSH = 0.42, 0.2
 _WALK, _IN_AIR, _IN_WATER, _SPRINT = 0.1, 0.02, 0.02, 1.3
 _AIR_DRAG, _WATER_DRAG = 0.91, 0.8
-_SLIP, _SLIP_ON_ICE = 0.6, 0.98
+_GROUND_DRAG, _ICE_DRAG = 0.6 * _AIR_DRAG, 0.98 * _AIR_DRAG
+_ON_GROUND, _ON_ICE = ((drag, _WALK * _GROUND_DRAG**3 / drag**3) for drag in (_GROUND_DRAG, _ICE_DRAG))
+"""Drag and push: the push is adapted to the drag, so starting on ice is slow."""
 _SWIM_UP, _SINK, _CLIMB_OUT, _CLIMB_REACH = 0.04, 0.02, 0.3, 0.6
 _INPUT = 0.98
+_TWO_INPUTS = math.sqrt(_INPUT * _INPUT + _INPUT * _INPUT)
 _STANDSTILL = 0.003
 _SKIN = 1e-7
 """Bodies that touch do not overlap; this tolerance allows for rounding."""
@@ -40,17 +45,41 @@ class Walker:
 
     def tick(self, stride: Stride | None, sine: float, cosine: float) -> None:
         """Move for a tick, with "forward" and the stride's keys held, or with none; `sine, cosine` are the yaw's."""
-        self.vx, self.vy, self.vz = (0.0 if abs(v) < _STANDSTILL else v for v in (self.vx, self.vy, self.vz))
-        wet = self._block(self.x, self.y + 0.4, self.z) == Block.WATER
-        self._jump_or_sprint(stride, wet, sine, cosine)
-        self.vy += _SWIM_UP if wet else 0.0
-        slip = _SLIP_ON_ICE if SLIPPERY[self._block(self.x, self.y - 1, self.z)] else _SLIP
-        drag = _WATER_DRAG if wet else slip * _AIR_DRAG if self.grounded else _AIR_DRAG
+        vx = 0.0 if -_STANDSTILL < self.vx < _STANDSTILL else self.vx
+        vy = 0.0 if -_STANDSTILL < self.vy < _STANDSTILL else self.vy
+        vz = 0.0 if -_STANDSTILL < self.vz < _STANDSTILL else self.vz
+        flat, column, before = self.world.flat, _column(floor(self.x), floor(self.z)), self.y
+        wet, grounded = flat[column + floor(before + 0.4)] == _WATER, self.grounded
+        # The keys "jump" and "sprint".
+        if stride is None:
+            self.sprinting = False
+        elif not stride.jump:
+            self.sprinting = True
+        elif grounded and not wet:
+            vy = _JUMP
+            if self.sprinting:
+                vx -= sine * _SPRINT_JUMP_PUSH
+                vz += cosine * _SPRINT_JUMP_PUSH
+        # What holds the body, and how much the keys of direction push it there.
+        if wet:
+            vy += _SWIM_UP
+            drag, push = _WATER_DRAG, _IN_WATER
+        else:
+            if grounded:
+                drag, push = _ON_ICE if SLIPPERY[flat[column + floor(before - 1)]] else _ON_GROUND
+            else:
+                drag, push = _AIR_DRAG, _IN_AIR
+            if self.sprinting:
+                push *= _SPRINT
         if stride is not None:
-            self._push(stride, wet, drag, sine, cosine)
-        before = self.y
-        stopped = self._move()
-        self.sprinting = self.sprinting and not stopped
+            if stride.left:
+                push /= _TWO_INPUTS
+            left = stride.left * _INPUT
+            vx += push * (left * cosine - _INPUT * sine)
+            vz += push * (_INPUT * cosine + left * sine)
+        stopped = self._move(vx, vy, vz)
+        if stopped:
+            self.sprinting = False
         self.vx *= drag
         self.vz *= drag
         if wet:
@@ -60,99 +89,89 @@ class Walker:
         else:
             self.vy = (self.vy - _GRAVITY) * _FALL_DRAG
 
-    def _jump_or_sprint(self, stride: Stride | None, wet: bool, sine: float, cosine: float) -> None:
-        if stride is None:
-            self.sprinting = False
-        elif not stride.jump:
-            self.sprinting = True
-        elif self.grounded and not wet:
-            self.vy = _JUMP
-            if self.sprinting:
-                self.vx -= sine * _SPRINT_JUMP_PUSH
-                self.vz += cosine * _SPRINT_JUMP_PUSH
+    def _move(self, vx: float, vy: float, vz: float) -> bool:
+        """Move by a velocity, stopping at solid blocks: up or down, along x, along z. Return whether a side did.
 
-    def _push(self, stride: Stride, wet: bool, drag: float, sine: float, cosine: float) -> None:
-        """Accelerate. On the ground the push is adapted to the drag, so starting on ice is slow."""
-        if wet:
-            push = _IN_WATER
-        else:
-            push = _WALK * (_SLIP * _AIR_DRAG) ** 3 / drag**3 if self.grounded else _IN_AIR
-            push *= _SPRINT if self.sprinting else 1.0
-        forward, left = _INPUT, stride.left * _INPUT
-        push /= max(math.sqrt(forward * forward + left * left), 1.0)
-        self.vx += push * (left * cosine - forward * sine)
-        self.vz += push * (forward * cosine + left * sine)
-
-    def _move(self) -> bool:
-        """Move by the velocity, stopping at solid blocks: up or down, along x, along z. Return whether a side did."""
-        wanted = self.y + self.vy
-        self.y = self._reach_y(wanted)
-        self.grounded = self.y != wanted and self.vy < 0
-        if self.y != wanted:
-            self.vy = 0.0
+        The body is in no solid block, and a tick moves it by less than a block along x and z. So blocks can stop it
+        only in a row of cells that it enters.
+        """
+        x, z = self.x, self.z
+        west, east, north, south = *_cells(x), *_cells(z)
+        wanted = self.y + vy
+        self.y = y = self._reach_y(wanted, west, east, north, south)
+        self.grounded = y != wanted and vy < 0
+        self.vx, self.vy, self.vz = vx, vy if y == wanted else 0.0, vz
         stopped = False
-        for axis, velocity in (("x", "vx"), ("z", "vz")):
-            speed = getattr(self, velocity)
-            wanted = getattr(self, axis) + speed
-            reached = self._reach_side(axis, wanted, speed)
-            setattr(self, axis, reached)
-            if reached != wanted:
-                setattr(self, velocity, 0.0)
-                stopped = True
+        if vx:
+            wanted = x + vx
+            first, last = _cells(wanted)
+            edge = last if vx > 0 else first
+            if not west <= edge <= east and self._is_solid(edge, edge, north, south, *_layers(y)):
+                self.x = _beside(edge, x)
+                west, east = _cells(self.x)
+                if self.x != wanted:
+                    self.vx, stopped = 0.0, True
+            else:
+                self.x, west, east = wanted, first, last
+        if vz:
+            wanted = z + vz
+            edge = floor(wanted + HALF_WIDTH - _SKIN) if vz > 0 else floor(wanted - HALF_WIDTH + _SKIN)
+            if not north <= edge <= south and self._is_solid(west, east, edge, edge, *_layers(y)):
+                self.z = _beside(edge, z)
+                if self.z != wanted:
+                    self.vz, stopped = 0.0, True
+            else:
+                self.z = wanted
         return stopped
 
-    def _reach_y(self, wanted: float) -> float:
+    def _reach_y(self, wanted: float, west: int, east: int, north: int, south: int) -> float:
         """The height that is reached in the direction of the wanted one; falls may pass several layers."""
-        xs, zs = _cells(self.x), _cells(self.z)
         if wanted < self.y:
-            for layer in range(math.floor(self.y + _SKIN) - 1, math.floor(wanted) - 1, -1):
-                if self._is_solid(xs, range(layer, layer + 1), zs):
+            for layer in range(floor(self.y + _SKIN) - 1, floor(wanted) - 1, -1):
+                if self._is_solid(west, east, north, south, layer, layer):
                     return layer + 1.0
         else:
-            layer = math.floor(wanted + TALL)
-            if self._is_solid(xs, range(layer, layer + 1), zs):
+            layer = floor(wanted + TALL)
+            if self._is_solid(west, east, north, south, layer, layer):
                 return max(layer - TALL, self.y)
         return wanted
 
-    def _reach_side(self, axis: str, wanted: float, speed: float) -> float:
-        """The same for x or z, where a tick never passes a whole block."""
-        if not speed:
-            return wanted
-        edge = math.floor(wanted + HALF_WIDTH - _SKIN) if speed > 0 else math.floor(wanted - HALF_WIDTH + _SKIN)
-        column = range(edge, edge + 1)
-        xs, zs = (column, _cells(self.z)) if axis == "x" else (_cells(self.x), column)
-        if not self._is_solid(xs, _layers(self.y), zs):
-            return wanted
-        here: float = getattr(self, axis)
-        return max(edge - HALF_WIDTH, here) if speed > 0 and edge > here else min(edge + 1 + HALF_WIDTH, here)
-
     def _is_free(self, dx: float, dy: float, dz: float) -> bool:
         """Whether the body, moved by that much, would be in neither blocks nor water."""
-        layers, xs, zs = _layers(self.y + dy), _cells(self.x + dx), _cells(self.z + dz)
-        if self._is_solid(xs, layers, zs):
+        west, east, north, south = *_cells(self.x + dx), *_cells(self.z + dz)
+        low, high = _layers(self.y + dy)
+        if self._is_solid(west, east, north, south, low, high):
             return False
-        return all(self._block(x, y, z) != Block.WATER for x in xs for z in zs for y in layers)
+        columns = [_column(x, z) for x in range(west, east + 1) for z in range(north, south + 1)]
+        return all(_WATER not in self.world.flat[column + low : column + high + 1] for column in columns)
 
-    def _is_solid(self, xs: range, layers: range, zs: range) -> bool:
-        flat, low, high = self.world.flat, layers.start - BOTTOM, layers.stop - BOTTOM
-        for x in xs:
-            for z in zs:
-                column = ((x & (SIDE - 1)) * SIDE + (z & (SIDE - 1))) * HEIGHT
-                for cell in range(column + low, column + high):
+    def _is_solid(self, west: int, east: int, north: int, south: int, low: int, high: int) -> bool:
+        """Whether there is a solid block among these cells, borders included."""
+        flat = self.world.flat
+        for x in range(west, east + 1):
+            for z in range(north, south + 1):
+                column = _column(x, z)
+                for cell in range(column + low, column + high + 1):
                     if SOLID[flat[cell]]:
                         return True
         return False
 
-    def _block(self, x: float, y: float, z: float) -> int:
-        column = ((math.floor(x) & (SIDE - 1)) * SIDE + (math.floor(z) & (SIDE - 1))) * HEIGHT
-        return self.world.flat[column + math.floor(y) - BOTTOM]
+
+def _cells(middle: float) -> tuple[int, int]:
+    """The first and the last cell that a body covers along x or z."""
+    return floor(middle - HALF_WIDTH + _SKIN), floor(middle + HALF_WIDTH - _SKIN)
 
 
-def _cells(middle: float) -> range:
-    """The cells that a body covers along x or z."""
-    return range(math.floor(middle - HALF_WIDTH + _SKIN), math.floor(middle + HALF_WIDTH - _SKIN) + 1)
+def _layers(feet: float) -> tuple[int, int]:
+    """The same along y."""
+    return floor(feet + _SKIN), floor(feet + TALL - _SKIN)
 
 
-def _layers(feet: float) -> range:
-    """The cells that a body covers along y."""
-    return range(math.floor(feet + _SKIN), math.floor(feet + TALL - _SKIN) + 1)
+def _column(x: int, z: int) -> int:
+    """What to add to a height for the place of a cell in the row of all blocks."""
+    return ((x & (SIDE - 1)) * SIDE + (z & (SIDE - 1))) * HEIGHT - BOTTOM
+
+
+def _beside(edge: int, here: float) -> float:
+    """Where a body stops that is at `here` and would enter the row of cells at `edge`."""
+    return max(edge - HALF_WIDTH, here) if edge > here else min(edge + 1 + HALF_WIDTH, here)

@@ -23,7 +23,9 @@ SIDE = 256
 BOTTOM, HEIGHT = 32, 96
 """The window's lowest layer and its number of layers. Nothing outside is ever seen."""
 
-CHUNK = 16
+CHUNK = 32
+"""Side of what is generated at once. Few large calls of NumPy cost less than many small ones."""
+
 NEAREST = 72
 """Everything up to this distance from the player, along x and z, is generated before it is used."""
 
@@ -76,10 +78,11 @@ _SURFACE = np.zeros(256, np.intp)
 for _biome, _kind in _SURFACE_OF.items():
     _SURFACE[_biome] = _SURFACES.index(_kind)
 _PROFILES = _profiles()
-_SNOWY = np.isin(np.arange(256), [Biome.ICE_PLAINS, Biome.COLD_TAIGA, Biome.COLD_BEACH, Biome.FROZEN_RIVER])
+_COVER = np.zeros(256, np.uint8)
+"""By biome: what lies where no plant stands."""
+_COVER[[Biome.ICE_PLAINS, Biome.COLD_TAIGA, Biome.COLD_BEACH, Biome.FROZEN_RIVER]] = Block.SNOW
 
 _TREE_SALT, _SHRUB_SALT = 101, 102
-_NOWHERE, _NOTHING = np.zeros(0, np.int32), np.zeros(0, np.uint8)
 
 
 class World:
@@ -90,6 +93,7 @@ class World:
         flat: the same bytes in a row, for reading single cells.
         biome: biome id by [x, z].
         ground: the highest block of the ground by [x, z], in the window's layers.
+        top: the highest layer that anything generated so far reaches.
     """
 
     def __init__(self, seed: int) -> None:
@@ -98,7 +102,9 @@ class World:
         self.flat = memoryview(self.blocks.data).cast("B")
         self.biome = np.zeros((SIDE, SIDE), np.uint8)
         self.ground = np.zeros((SIDE, SIDE), np.int16)
+        self.top = 0
         self._present: dict[tuple[int, int], tuple[int, int]] = {}
+        self._prepared: tuple[int, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
         """The state without the second view of the blocks, which a copy makes from its own blocks."""
@@ -110,13 +116,18 @@ class World:
 
     def prepare(self, x: int, z: int) -> None:
         """Generate the missing chunks around a place."""
-        near = [
-            (i, j)
-            for i in range((x - NEAREST) // CHUNK, (x + NEAREST) // CHUNK + 1)
-            for j in range((z - NEAREST) // CHUNK, (z + NEAREST) // CHUNK + 1)
-        ]
+        near = tuple((c + side) // CHUNK for c in (x, z) for side in (-NEAREST, NEAREST))
+        if near == self._prepared:
+            return
+        self._prepared = near
+        west, east, north, south = near
         slots = SIDE // CHUNK - 1
-        missing = {chunk for chunk in near if self._present.get((chunk[0] & slots, chunk[1] & slots)) != chunk}
+        missing = {
+            (i, j)
+            for i in range(west, east + 1)
+            for j in range(north, south + 1)
+            if self._present.get((i & slots, j & slots)) != (i, j)
+        }
         for i, j in missing:
             self._present[i & slots, j & slots] = (i, j)
         for i, j, wide, deep in _rectangles(missing):
@@ -149,8 +160,16 @@ class World:
         _plant_trees(columns, biome, ground, hashed(self.seed, _TREE_SALT, xs, zs))
         shrubs = hashed(self.seed, _SHRUB_SALT, xs[reach:-reach], zs[:, reach:-reach])
         _plant_shrubs(columns, biome[inner], ground[inner], shrubs)
+        self.top = max(self.top, _highest(columns))
         i, j = (np.arange(x, x + wide) & _MASK)[:, None], (np.arange(z, z + deep) & _MASK)[None, :]
         self.blocks[i, j], self.biome[i, j], self.ground[i, j] = columns, biome[inner], ground[inner]
+
+
+def _highest(columns: NDArray[np.uint8]) -> int:
+    """The highest layer of a rectangle in which there is anything."""
+    # Row by row of a chunk first, because NumPy is slow at reducing many short rows.
+    rows = columns.reshape(-1, CHUNK * HEIGHT).max(axis=0)
+    return int(np.flatnonzero(rows.reshape(CHUNK, HEIGHT).max(axis=0))[-1])
 
 
 def _rectangles(chunks: set[tuple[int, int]]) -> Iterator[tuple[int, int, int, int]]:
@@ -175,39 +194,29 @@ def _plant_trees(
     rooted = (unit(bits) < plants.TREE_DENSITY[biome]) & (ground >= SEA_LEVEL - 1 - BOTTOM)
     x, z = np.nonzero(rooted)
     kinds = plants.TREE_CHOICE[biome[x, z], bits[x, z] & 255]
-    feet = np.stack([x - plants.REACH, ground[x, z] + 1, z - plants.REACH], axis=1).astype(np.int32)
     # Shape by shape and then by place: of two trees, the same one wins wherever the rectangle begins.
-    groups = [(plants.SHAPES[kind], feet[kinds == kind]) for kind in np.unique(kinds).tolist()]
-    for part in ("foliage", "trunk"):
-        cells = [_cells_of(getattr(shape, part), places, columns.shape) for shape, places in groups]
-        where = np.concatenate([_NOWHERE, *(where for where, _ in cells)])
-        what = np.concatenate([_NOTHING, *(what for _, what in cells)])
-        flat = columns.reshape(-1)
-        free = flat[where] == Block.AIR if part == "foliage" else plants.GIVES_WAY[flat[where]]
-        flat[where[free]] = what[free]
-
-
-def _cells_of(
-    shape: NDArray[np.int32], feet: NDArray[np.int32], size: tuple[int, ...]
-) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Flat positions and blocks of the cells of plants of one shape, as far as they lie in the rectangle."""
-    cells = feet[:, None, :] + shape[None, :, :3]
-    x, y, z = cells[..., 0], cells[..., 1], cells[..., 2]
-    inside = (x >= 0) & (x < size[0]) & (z >= 0) & (z < size[1]) & (y < size[2])
-    blocks = np.broadcast_to(shape[:, 3].astype(np.uint8), inside.shape)
-    return ((x * size[1] + z) * size[2] + y)[inside], blocks[inside]
+    order = kinds.argsort(kind="stable")
+    x, z, kinds = x[order], z[order], kinds[order]
+    feet = np.stack([x - plants.REACH, ground[x, z] + 1, z - plants.REACH]).astype(np.int32)
+    flat = columns.reshape(-1)
+    where, what = plants.FOLIAGE.place(kinds, feet, columns.shape)
+    free = flat[where] == Block.AIR
+    flat[where[free]] = what[free]
+    where, what = plants.TRUNKS.place(kinds, feet, columns.shape)
+    free = plants.GIVES_WAY[flat[where]]
+    flat[where[free]] = what[free]
 
 
 def _plant_shrubs(
     columns: NDArray[np.uint8], biome: NDArray[np.uint8], ground: NDArray[np.int16], bits: NDArray[np.uint32]
 ) -> None:
     """Place everything that is one cell high on free ground: snow, plants, lilies on a swamp's water."""
-    x, z = np.ogrid[: biome.shape[0], : biome.shape[1]]
+    flat = columns.reshape(-1)
+    above = np.arange(0, flat.size, HEIGHT).reshape(biome.shape) + (ground + 1)
     dry = ground >= SEA_LEVEL - 1 - BOTTOM
-    above = columns[x, z, ground + 1]
-    grows = unit(bits) < plants.SHRUB_DENSITY[biome]
-    shrub = plants.SHRUB_CHOICE[biome, bits & 255]
-    shrub = np.where(grows, shrub, np.where(_SNOWY[biome], Block.SNOW, Block.AIR)).astype(np.uint8)
-    columns[x, z, ground + 1] = np.where(dry & (above == Block.AIR), shrub, above)
-    lilies = ~dry & (biome == Biome.SWAMPLAND) & (unit(bits) > np.float32(0.92))
+    chance = unit(bits)
+    shrub = np.where(chance < plants.SHRUB_DENSITY[biome], plants.SHRUB_CHOICE[biome, bits & 255], _COVER[biome])
+    free = dry & (flat[above] == Block.AIR)
+    flat[above[free]] = shrub[free]
+    lilies = ~dry & (biome == Biome.SWAMPLAND) & (chance > np.float32(0.92))
     columns[..., SEA_LEVEL - BOTTOM][lilies] = Block.LILY_PAD
