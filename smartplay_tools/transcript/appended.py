@@ -13,8 +13,8 @@ import threading
 import weakref
 from collections import OrderedDict
 from contextlib import suppress
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 HANDLES = 128
 """How many files keep their handle: half of the smallest usual limit of a process, that of macOS."""
@@ -29,12 +29,12 @@ class AppendedFile:
 
     Arguments:
         path: the file, which is opened again by this name.
-        file: the open file, at its end.
+        file: the open file, at its end and without a buffer.
     """
 
-    def __init__(self, path: Path, file: BinaryIO) -> None:
+    def __init__(self, path: Path, file: FileIO) -> None:
         self._path = path.absolute()
-        self._file: BinaryIO | None = file
+        self._file: FileIO | None = file
         self._size = file.tell()
         self._reference = weakref.ref(self)
         self._rest()
@@ -42,9 +42,10 @@ class AppendedFile:
     def write(self, lines: bytes) -> None:
         """Append lines; an OSError if that fails, or if the file is no longer as it was written."""
         file = self._opened()
-        file.write(lines)
-        file.flush()
-        self._size += len(lines)
+        written = 0
+        while written < len(lines):  # all at once, unless the disk is full
+            written += file.write(lines[written:])
+        self._size += written
         self._rest()
 
     def close(self) -> None:
@@ -56,12 +57,12 @@ class AppendedFile:
             with suppress(OSError):
                 file.close()
 
-    def _opened(self) -> BinaryIO:
+    def _opened(self) -> FileIO:
         with _LOCK:
             _IDLE.pop(self._reference, None)
         if self._file is None:
             # Not in the mode "ab", which would begin a new file if this one was moved.
-            self._file = self._path.open("r+b")
+            self._file = self._path.open("r+b", buffering=0)
             if self._file.seek(0, os.SEEK_END) != self._size:
                 raise OSError(errno.EIO, "another program has changed it")
         return self._file

@@ -68,7 +68,7 @@ class TranscriptWriter:
                 raise TranscriptError(f"{self.path} exists, and a record is never overwritten; name another file.")
             try:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-                self._file = AppendedFile(self.path, self.path.open("xb"))
+                self._file = AppendedFile(self.path, self.path.open("xb", buffering=0))
                 self._times = TimesWriter.if_kept(self.path)
             except OSError as error:
                 raise TranscriptError(f"{self.path} cannot be written: {error.strerror}.") from None
@@ -83,7 +83,7 @@ class TranscriptWriter:
         writer._chain = events[-1].get("chain", "") if events else ""
         known = b"".join(event_line(event).encode("ascii") + b"\n" for event in events)
         try:
-            file = writer.path.open("r+b")
+            file = writer.path.open("r+b", buffering=0)
             written = file.read()
             if written == known[:-1]:
                 file.write(b"\n")

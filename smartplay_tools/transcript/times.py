@@ -83,9 +83,8 @@ class TimesWriter:
         self._events = events
         path = times_file(record)
         known = path.read_bytes().splitlines(keepends=True) if events and path.exists() else []
-        file = path.open("wb")
-        file.writelines(line for line in known if _is_within(line, events))
-        self._file: AppendedFile | None = AppendedFile(path, file)
+        self._file: AppendedFile | None = AppendedFile(path, path.open("wb", buffering=0))
+        self._file.write(b"".join(line for line in known if _is_within(line, events)))
 
     @classmethod
     def if_kept(cls, record: Path, events: int = 0) -> TimesWriter | None:
