@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from smartplay_tools.evaluation.analysis import intervals
 from smartplay_tools.evaluation.analysis.intervals import (
     Estimate,
     mean_estimate,
@@ -30,6 +31,28 @@ def test_it_is_the_bca_interval_of_the_literature():
     assert ours.low == pytest.approx(theirs.low, abs=0.3)
     assert ours.high == pytest.approx(theirs.high, abs=0.3)
     assert ours.mean - ours.low > ours.high - ours.mean  # a few bad episodes: the interval leans towards them
+
+
+@pytest.mark.parametrize("sizes", [(2,), (40,), (5, 12, 30)])
+def test_it_is_scipys_interval_of_the_same_resamples(sizes):
+    generator = np.random.default_rng(3)
+    samples = [np.sort(generator.integers(0, 5, size=size) / 4) for size in sizes]
+    samples = [np.array([*sample[:-1], 1.0]) for sample in samples]  # the largest value is 1
+    weights = generator.random(len(sizes))
+
+    def total(*drawn, axis: int):
+        return np.round(sum(w * each.mean(axis=axis) for w, each in zip(weights, drawn, strict=True)), intervals.DIGITS)
+
+    theirs = stats.bootstrap(
+        samples,
+        total,
+        n_resamples=intervals.RESAMPLES,
+        batch=intervals.BLOCK // sum(sizes),
+        vectorized=True,
+        rng=np.random.default_rng(intervals.SEED),
+    ).confidence_interval
+    ours = weighted([sample.tolist() for sample in samples], weights.tolist())
+    assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), rel=1e-8)
 
 
 def test_it_depends_on_the_values_alone():
