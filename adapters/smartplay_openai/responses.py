@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from openai.resources.responses import Responses as ClientResponses
 
@@ -20,9 +20,12 @@ from smartplay_openai.parsing import plain, read_usage
 from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
-from smartplay_tools import Message, Prompt, Reply, Usage, schema
+from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage, schema
 from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.players import BrokenAnswerError
+
+A = TypeVar("A")
+T = TypeVar("T")
 
 LEAST_LIMIT = 16
 """The interface refuses a smaller cap on the reply; a reply that uses the difference is recorded as an overrun."""
@@ -143,7 +146,7 @@ def read_items(items: Iterable[Mapping[str, Any]]) -> Message:
     for item in items:
         match item.get("type", "message"):
             case "message":
-                texts.append(text_of({"content": item.get("content") or ""}))
+                texts.append(_text_of(item.get("content")))
                 item = {**item, "type": "message", "content": []}
             case "function_call":
                 function = {"name": item.get("name"), "arguments": item.get("arguments")}
@@ -152,6 +155,13 @@ def read_items(items: Iterable[Mapping[str, Any]]) -> Message:
     return assistant_message(
         {"role": "assistant", "content": _content(texts), "tool_calls": calls, "provider_items": kept}
     )
+
+
+def _text_of(content: Any) -> str:
+    """The text of an item's content; `InvalidArgumentError` if it is neither text nor a list of text parts."""
+    if not isinstance(content, str | list | None):
+        raise InvalidArgumentError("The content of an item is text or a list of text parts.")
+    return text_of({"content": content})
 
 
 def _content(texts: list[str]) -> str | list[dict[str, str]] | None:
@@ -236,6 +246,7 @@ def _instructions(body: Mapping[str, Any]) -> Iterator[Message]:
 def _messages(items: list[Any]) -> Iterator[Message]:
     """The canonical messages of a request's items; consecutive items of the assistant are one message."""
     output: list[Mapping[str, Any]] = []
+    begin = ""
     for at, item in enumerate(items):
         param = f"input[{at}]"
         if not isinstance(item, Mapping):
@@ -245,10 +256,11 @@ def _messages(items: list[Any]) -> Iterator[Message]:
             raise bad(f"A message has one of the roles {', '.join(ROLES)}.", param)
         is_output = kind != "function_call_output" and item.get("role") not in ("system", "developer", "user")
         if is_output:
+            begin = begin if output else param
             output.append(item)
             continue
         if output:
-            yield read_items(output)
+            yield _readable(read_items, output, begin)
             output = []
         if kind == "function_call_output":
             text = _text(item.get("output"), param)
@@ -256,11 +268,16 @@ def _messages(items: list[Any]) -> Iterator[Message]:
         else:
             yield {"role": item["role"], "content": _text(item.get("content"), param)}
     if output:
-        yield read_items(output)
+        yield _readable(read_items, output, begin)
 
 
 def _text(content: Any, param: str) -> str:
+    return _readable(_text_of, content, param)
+
+
+def _readable(read: Callable[[A], T], sent: A, param: str) -> T:
+    """What is read from a part of a request; if it cannot be read, the request is refused."""
     try:
-        return text_of({"content": content})
-    except (TypeError, ValueError) as error:
+        return read(sent)
+    except ValueError as error:
         raise bad(str(error), param) from None

@@ -335,6 +335,14 @@ def app():
     return TestClient(so.endpoint_app(sp.get_player("rule"), sp.get_player("rule-notes")), raise_server_exceptions=True)
 
 
+@pytest.mark.parametrize("content", [True, 1, [None], [[]], {"a": 1}])
+def test_an_output_item_without_text_is_refused(app, content):
+    items = [{"role": "user", "content": "Play."}, {"role": "assistant", "content": content}]
+    answer = app.post("/v1/responses", json={"model": "rule", "input": items})
+    assert answer.status_code == 400
+    assert answer.json()["error"]["param"] == "input[1]"
+
+
 @settings(max_examples=250, deadline=None)
 @given(body=BODY, path=st.sampled_from(["chat/completions", "responses"]))
 @pytest.mark.slow
