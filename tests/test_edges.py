@@ -314,6 +314,19 @@ class TestInterruptions:
             assert not sp.replay(path).differences
 
 
+def slowed(episode: sp.Episode) -> threading.Event:
+    """Make the steps of an episode slow; the event is set when one has begun."""
+    advance, begun = episode.game.advance, threading.Event()
+
+    def slow(action: int):
+        begun.set()
+        time.sleep(0.1)
+        return advance(action)
+
+    episode.game.advance = slow
+    return begun
+
+
 class TestConcurrency:
     def test_a_slow_step_does_not_hold_the_event_loop(self):
         async def play(episode: sp.Episode) -> float:
@@ -360,14 +373,7 @@ class TestConcurrency:
 
     def test_a_call_that_is_cancelled_while_it_waits_is_not_played(self):
         async def play(episode: sp.Episode) -> int:
-            advance, begun = episode.game.advance, threading.Event()
-
-            def slow(action: int):
-                begun.set()
-                time.sleep(0.1)
-                return advance(action)
-
-            episode.game.advance = slow
+            begun = slowed(episode)
             first, second, third = [asyncio.ensure_future(episode.acall("act", {"action": "1"})) for _ in range(3)]
             await asyncio.to_thread(begun.wait)
             second.cancel()
@@ -381,14 +387,7 @@ class TestConcurrency:
 
     def test_an_event_loop_that_ends_while_a_call_is_played_leaves_the_episode_usable(self):
         async def leave(episode: sp.Episode) -> None:
-            advance, begun = episode.game.advance, threading.Event()
-
-            def slow(action: int):
-                begun.set()
-                time.sleep(0.1)
-                return advance(action)
-
-            episode.game.advance = slow
+            begun = slowed(episode)
             call = asyncio.ensure_future(episode.acall("act", {"action": "1"}))
             await asyncio.to_thread(begun.wait)
             call.cancel()

@@ -85,7 +85,7 @@ def _play_again(game: TextGame, tools: Tools, act: Event) -> int:
         action = tools.parse(act["name"], read(act["arguments"])).action
         assert action is not None
         text, reward, _, _ = game.advance(action)
-    except Exception as error:
+    except Exception as error:  # a record may say anything, and an engine may break: no drawing, with the reason
         raise _DisagreementError(f"Step {step} cannot be played ({type(error).__name__}).") from error
     if "state_hash" in data and data["state_hash"] != game.state_hash():
         raise _DisagreementError(f"Step {step} has a different state hash.")
