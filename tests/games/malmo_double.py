@@ -27,7 +27,7 @@ from smartplay_tools.games.minecraft.observation import heading
 from smartplay_tools.games.minecraft.tasks import Stride
 from smartplay_tools.games.minecraft.voxel import animals
 from smartplay_tools.games.minecraft.voxel.blocks import NAMES, SOLID, Block
-from smartplay_tools.games.minecraft.voxel.rays import hit_blocks, hit_boxes
+from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_boxes
 from smartplay_tools.games.minecraft.voxel.start import make_world
 from smartplay_tools.games.minecraft.voxel.walking import EYES, Walker
 
@@ -123,7 +123,7 @@ class Client:
         player, offsets = self._player, self.mission.rays
         directions, ranges = malmo_directions(self._yaw, offsets), offsets[:, 2].astype(np.float32)
         eye = (player.x, player.y + EYES, player.z)
-        hits, distances = hit_blocks(self._world.blocks, eye, directions, ranges)
+        hits, distances = Fan(directions, ranges).hit_blocks(self._world.blocks, eye)
         species, low, high = animals.animals_near(self._world, x, z, self._time)
         hit, entity_distances = hit_boxes(low, high, eye, directions, distances)
         names = animals.NAMES[np.append(species + 1, 0)[hit]].tolist()

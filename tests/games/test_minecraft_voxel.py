@@ -16,7 +16,7 @@ from smartplay_tools.games.minecraft.tasks import CORRECTED_GOALS, Stride
 from smartplay_tools.games.minecraft.voxel import animals, plants, start
 from smartplay_tools.games.minecraft.voxel.blocks import NAMES, SOLID, Block
 from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, Biome, biomes, climate, terrain
-from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_blocks, hit_boxes
+from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_boxes
 from smartplay_tools.games.minecraft.voxel.walking import Walker
 from smartplay_tools.games.minecraft.voxel.world import BOTTOM, HEIGHT, SIDE, World
 from tests.guides.voxel import Guide
@@ -141,7 +141,7 @@ def test_rays_hit_what_a_walk_from_cell_to_cell_hits():
         eye = (0.37, float(world.ground_at(0, 0)) + 2.62, 0.71)
         for yaw in (-180, -90, 0, 90):
             fan = true_rays(yaw)
-            blocks, distances = hit_blocks(world.blocks, eye, fan, RAY_RANGES)
+            blocks, distances = Fan(fan, RAY_RANGES).hit_blocks(world.blocks, eye)
             for n in range(0, 290, 3):
                 block, distance = march(world, eye, fan[n].astype(float), float(RAY_RANGES[n]))
                 differences += (block, round(distance, 2)) != (blocks[n], round(float(distances[n]), 2))

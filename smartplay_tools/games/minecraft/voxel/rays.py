@@ -142,13 +142,6 @@ class Fan:
         return found[nearest, each], distance, stage.axis[nearest]
 
 
-def hit_blocks(
-    blocks: NDArray[np.uint8], eye: tuple[float, float, float], directions: Floats, ranges: Floats
-) -> tuple[NDArray[np.uint8], Floats]:
-    """The same for rays that are used once."""
-    return Fan(directions, ranges).hit_blocks(blocks, eye)
-
-
 def hit_boxes(
     low: Floats, high: Floats, eye: tuple[float, float, float], directions: Floats, ranges: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
