@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import random
 import sys
 from collections import OrderedDict
 from pathlib import Path
@@ -99,6 +100,45 @@ def test_a_torn_last_line_costs_that_line_only(played):
         assert not found.differences
         assert not found.complete
         assert not found.identical
+
+
+def line_by_line(written: bytes) -> list[dict] | None:
+    """The events of a file; None if a line other than an incomplete last one is no event."""
+    events = []
+    lines = written.splitlines(keepends=True)
+    for number, line in enumerate(lines):
+        try:
+            event = json.loads(line)
+        except ValueError:
+            return events if 0 < number == len(lines) - 1 and not line.endswith(b"\n") else None
+        if not isinstance(event, dict) or not isinstance(event.get("event"), str):
+            return None
+        events.append(event)
+    return events if events and events[0]["event"] == "start" and events[0].get("format") == 1 else None
+
+
+def test_a_damaged_record_is_read_line_by_line_or_refused(played):
+    path, _ = played
+    whole = path.read_bytes()
+    chance = random.Random(4)
+    read = 0
+    for _ in range(400):
+        place = chance.choice([chance.randrange(len(whole)), chance.choice(line_ends(whole))])
+        put = chance.choice([b"", b"\n", b"}", b"{", b",", b'"', b" ", b"[1]\n", b"\xc3\xa9", b'\n{"event": "x"}\n'])
+        damaged = whole[:place] + put + whole[place + chance.randrange(3) :]
+        path.write_bytes(damaged)
+        expected = line_by_line(damaged)
+        if expected is None:
+            with pytest.raises(TranscriptError):
+                sp.read_transcript(path)
+        else:
+            assert sp.read_transcript(path) == expected
+            read += 1
+    assert 50 < read < 350
+
+
+def line_ends(written: bytes) -> list[int]:
+    return [at for at, byte in enumerate(written) if byte == ord("\n")]
 
 
 def test_a_line_is_on_disk_before_the_next_thing_happens(tmp_path):

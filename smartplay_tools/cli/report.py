@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +32,9 @@ def report(
         ),
     ] = None,
     plugins: options.Plugins = False,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes that read records, where there are many.")
+    ] = None,
 ) -> None:
     """Write one self-contained HTML page that replays every episode of a run; it opens from disk, without a network.
 
@@ -41,6 +45,7 @@ def report(
     # Reading records and drawing games needs imports that no other command needs.
     from smartplay_tools.evaluation.report import write_report
 
-    path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins)
+    processes = workers or os.cpu_count() or 1
+    path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes)
     size = path.stat().st_size / 1e6
     Console().print(f"{path} ({size:.1f} MB): open it in a browser.", highlight=False, soft_wrap=True)

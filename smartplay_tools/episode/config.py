@@ -157,12 +157,13 @@ class EpisodeConfig(CellConfig):
             raise TranscriptError(f"The record's start event has no valid config: {in_one_line(error)}.") from None
 
 
-def recorded_facts(start: Mapping[str, Any]) -> dict[str, Any]:
+def recorded_facts(start: Mapping[str, Any], config: EpisodeConfig | None = None) -> dict[str, Any]:
     """Return the configuration in a start event as plain data: the config's fields, defaults included.
 
-    `budget` is the budget in numbers, `asked` the part of it that the user gave.
+    `budget` is the budget in numbers, `asked` the part of it that the user gave; `config` is the event's, if it has
+    been read already.
     """
-    config = EpisodeConfig.from_event(start)
+    config = config or EpisodeConfig.from_event(start)
     facts = config.model_dump(mode="json")
     return {**facts, "budget": start["budget"], "asked": config.budget.model_dump(exclude_defaults=True)}
 

@@ -33,8 +33,8 @@ class SentPrompt:
     """The sha256 of the rebuilt prompt; it differs from the recorded one only if the transcript was changed."""
 
 
-def sent_prompts(events: Sequence[Event]) -> Iterator[SentPrompt]:
-    """Yield every prompt of a transcript, in order."""
+def sent_prompts(events: Sequence[Event], turns: Sequence[Turn] | None = None) -> Iterator[SentPrompt]:
+    """Yield every prompt of a transcript, in order; `turns` are its `recorded_turns`, if they are known already."""
     head = next((event for event in events if event["event"] == "head"), None)
     if head is None:
         return
@@ -42,7 +42,7 @@ def sent_prompts(events: Sequence[Event]) -> Iterator[SentPrompt]:
         for view, prompt, sha256 in paper.sent_prompts(events):
             yield SentPrompt(view["turn"], prompt, view["sha256"], sha256)
         return
-    rebuilder = _Rebuilder(events)
+    rebuilder = _Rebuilder(events, recorded_turns(events) if turns is None else turns)
     for number, event in enumerate(events, start=1):
         if event["event"] == "head":
             rebuilder.use_head(event)
@@ -65,8 +65,8 @@ def recorded_turns(events: Sequence[Event]) -> list[Turn]:
 class _Rebuilder:
     """Rebuilds the prompts of one record; parts that several prompts share are encoded once."""
 
-    def __init__(self, events: Sequence[Event]) -> None:
-        self._turns = recorded_turns(events)
+    def __init__(self, events: Sequence[Event], turns: Sequence[Turn]) -> None:
+        self._turns = turns
         cap = events[0]["budget"].get("summary_tokens")
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         # What a prompt says does not depend on how it is counted.

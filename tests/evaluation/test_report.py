@@ -17,12 +17,14 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation.report import write_report
-from smartplay_tools.evaluation.report.drawings import draw
+from smartplay_tools.evaluation.report.drawings import Drawings
 from smartplay_tools.evaluation.report.episodes import check
 from smartplay_tools.games import GameSpec
 from smartplay_tools.games.base import TextGame
+from smartplay_tools.replays import recorded_turns
 from tests.evaluation.players import Broken, FirstMoves
 from tests.evaluation.report_runs import (
     BANDIT,
@@ -272,16 +274,17 @@ def test_every_prompt_is_rebuilt_and_compared_with_its_sha256(tmp_path):
     path = record(tmp_path / "bandit.jsonl", BANDIT, prompt_tokens=700)
     events = sp.read_transcript(path)
     prompts = sum(event["event"] == "view" for event in events)
-    assert check(events) == {"prompts": prompts, "differ": []}
+    assert check(events, recorded_turns(events)) == {"prompts": prompts, "differ": []}
     call = next(event for event in events if event["event"] == "call")
     call["text"] = call["text"].replace("1", "7")
-    assert check(events)["differ"][0] == 1
+    assert check(events, recorded_turns(events))["differ"][0] == 1
 
 
 def test_a_drawing_is_left_out_where_the_game_goes_another_way(tmp_path):
     events = sp.read_transcript(record(tmp_path / "bandit.jsonl", BANDIT))
     events[0]["config"]["seed"] = 8
-    drawing = draw(events)
+    with Drawings() as drawings:
+        drawing = drawings.draw(EpisodeConfig.from_event(events[0]), events)
     assert drawing["kind"] is None
     assert "played differently" in drawing["source"]
 

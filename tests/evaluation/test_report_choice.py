@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import shutil
 
 import pytest
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.folder import RunFolder
 
 pytest.importorskip("jinja2")
@@ -113,9 +115,32 @@ def test_episodes_of_several_runs_are_pairs(run, tmp_path):
 @pytest.mark.slow
 def test_the_tables_are_of_all_episodes(run, monkeypatch):
     # Figures take long to draw, and no test here is about them.
-    monkeypatch.setattr("smartplay_tools.evaluation.report.page.figures", lambda path: [])
+    monkeypatch.setattr("smartplay_tools.evaluation.report.page.figures", lambda path, rows: [])
     page = report.render_report(run, episodes="2")
     assert len(re.findall(r'id="episode-[0-9a-f]{16}"', page)) == 2
     assert "This page holds 2 of 6 episodes" in page
     assert re.findall(r"In all: (\d) finished episodes", page) == ["6"]
     assert "This page holds" not in report.render_report(run, episodes="all")
+
+
+def test_several_processes_write_the_page_that_one_writes(run, tmp_path, monkeypatch):
+    reading = pytest.importorskip("smartplay_tools.evaluation.report.reading")
+    monkeypatch.setattr(reading, "CHUNK", 1)
+    monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
+    pages = []
+    for workers in (1, 3):
+        out = report.write_report(run, tmp_path / f"{workers}.html", title="A run", episodes="all", workers=workers)
+        pages.append(out.read_bytes())
+    assert pages[0] == pages[1]
+
+
+def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, tmp_path, monkeypatch):
+    reading = pytest.importorskip("smartplay_tools.evaluation.report.reading")
+    monkeypatch.setattr(reading, "CHUNK", 1)
+    monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
+    copied = shutil.copytree(run, tmp_path / "run")
+    records = sorted((copied / "episodes").glob("*.jsonl"))
+    records[2].write_text(records[2].read_text().replace('"position": ', '"place": '))
+    for workers in (1, 2):
+        with pytest.raises(TranscriptError, match=f"{records[2].name} cannot be shown"):
+            report.render_report(copied, episodes="all", workers=workers)

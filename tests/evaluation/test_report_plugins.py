@@ -8,8 +8,9 @@ import sys
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import UnknownNameError
-from smartplay_tools.evaluation.report.drawings import draw
+from smartplay_tools.evaluation.report.drawings import Drawings
 from smartplay_tools.games.registry import importing_packages
 
 pytest.importorskip("jinja2")
@@ -66,7 +67,9 @@ def test_a_page_names_the_game_and_imports_it_when_asked(record):
 def test_numbers_that_no_setting_has_are_not_played():
     with sp.Episode(HANOI, seed=1, transcript=(events := [])) as episode:
         sp.play(episode, sp.get_player("first"))
-    assert draw(events)["kind"] == "hanoi"
+    with Drawings() as drawings:
+        assert drawings.draw(EpisodeConfig.from_event(events[0]), events)["kind"] == "hanoi"
     events[0]["config"]["setting"]["kwargs"] = {"disks": 10**9}
-    with importing_packages(False):
-        assert "has other numbers here; --plugins draws it" in draw(events)["source"]
+    with importing_packages(False), Drawings() as drawings:
+        drawing = drawings.draw(EpisodeConfig.from_event(events[0]), events)
+    assert "has other numbers here; --plugins draws it" in drawing["source"]

@@ -11,7 +11,6 @@ and 5 for Crafter are both "game", the paper's number. If the same run has a his
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -23,6 +22,7 @@ from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.evaluation.rows import Row
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.tokens import DEFAULT_TOKENIZER
+from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import STRATEGIES, Budget
 
 _COMMON = ("player", "player_options", "rules", "tokenizer")
@@ -79,24 +79,34 @@ class Condition:
 
 def cell_of(row: Row) -> PlayedCell:
     """Return the cell of a row."""
-    facts = {field.name: row[field.name] for field in fields(PlayedCell) if field.name != "rules"}
-    facts["budget"] = {**STRATEGIES, **row["budget"]}
-    return PlayedCell(**facts, rules={name: row[name] for name in RULES})
+    return PlayedCell(**_facts(row))
+
+
+def _facts(row: Row) -> dict[str, Any]:
+    facts = {name: row[name] for name in _COPIED}
+    return {**facts, "budget": {**STRATEGIES, **row["budget"]}, "rules": {name: row[name] for name in RULES}}
+
+
+_COPIED = tuple(field.name for field in fields(PlayedCell) if field.name not in ("rules", "budget"))
+"""The fields of a cell that are those of its rows."""
 
 
 def by_cell(rows: Iterable[Row]) -> list[tuple[PlayedCell, list[Row]]]:
     """Group rows by cell; cells and rows keep the order of the rows."""
-    groups: dict[str, tuple[PlayedCell, list[Row]]] = {}
+    groups: dict[bytes, tuple[PlayedCell, list[Row]]] = {}
     for row in rows:
-        cell = cell_of(row)
-        groups.setdefault(_key(vars(cell)), (cell, []))[1].append(row)
+        facts = _facts(row)
+        key = _key(facts)
+        if key not in groups:
+            groups[key] = (PlayedCell(**facts), [])
+        groups[key][1].append(row)
     return list(groups.values())
 
 
 def conditions(cells: Sequence[PlayedCell]) -> list[Condition]:
     """Group cells by condition, in the order in which conditions first appear."""
     asked = {word: _Asked(word, cells) for word in WORDS}
-    groups: dict[str, tuple[dict[str, Any], list[PlayedCell]]] = {}
+    groups: dict[bytes, tuple[dict[str, Any], list[PlayedCell]]] = {}
     for cell in cells:
         for values in product(*(asked[word].readings(cell) for word in WORDS)):
             budget = {**dict(zip(WORDS, values, strict=True)), **_caps(cell.budget)}
@@ -152,5 +162,5 @@ def _variant(cell: PlayedCell) -> str:
     return ", ".join([*engine, *(f"{name}={value}" for name, value in sorted(cell.options.items()))]) or "no options"
 
 
-def _key(facts: Any) -> str:
-    return json.dumps(facts, sort_keys=True)
+def _key(facts: Any) -> bytes:
+    return canonical_json(facts)

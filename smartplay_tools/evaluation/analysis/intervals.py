@@ -3,10 +3,11 @@
 Everything that is estimated here is a weighted sum of means: the mean of one cell (one sample, weight 1), or a
 capability score (one sample for each setting, weighted by its degree). Episodes are resampled within each sample, never
 across settings, and the interval is bias-corrected and accelerated (BCa; Efron, "Better Bootstrap Confidence
-Intervals", 1987), because scores of games are skewed and samples are small. `scipy.stats.bootstrap` resamples. Its own
-BCa interval is the same, but leaves out every episode once to find the skewness, which for means has a closed form: of
-ten thousand episodes that is half of the work. An interval depends on the values alone: the generator has a fixed seed
-and the values are sorted, so neither the workers nor the order of completion can change it.
+Intervals", 1987), because scores of games are skewed and samples are small. It is the interval that
+`scipy.stats.bootstrap` returns for the same seed, which a test compares. Of means it can be had with a part of the
+work, which counts at ten thousand episodes: statistics of the same episodes share their resamples, and the skewness has
+a closed form instead of leaving out every episode once. An interval depends on the values alone: the generator has a
+fixed seed and the values are sorted, so neither the workers nor the order of completion can change it.
 
 If the bootstrap cannot estimate an interval, the `note` of the estimate says why.
 """
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,7 +92,7 @@ def _intervals(samples: Sequence[Sample]) -> list[tuple[float, float]]:
         scales = np.abs(values).max(axis=1)
         scaled = values / scales[:, None]
         skew = _skew([scaled], np.ones((len(which), 1)))
-        return _bca([scaled], lambda drawn, axis: drawn.mean(axis=axis), skew, scales, values.size)
+        return _bca([scaled], lambda means: means[0], skew, scales, values.shape[1])
 
     return _remembered([_digest(values) for values in data], compute)
 
@@ -152,12 +153,10 @@ def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[
     def compute(which: list[int]) -> list[tuple[float, float]]:
         chosen = weights[which]
 
-        def total(*drawn: Values, axis: int) -> Values:
-            # The first axis is for the weightings, as in a statistic with several values.
-            sums: Values = sum(map(np.multiply.outer, chosen.T, (values.mean(axis=axis) for values in drawn)))
-            return sums
+        def total(means: Sequence[Values]) -> Values:
+            return chosen @ np.concatenate(means)
 
-        scaled = [values / scale for values in data]
+        scaled = [values[None, :] / scale for values in data]
         return _bca(scaled, total, _skew(scaled, chosen), np.full(len(which), scale), sum(map(len, data)))
 
     intervals = _remembered([_digest(row, *data) for row in weights], compute)
@@ -192,7 +191,7 @@ def _weighted_estimate(samples: Sequence[Sample], weights: Sequence[float]) -> E
 def _skew(samples: Sequence[Values], weights: Values) -> Values:
     """The acceleration of every weighted sum of means: a sixth of the skewness of its sampling distribution.
 
-    `weights` is [sum, sample]; the values of a sample are its last axis, one row for all sums or one for each.
+    `weights` is [sum, sample]; a sample is [row, value], with one row for all sums or one for each.
     """
     apart = [values - values.mean(axis=-1, keepdims=True) for values in samples]
     moments = [
@@ -204,30 +203,22 @@ def _skew(samples: Sequence[Values], weights: Values) -> Values:
 
 
 def _bca(
-    data: Sequence[Values], statistic: Callable[..., Values], skew: Values, scales: Values, size: int
+    data: Sequence[Values], combine: Callable[[Sequence[Values]], Values], skew: Values, scales: Values, size: int
 ) -> list[tuple[float, float]]:
-    """The intervals of the values that a statistic returns, each times its scale; a resample has `size` values.
+    """The intervals of the sums that `combine` makes of means, each times its scale; a resample has `size` values.
 
-    Scores are discrete, so many resamples tie with the mean, and the correction of bias counts a tie half on either
-    side. Sums of the same values in another order differ in their last digits: data come with values up to 1, and
-    resampled figures are rounded, so that ties are ties.
+    `data` has an array [row, value] for every sample, `combine` takes their means as [row, resample] and returns
+    [sum, resample]. Scores are discrete, so many resamples tie with the mean, and the correction of bias counts a tie
+    half on either side. Sums of the same values in another order differ in their last digits: data come with values up
+    to 1, and resampled figures are rounded, so that ties are ties.
     """
-    from scipy import special, stats
+    from scipy import special
 
-    def rounded(*drawn: Values, axis: int) -> Values:
-        return np.round(statistic(*drawn, axis=axis), DIGITS)
+    def rounded(means: Sequence[Values]) -> Values:
+        return np.round(combine(means), DIGITS)
 
-    drawn = stats.bootstrap(
-        data,
-        rounded,
-        n_resamples=RESAMPLES,
-        batch=max(1, BLOCK // size),
-        vectorized=True,
-        axis=-1,
-        method="percentile",
-        rng=np.random.default_rng(SEED),
-    ).bootstrap_distribution
-    estimate = rounded(*data, axis=-1)[:, None]
+    drawn = np.concatenate([rounded(means) for means in _resampled_means(data, max(1, BLOCK // size))], axis=1)
+    estimate = rounded([_means(values, np.ones((1, values.shape[1]))) for values in data])
     bias = special.ndtri(((drawn < estimate).mean(axis=-1) + (drawn <= estimate).mean(axis=-1)) / 2)
     ends = []
     for normal in special.ndtri([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]):
@@ -235,3 +226,27 @@ def _bca(
         ends.append(scales * [np.quantile(row, level) for row, level in zip(drawn, levels, strict=True)])
     low, high = ends
     return list(zip(low.tolist(), high.tolist(), strict=True))
+
+
+def _resampled_means(data: Sequence[Values], batch: int) -> Iterator[list[Values]]:
+    """Yield the means of `RESAMPLES` resamples of every sample, `batch` at a time, as [row, resample].
+
+    The rows of a sample are resampled together. How often each value was drawn is counted, and the means of all rows
+    are one product with these counts: a mean of its own for every row and resample takes several times as long.
+    """
+    rng = np.random.default_rng(SEED)
+    for first in range(0, RESAMPLES, batch):
+        resamples = min(batch, RESAMPLES - first)
+        means = []
+        for values in data:
+            n = values.shape[1]
+            drawn = rng.integers(n, size=(resamples, n)) + n * np.arange(resamples)[:, None]
+            counts = np.bincount(drawn.ravel(), minlength=resamples * n).reshape(resamples, n)
+            means.append(_means(values, counts.astype(float)))
+        yield means
+
+
+def _means(values: Values, counts: Values) -> Values:
+    """The means of [row, value] in which each value occurs as often as [resample, value] says, as [row, resample]."""
+    means: Values = values @ counts.T / values.shape[1]
+    return means

@@ -10,14 +10,12 @@ A drawing lists changes: a value that does not change is not repeated.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.arguments import read
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.report.walks import draw_walk
 from smartplay_tools.games.registry import packages_are_imported
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.prompts import GAME_IS_OVER
@@ -32,41 +30,52 @@ REPLAYED = (
 )
 
 
-class _DisagreementError(Exception):
-    """The game played again differs from the record."""
+class _NoDrawingError(Exception):
+    """There is no drawing; the message is a sentence that says why."""
 
 
-def draw(events: Sequence[Event]) -> dict[str, Any]:
-    """Return the drawing of an episode: its `kind`, its `source`, and the state at every step.
+class Drawings:
+    """Draws one episode after the other; those of a cell are played on the same game, which is made once."""
 
-    Without a drawing `kind` is None and `source` says why.
-    """
-    try:
-        config = EpisodeConfig.from_event(events[0])
-        if config.spec.family == "minecraft":
-            return draw_walk(config.spec, events)
-        if not packages_are_imported() and config.setting.kwargs != Setting.of(GAMES[config.game]).kwargs:
-            # Numbers of a stranger could ask for a world of any size.
-            return {"kind": None, "source": f"No drawing: {config.game} has other numbers here; --plugins draws it."}
-        return _replay(config, events)
-    except _DisagreementError as error:
-        return {"kind": None, "source": f"No drawing: the game played differently when it was played again. {error}"}
-    except (SmartPlayError, KeyError, TypeError, ValueError) as error:
-        return {"kind": None, "source": f"No drawing: the game cannot be played again here. {error}"}
+    def __init__(self) -> None:
+        self._made: tuple[Any, TextGame, Tools] | None = None
 
+    def __enter__(self) -> Drawings:
+        return self
 
-def _replay(config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
-    acts = [event for event in events if event["event"] == "call" and event["data"].get("legal") is True]
-    with closing(config.make_game(config.spec)) as game:
+    def __exit__(self, *error: object) -> None:
+        self._close()
+
+    def draw(self, config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
+        """Return the drawing of an episode: its `kind`, its `source`, and the state at every step.
+
+        Without a drawing `kind` is None and `source` says why.
+        """
+        try:
+            if GAMES[config.game].family == "minecraft":
+                from smartplay_tools.evaluation.report.walks import draw_walk  # the voxel world takes half a second
+
+                return draw_walk(config, events)
+            return self._replay(config, events)
+        except _NoDrawingError as error:
+            why = str(error)
+        except (SmartPlayError, KeyError, TypeError, ValueError) as error:
+            why = f"the game cannot be played again here. {error}"
+        self._close()
+        return {"kind": None, "source": f"No drawing: {why}"}
+
+    def _replay(self, config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
+        game, tools = self._game_of(config)
         game.reset(seed=config.seed)
         states = [game.drawing()]
         if not states[0]:
             return {"kind": None, "source": "This game has no drawing of its own."}
-        tools, actions = Tools(game), []
+        acts = [event for event in events if event["event"] == "call" and event["data"].get("legal") is True]
+        actions = []
         for act in acts:
             actions.append(_play_again(game, tools, act))
             states.append(game.drawing())
-        kind = "text" if states[0].keys() == {"text"} else config.spec.family
+        kind = "text" if states[0].keys() == {"text"} else GAMES[config.game].family
         return {
             "kind": kind,
             "source": REPLAYED,
@@ -76,9 +85,26 @@ def _replay(config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
             "rewards": [act["data"]["reward"] for act in acts],
         }
 
+    def _game_of(self, config: EpisodeConfig) -> tuple[TextGame, Tools]:
+        cell = (config.game, config.setting, config.engine, config.options, config.budget.history)
+        if self._made is None or self._made[0] != cell:
+            self._close()
+            if not packages_are_imported() and config.setting.kwargs != Setting.of(GAMES[config.game]).kwargs:
+                # Numbers of a stranger could ask for a world of any size.
+                raise _NoDrawingError(f"{config.game} has other numbers here; --plugins draws it.")
+            game = config.make_game(config.spec)
+            self._made = (cell, game, Tools(game))
+        return self._made[1], self._made[2]
+
+    def _close(self) -> None:
+        """Close the game. One that disagreed with a record is not used again: it may be broken."""
+        if self._made is not None:
+            self._made[1].close()
+            self._made = None
+
 
 def _play_again(game: TextGame, tools: Tools, act: Event) -> int:
-    """Play a recorded action and return its index; `_DisagreementError` if anything else comes of it."""
+    """Play a recorded action and return its index; `_NoDrawingError` if anything else comes of it."""
     data = act["data"]
     step = data["step"]
     try:
@@ -86,15 +112,19 @@ def _play_again(game: TextGame, tools: Tools, act: Event) -> int:
         assert action is not None
         text, reward, _, _ = game.advance(action)
     except Exception as error:  # a record may say anything, and an engine may break: no drawing, with the reason
-        raise _DisagreementError(f"Step {step} cannot be played ({type(error).__name__}).") from error
+        raise _differently(f"Step {step} cannot be played ({type(error).__name__}).") from error
     if "state_hash" in data and data["state_hash"] != game.state_hash():
-        raise _DisagreementError(f"Step {step} has a different state hash.")
+        raise _differently(f"Step {step} has a different state hash.")
     if data["reward"] != reward:
-        raise _DisagreementError(f"Step {step} has a different reward.")
+        raise _differently(f"Step {step} has a different reward.")
     # What was cut for the player says less than the hash.
     if not act["cut"] and act["text"] not in (text, f"{text}\n{GAME_IS_OVER}"):
-        raise _DisagreementError(f"Step {step} has a different text.")
+        raise _differently(f"Step {step} has a different text.")
     return action
+
+
+def _differently(how: str) -> _NoDrawingError:
+    return _NoDrawingError(f"the game played differently when it was played again. {how}")
 
 
 def changes(states: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:

@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import prompts
-from smartplay_tools.context.turns import TurnBuilder
+from smartplay_tools.context.turns import Turn, TurnBuilder
 from smartplay_tools.conversation import paper
-from smartplay_tools.episode.config import RULES, recorded_facts
+from smartplay_tools.episode.config import RULES
 from smartplay_tools.evaluation.rows import FAILURES, UNFINISHED
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.replays.prompts import sent_prompts
@@ -38,9 +38,11 @@ WORDS = {
 """The fixed texts that are part of prompts."""
 
 
-def episode_data(key: str, events: Sequence[Event], facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an episode in the form that the page's script reads; `facts` come from its run."""
-    start = recorded_facts(events[0])
+def episode_data(
+    key: str, start: Mapping[str, Any], events: Sequence[Event], facts: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return an episode in the form that the page's script reads; `start` are its recorded facts, `facts` its run's."""
+    built = () if _is_paper(events) else TurnBuilder.of(events).all_turns
     head = next((event for event in events if event["event"] == "head"), {})
     end = next((event for event in events if event["event"] == "end"), {})
     exception = next((event for event in events if event["event"] == "exception"), {})
@@ -56,11 +58,11 @@ def episode_data(key: str, events: Sequence[Event], facts: Mapping[str, Any]) ->
         "head": head.get("messages", []),
         "tools": head.get("tools", []),
         "first_observations": [*head.get("before", []), head.get("observation")],
-        "turns": turns(events),
+        "turns": turns(events, built),
         "result": end.get("result"),
         "error": exception.get("error") or end.get("result", {}).get("error"),
         "traceback": exception.get("traceback") or end.get("traceback"),
-        "check": check(events),
+        "check": check(events, built),
     }
 
 
@@ -77,10 +79,11 @@ def status(end: Event, exception: Event, *, finished_later: bool = False) -> str
     return "finished"
 
 
-def turns(events: Sequence[Event]) -> list[dict[str, Any]]:
+def turns(events: Sequence[Event], built: Sequence[Turn]) -> list[dict[str, Any]]:
     """Return the contents of every turn, in the order of the prompts and with their call ids and arguments.
 
-    A turn may lack its message (there was no reply) or its view (none was recorded).
+    `built` are the turns of its conversation, none in the paper's protocol. A turn may lack its message (there was no
+    reply) or its view (none was recorded).
     """
     found: list[dict[str, Any]] = []
     heads: list[Event] = []
@@ -115,11 +118,10 @@ def turns(events: Sequence[Event]) -> list[dict[str, Any]]:
                 turn["choice"] = {"action": event["action"], "fallback": event["fallback"]}
             case "call":
                 turn["items"].append({"call": _call(event)})
-    if not _is_paper(events):
-        for shown in TurnBuilder.of(events).all_turns:
-            turn = found[shown.number]
-            turn["message"] = shown.assistant
-            turn["items"].sort(key=_place)
+    for shown in built:
+        turn = found[shown.number]
+        turn["message"] = shown.assistant
+        turn["items"].sort(key=_place)
     return found
 
 
@@ -143,7 +145,7 @@ def _call(event: Event) -> dict[str, Any]:
     return {**call, **kept, **({"is_error": True} if event["is_error"] else {})}
 
 
-def check(events: Sequence[Event]) -> dict[str, Any]:
+def check(events: Sequence[Event], built: Sequence[Turn]) -> dict[str, Any]:
     """Rebuild every prompt and compare its sha256 with the record's; return their number, and those that differ."""
     views = [event for event in events if event["event"] == "view"]
     work = sum(
@@ -152,5 +154,5 @@ def check(events: Sequence[Event]) -> dict[str, Any]:
     )
     if work > MOST_REBUILT:
         return {"prompts": len(views), "differ": None}
-    differ = [sent.turn for sent in sent_prompts(events) if sent.sha256 != sent.recorded_sha256]
+    differ = [sent.turn for sent in sent_prompts(events, built) if sent.sha256 != sent.recorded_sha256]
     return {"prompts": len(views), "differ": differ}

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import gzip
 import hashlib
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata, resources
@@ -19,9 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.errors import (
     InvalidArgumentError,
-    SmartPlayError,
-    TranscriptError,
-    in_one_line,
 )
 from smartplay_tools.evaluation import templates
 from smartplay_tools.evaluation.analysis.comparison import compare
@@ -32,17 +27,16 @@ from smartplay_tools.evaluation.analysis.summary import Summary
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.report.choice import choose
-from smartplay_tools.evaluation.report.drawings import draw
-from smartplay_tools.evaluation.report.episodes import WORDS, episode_data
+from smartplay_tools.evaluation.report.episodes import WORDS
 from smartplay_tools.evaluation.report.pairs import pairs_of
 from smartplay_tools.evaluation.report.pictures import figures
-from smartplay_tools.evaluation.report.sources import ShownRun, Source, find_runs
+from smartplay_tools.evaluation.report.reading import pack, read_episodes
+from smartplay_tools.evaluation.report.sources import ShownRun, find_runs
 from smartplay_tools.evaluation.report.summary import (
     MISTAKES,
     failed_row,
     interval,
     lines,
-    result_row,
     rules,
     summarize_rows,
     totals,
@@ -51,8 +45,6 @@ from smartplay_tools.evaluation.report.textures import sheet
 from smartplay_tools.evaluation.rows import Row, unplayed
 from smartplay_tools.games.registry import importing_packages
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.transcript.file import read_transcript
-from smartplay_tools.types import EpisodeResult
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -73,18 +65,20 @@ def write_report(
     title: str | None = None,
     episodes: str | None = None,
     plugins: bool = False,
+    workers: int = 1,
 ) -> Path:
     """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
 
     Several runs become one page that compares them, pair by pair. `episodes` chooses those that the page holds: a
     number, "mistakes", "failed", keys with commas or "all"; a run of more than a thousand needs it. An existing file
     is replaced: a page can be made again, a record cannot. Games of installed packages, which records name, are
-    imported for the drawings and figures only with `plugins`.
+    imported for the drawings and figures only with `plugins`. Records are read by up to `workers` processes, where
+    there are so many that it saves time; a script that asks for several needs `if __name__ == "__main__":`.
     """
     out = Path(out)
     if out.suffix != ".html":
         raise InvalidArgumentError(f"The page is an HTML file, so its name has to end in .html, unlike {out}.")
-    page = render_report(run, title=title, episodes=episodes, plugins=plugins)
+    page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers)
     out.parent.mkdir(parents=True, exist_ok=True)
     # A lone surrogate that a model wrote cannot be encoded in UTF-8; the packed record contains it nevertheless.
     out.write_text(page, encoding="utf-8", errors="replace", newline="\n")
@@ -97,13 +91,15 @@ def render_report(
     title: str | None = None,
     episodes: str | None = None,
     plugins: bool = False,
+    workers: int = 1,
     open_first: bool = False,
 ) -> str:
     """Return the replay page; with `open_first` it begins with its first episode."""
     environment = _environment()
     with importing_packages(plugins):
         runs = choose(find_runs([run] if isinstance(run, str | Path) else run), episodes)
-        contents = _contents(runs, title)
+        pages = [_page_of_run(run, workers=workers, plugins=plugins) for run in runs]
+        contents = _contents(pages, title)
     contents["open"] = runs[0].sources.episodes[0].key if open_first else None
     return environment.get_template("page.html.j2").render(contents)
 
@@ -116,9 +112,9 @@ def _environment() -> Environment:
     return environment
 
 
-def _contents(runs: Sequence[ShownRun], title: str | None) -> dict[str, Any]:
+def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
     """Return the variables of the templates."""
-    pages = [_page_of_run(run) for run in runs]
+    runs = [page.run for page in pages]
     episodes = [episode for page in pages for episode in page.episodes]
     packed = {key: data for page in pages for key, data in page.packed.items()}
     index = {"words": WORDS, "mistakes": MISTAKES, "episodes": [_listed(episode) for episode in episodes]}
@@ -146,7 +142,9 @@ def _contents(runs: Sequence[ShownRun], title: str | None) -> dict[str, Any]:
         "left_out": sum(len(page.rows) - sum(cell.episodes for cell in page.summary.cells) for page in pages),
         "episodes": [{**episode, "rules": rules(episode)} for episode in episodes],
         "figures": [
-            {**figure, "name": f"{run.letter} {figure['name']}".strip()} for run in runs for figure in figures(run.path)
+            {**figure, "name": f"{run.letter} {figure['name']}".strip()}
+            for run in runs
+            for figure in figures(run.path, run.sources.rows)
         ],
         "manifests": [(run.letter, run.sources.manifest) for run in runs if run.sources.manifest],
         "warnings": [warning for page in pages for warning in unplayed(page.rows)],
@@ -179,15 +177,11 @@ class _RunPage:
     summary: Summary
 
 
-def _page_of_run(run: ShownRun) -> _RunPage:
-    episodes, packed, rows = [], {}, []
-    for source in run.sources.episodes:
-        data, row = _read(source)
-        data["run"] = run.letter
-        packed[source.key] = pack(data)
-        rows += [] if row is None else [row]
-        # The turns are packed now; they take most of the memory of a long episode.
-        episodes.append({name: value for name, value in data.items() if name not in ("turns", "drawing", "head")})
+def _page_of_run(run: ShownRun, *, workers: int, plugins: bool) -> _RunPage:
+    shown = list(read_episodes(run.sources.episodes, run.letter, workers=workers, plugins=plugins))
+    episodes = [episode.facts for episode in shown]
+    packed = {episode.facts["key"]: episode.packed for episode in shown}
+    rows = [episode.row for episode in shown if episode.row is not None]
     rows += [source.row for source in run.sources.left_out if source.row is not None]
     failures: Sequence[Row] | None = run.sources.failures
     if failures is None:
@@ -212,32 +206,9 @@ def _tables(summary: Summary, rows: Sequence[Row]) -> Iterator[TextTable]:
         yield deviations_table(summary.cells)
 
 
-def _read(source: Source) -> tuple[dict[str, Any], Row | None]:
-    """Return an episode for the page and, if it is finished, its row for the figures."""
-    events = read_transcript(source.transcript)
-    try:
-        data = {**episode_data(source.key, events, source.facts), "drawing": draw(events)}
-        finished = data["status"] == "finished"
-        if data["result"] is not None:
-            EpisodeResult.model_validate(data["result"])
-        return data, result_row(source.key, events[0], data["result"], source.facts) if finished else None
-    except (AttributeError, KeyError, TypeError, IndexError, StopIteration, ValueError) as error:
-        if isinstance(error, SmartPlayError):
-            raise
-        what = f"{type(error).__name__}: {in_one_line(error)[:200]}"
-        raise TranscriptError(f"{source.transcript} cannot be shown: {what}.") from error
-
-
 def _listed(episode: dict[str, Any]) -> dict[str, Any]:
     """Return the facts about an episode that the page needs before it is unpacked."""
     return {name: episode[name] for name in ("key", "run", "game", "player", "seed", "status")}
-
-
-def pack(value: Any) -> str:
-    """Return JSON, compressed and in base64, which has no character with a meaning in HTML."""
-    # The same run always gives the same page; gzip would otherwise write the time.
-    plain = json.dumps(value, separators=(",", ":")).encode("ascii")
-    return base64.b64encode(gzip.compress(plain, 9, mtime=0)).decode("ascii")
 
 
 def _static(name: str) -> str:

@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import base64
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.figures import write_figures
 from smartplay_tools.evaluation.folder import RunFolder
+from smartplay_tools.evaluation.rows import Row
 
 FOLDER = "figures"
 """The folder of a run's figures, as SVG."""
 
 
-def figures(run: Path) -> Iterator[dict[str, str]]:
-    """Yield name and image of a run's figures: those in its folder, or else those that can be drawn now.
+def figures(run: Path, rows: Sequence[Row]) -> Iterator[dict[str, str]]:
+    """Yield name and image of a run's figures: those in its folder, or else those that can be drawn now of its rows.
 
     There are none without a run, without the extra `evaluation`, or for games that are not known here.
     """
@@ -27,14 +28,13 @@ def figures(run: Path) -> Iterator[dict[str, str]]:
         return
     found = sorted((run / FOLDER).glob("*.svg"))
     with tempfile.TemporaryDirectory() as drawn:
-        for file in found or _draw(run, Path(drawn)):
+        for file in found or _draw(run, rows, Path(drawn)):
             image = base64.b64encode(file.read_bytes()).decode("ascii")
             yield {"name": file.stem.replace("-", " "), "image": f"data:image/svg+xml;base64,{image}"}
 
 
-def _draw(run: Path, folder: Path) -> list[Path]:
-    source = RunFolder(run)
+def _draw(run: Path, rows: Sequence[Row], folder: Path) -> list[Path]:
     try:
-        return write_figures(source.rows(), folder, transcript=source.transcript, formats=["svg"])
+        return write_figures(rows, folder, transcript=RunFolder(run).transcript, formats=["svg"])
     except SmartPlayError:
         return []

@@ -41,6 +41,8 @@ class Sources:
     """The failed attempts of a run; None without a run."""
     left_out: Sequence[Source] = ()
     """Episodes that the page does not hold; its tables count those that have a row."""
+    rows: Sequence[Row] = ()
+    """The rows of a run."""
     waiting: int = 0
     """The number of planned episodes that have not been attempted yet."""
 
@@ -88,7 +90,8 @@ def find_sources(path: Path) -> Sources:
 
 
 def _run(folder: RunFolder) -> Sources:
-    manifest, rows = folder.manifest(), {row["key"]: row for row in folder.rows()}
+    manifest, rows = folder.manifest(), folder.rows()
+    row_of = {row["key"]: row for row in rows}
     attempts_at: dict[str, list[Path]] = {}
     for file in (*folder.attempts(), *folder.running()):
         attempts_at.setdefault(file.name.partition(".")[0], []).append(file)
@@ -102,13 +105,13 @@ def _run(folder: RunFolder) -> Sources:
         facts = {"trial": planned["trial"]}
         # The cost is that of the finished attempt; earlier attempts were charged separately.
         found += [
-            Source(key, file, {**facts, "cost": rows.get(key, {}).get("cost")}, rows.get(key)) for file in finished
+            Source(key, file, {**facts, "cost": row_of.get(key, {}).get("cost")}, row_of.get(key)) for file in finished
         ]
         facts["finished_later"] = bool(finished)
         found += [Source(file.stem, file, facts) for file in attempts if _has_begun(file)]
     if not found:
         raise InvalidArgumentError(f"{folder.path} has no episode to show yet.")
-    return Sources(found, manifest, folder.failures(), waiting=waiting)
+    return Sources(found, manifest, folder.failures(), rows=rows, waiting=waiting)
 
 
 def _has_begun(file: Path) -> bool:

@@ -7,14 +7,13 @@ from dataclasses import asdict
 from typing import Any
 
 from smartplay_tools.episode.budgets import resolve
-from smartplay_tools.episode.config import Rules, recorded_facts
+from smartplay_tools.episode.config import Rules
 from smartplay_tools.evaluation.analysis.intervals import ALL_EQUAL, Estimate
 from smartplay_tools.evaluation.analysis.names import PLAIN, strategy_name
 from smartplay_tools.evaluation.analysis.summary import CellSummary, Summary, summarize
-from smartplay_tools.evaluation.rows import COPIED, Row
+from smartplay_tools.evaluation.rows import Row
 from smartplay_tools.games.paper import HUMAN_SCORES, PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import STRATEGIES, Budget
 
 AXIS, MARGIN = 150, 6
@@ -23,13 +22,6 @@ AXIS_SCORES = (0.0, 1.2)
 
 MISTAKES = ("illegal_actions", "malformed_calls", "idle_replies", "fallback_actions")
 """The kinds of mistakes of a model; refused calls are not among them, because the batch policy decides them."""
-
-
-def result_row(key: str, start: Event, result: Mapping[str, Any], facts: Mapping[str, Any]) -> Row:
-    """Return the row of a finished episode, also if no run has written one."""
-    facts_of_start = recorded_facts(start)
-    copied = {name: facts_of_start[name] for name in COPIED} | {"player": facts_of_start["player"] or "unnamed"}
-    return {"key": key, **result, **copied, "trial": facts.get("trial"), "cost": facts.get("cost")}
 
 
 def failed_row(key: str, episode: Mapping[str, Any]) -> Row:

@@ -16,7 +16,6 @@ from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.games.minecraft.game import Minecraft
 from smartplay_tools.games.minecraft.voxel.climate import SPACING, Biome, biomes, climate
 from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
-from smartplay_tools.games.specs import GameSpec
 from smartplay_tools.transcript.events import Event
 
 FROM_TEXT = "The path is read from the coordinates in the observations."
@@ -35,15 +34,14 @@ LONGEST_SIDE = 160
 _COORDINATES = re.compile(r"^Coordinate \((-?[\d.]+),(-?[\d.]+),(-?[\d.]+)\)\. Facing ([a-z-]+)\.", re.MULTILINE)
 
 
-def draw_walk(spec: GameSpec, events: Sequence[Event]) -> dict[str, Any]:
+def draw_walk(config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
     """Return the positions by step and, for the embedded world, the land around them."""
-    config = EpisodeConfig.from_event(events[0])
     positions = _positions(events)
     if not positions:
         return {"kind": None, "source": "No drawing: no observation has coordinates."}
     land: dict[str, Any] = {}
     if config.engine == "voxel":
-        game = spec.make(**config.options, engine="voxel", history=0)
+        game = config.spec.make(**config.options, engine="voxel", history=0)
         assert isinstance(game, Minecraft)
         game.reset(seed=config.seed)
         assert isinstance(game.world, VoxelEngine)

@@ -1,0 +1,122 @@
+"""The reading of records for a page: each is checked, drawn and packed, which is most of the work of a report.
+
+A page of thousands of episodes is read by several processes; what it says does not depend on their number.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import multiprocessing
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from typing import Any
+
+from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
+from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
+from smartplay_tools.evaluation.report.drawings import Drawings
+from smartplay_tools.evaluation.report.episodes import episode_data
+from smartplay_tools.evaluation.report.sources import Source
+from smartplay_tools.evaluation.rows import COPIED, Row
+from smartplay_tools.games.registry import importing_packages
+from smartplay_tools.transcript.file import read_transcript
+from smartplay_tools.types import EpisodeResult
+
+CHUNK = 16
+"""Records that a process is handed at a time."""
+
+WORTH_A_PROCESS = 4_000_000
+"""Bytes of records for which another process is started: fewer are read before it has imported what it needs."""
+
+PACKED_ONLY = ("head", "tools", "first_observations", "turns", "drawing", "traceback", "check")
+"""What is needed only when an episode is opened; it takes most of the memory of a long one."""
+
+
+@dataclass(frozen=True)
+class ShownEpisode:
+    """An episode in the form that a page needs."""
+
+    facts: dict[str, Any]
+    """What the lists and tables of the page say of it."""
+    packed: str
+    """All that the page's script reads of it."""
+    row: Row | None
+    """Its row for the statistics; None if it is not finished."""
+
+
+def read_episodes(
+    sources: Sequence[Source], letter: str, *, workers: int = 1, plugins: bool = False
+) -> Iterator[ShownEpisode]:
+    """Yield the episodes of a run in the order of their sources.
+
+    At most so many processes read them, fewer if there is little to read. `plugins` says whether games of installed
+    packages are imported in these.
+    """
+    chunks = [sources[first : first + CHUNK] for first in range(0, len(sources), CHUNK)]
+    read = partial(_read_chunk, letter=letter, plugins=plugins)
+    processes = workers if workers == 1 else min(workers, _size(sources) // WORTH_A_PROCESS)
+    if processes < 2:
+        for chunk in chunks:
+            yield from read(chunk)
+        return
+    with ProcessPoolExecutor(processes - 1, multiprocessing.get_context("spawn")) as pool:
+        theirs = [pool.submit(read, chunk) for chunk in chunks]
+        # The others begin at the first record; this process reads from the last until it meets them.
+        ours = []
+        while theirs and theirs[-1].cancel():
+            theirs.pop()
+            ours.append(read(chunks[len(theirs)]))
+        for episodes in chain((future.result() for future in theirs), reversed(ours)):
+            yield from episodes
+
+
+def _size(sources: Sequence[Source]) -> int:
+    return sum(source.transcript.stat().st_size for source in sources)
+
+
+def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode]:
+    with importing_packages(plugins), Drawings() as drawings:
+        return [_read(source, letter, drawings) for source in sources]
+
+
+def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
+    events = read_transcript(source.transcript)
+    try:
+        config = EpisodeConfig.from_event(events[0])
+        start = recorded_facts(events[0], config)
+        data = {
+            **episode_data(source.key, start, events, source.facts),
+            "drawing": drawings.draw(config, events),
+            "run": letter,
+        }
+        if data["result"] is not None:
+            EpisodeResult.model_validate(data["result"])
+        row = _row(source.key, start, data["result"], source.facts) if data["status"] == "finished" else None
+    except TranscriptError:
+        raise
+    except (AttributeError, KeyError, TypeError, IndexError, StopIteration, ValueError) as error:
+        kind = "" if isinstance(error, SmartPlayError) else f"{type(error).__name__}: "
+        what = f"{kind}{in_one_line(error)[:200]}".rstrip(".")
+        raise TranscriptError(f"{source.transcript} cannot be shown: {what}.") from error
+    facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
+    return ShownEpisode(facts, pack(data), row)
+
+
+def _row(key: str, start: Mapping[str, Any], result: Mapping[str, Any], facts: Mapping[str, Any]) -> Row:
+    """The row of a finished episode, also if no run has written one; `start` are its recorded facts."""
+    copied = {name: start[name] for name in COPIED} | {"player": start["player"] or "unnamed"}
+    return {"key": key, **result, **copied, "trial": facts.get("trial"), "cost": facts.get("cost")}
+
+
+def pack(value: Any) -> str:
+    """Return JSON, compressed and in base64, which has no character with a meaning in HTML."""
+    # The same run always gives the same page; gzip would otherwise write the time.
+    plain = _ENCODER.encode(value).encode("ascii")
+    return base64.b64encode(gzip.compress(plain, mtime=0)).decode("ascii")
+
+
+_ENCODER = json.JSONEncoder(separators=(",", ":"))
