@@ -68,11 +68,10 @@ class Recorded(BaseModel):
     def _without_later_defaults(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         dumped: dict[str, Any] = serialize(self)
         fields = type(self).model_fields
-        return {
-            name: value
-            for name, value in dumped.items()
-            if name not in self.later or getattr(self, name) != fields[name].default
-        }
+        for name in self.later:
+            if getattr(self, name) == fields[name].default:
+                dumped.pop(name, None)
+        return dumped
 
 
 Count = Annotated[int, Field(strict=True, ge=0)]

@@ -263,7 +263,7 @@ def test_more_episodes_than_a_process_may_open_files(tmp_path, monkeypatch):
     import resource
 
     # Whatever else this process has open does not count.
-    monkeypatch.setattr(appended, "_IDLE", OrderedDict())
+    monkeypatch.setattr(appended, "_OPEN", OrderedDict())
     others = len(list(Path("/dev/fd").iterdir()))
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(soft, others + 200), hard))
@@ -282,10 +282,10 @@ def test_more_episodes_than_a_process_may_open_files(tmp_path, monkeypatch):
 
 
 def test_a_record_that_was_moved_or_changed_meanwhile_is_not_written_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(appended, "HANDLES", 0)
-    monkeypatch.setattr(appended, "_IDLE", OrderedDict())
-    moved, changed = (TranscriptWriter(tmp_path / name) for name in ("moved.jsonl", "changed.jsonl"))
-    for writer in (moved, changed):
+    monkeypatch.setattr(appended, "HANDLES", 1)
+    monkeypatch.setattr(appended, "_OPEN", OrderedDict())
+    moved, changed, last = (TranscriptWriter(tmp_path / f"{name}.jsonl") for name in ("moved", "changed", "last"))
+    for writer in (moved, changed, last):
         writer.append({"event": "start"})
     (tmp_path / "moved.jsonl").rename(tmp_path / "elsewhere.jsonl")
     with (tmp_path / "changed.jsonl").open("ab") as file:
@@ -293,4 +293,5 @@ def test_a_record_that_was_moved_or_changed_meanwhile_is_not_written_on(tmp_path
     for writer, why in ((moved, "No such file"), (changed, "another program has changed it")):
         with pytest.raises(TranscriptError, match=why):
             writer.append({"event": "reveal"})
+    last.close()
     assert not (tmp_path / "moved.jsonl").exists()

@@ -14,6 +14,7 @@ from rich.progress import track
 
 from smartplay_tools.cli import options
 from smartplay_tools.evaluation.folder import RunFolder
+from smartplay_tools.evaluation.rows import Row
 from smartplay_tools.evaluation.run.audit import Finding, audit
 from smartplay_tools.evaluation.status import run_status
 from smartplay_tools.replays.replay import replay as run_again
@@ -63,22 +64,24 @@ def _replay_file(path: Path, tokenizer: str | None, *, as_json: bool) -> bool:
 
 def _replay_run(path: Path, workers: int | None, tokenizer: str | None, *, as_json: bool) -> bool:
     folder = RunFolder(path)
-    total = len(folder.rows())
+    rows = folder.rows()
+    total = len(rows)
     progress = Console(stderr=True, quiet=as_json or not Console(stderr=True).is_terminal)
-    going = audit(folder, workers or os.cpu_count() or 1, tokenizer)
-    findings = sorted(track(going, "replaying", total, console=progress, transient=True), key=lambda one: one.key)
+    going = audit(folder, workers or os.cpu_count() or 1, tokenizer, rows=rows)
+    shown = track(going, "replaying", total, console=progress, transient=True, disable=progress.quiet)
+    findings = sorted(shown, key=lambda one: one.key)
     differing = [finding for finding in findings if finding.differences]
     if as_json:
         print(json.dumps([asdict(finding) for finding in findings], indent=2))
     else:
         _print_findings(path, total, differing)
-        _print_unfinished(folder)
+        _print_unfinished(folder, rows)
     return not differing
 
 
-def _print_unfinished(folder: RunFolder) -> None:
+def _print_unfinished(folder: RunFolder, rows: list[Row]) -> None:
     """List the episodes that have no result yet, which are not replayed."""
-    status = run_status(folder)
+    status = run_status(folder, rows)
     for cell in status.cells:
         if cell.paused or cell.running:
             said = f"{cell.game}, {cell.player}: {cell.paused} paused, {cell.running} running; not replayed"

@@ -237,9 +237,10 @@ class BaseConversation(ABC):
         return Pending(view, max_tokens, prefix_messages)
 
     def _max_tokens(self, prompt_tokens: int) -> int | None:
-        budget, spent = self.episode.budget, self.episode.stats.tokens
+        budget = self.episode.budget
         if budget.episode_tokens is None:
             return budget.reply_tokens
+        spent = self.episode.stats.tokens
         left = budget.episode_tokens - spent.prompt - spent.reply - prompt_tokens
         return left if budget.reply_tokens is None else min(left, budget.reply_tokens)
 

@@ -42,7 +42,7 @@ def resolve(asked: Budget, spec: GameSpec, head_tokens: int) -> ResolvedBudget:
         "manual_tokens": manual,
         "tool_calls": usual_tool_calls(spec.rollout) if asked.tool_calls == "game" else asked.tool_calls,
     }
-    return ResolvedBudget(**{**asked.model_dump(), **numbers})
+    return ResolvedBudget(**{**dict(asked), **numbers})
 
 
 def share_kept(slack: float) -> Fraction | int:

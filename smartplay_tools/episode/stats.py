@@ -23,6 +23,10 @@ UNANSWERED = ("over", "host")
 """Mistakes of calls that the game did not answer: those after the end, and those that the host refused."""
 
 
+SUMMED = tuple(name for name in Tokens.model_fields if name != "provider")
+"""The fields of `Tokens` that are sums of our counts. They are numbers here: a new model every turn takes longer."""
+
+
 @dataclass
 class EpisodeStats:
     """Counters of an episode; the names are those of `EpisodeResult`."""
@@ -41,7 +45,13 @@ class EpisodeStats:
     summaries: int = 0
     cut_summaries: int = 0
     empty_summaries: int = 0
-    tokens: Tokens = field(default_factory=Tokens)
+    _sums: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SUMMED, 0))
+    _provider: Usage | None = None
+
+    @property
+    def tokens(self) -> Tokens:
+        """The tokens charged so far."""
+        return Tokens(**self._sums, provider=self._provider)
 
     @classmethod
     def of(cls, events: Iterable[Mapping[str, Any]]) -> Self:
@@ -74,7 +84,8 @@ class EpisodeStats:
 
     def counts(self) -> dict[str, Any]:
         """Return the counters by name."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+        counters = {each.name: getattr(self, each.name) for each in fields(self) if not each.name.startswith("_")}
+        return {**counters, "tokens": self.tokens}
 
     def _count_call(self, event: Mapping[str, Any]) -> None:
         data = event["data"]
@@ -91,21 +102,17 @@ class EpisodeStats:
             self.reward += data["reward"]
 
     def _charge(self, event: Mapping[str, Any]) -> None:
-        provider = self.tokens.provider
         if event["provider"] is not None:
             usage = Usage(**event["provider"])
-            provider = usage if provider is None else provider + usage
-        prompt, reply = event.get("prompt", 0), event.get("reply", 0)
-        is_summary = event.get("purpose") == "summary"
-        self.tokens = Tokens(
-            prompt=self.tokens.prompt + prompt,
-            reply=self.tokens.reply + reply,
-            prefix=self.tokens.prefix + event.get("prefix", 0),
-            overruns=self.tokens.overruns + event.get("overrun", False),
-            provider=provider,
-            summary_prompt=self.tokens.summary_prompt + prompt * is_summary,
-            summary_reply=self.tokens.summary_reply + reply * is_summary,
-        )
+            self._provider = usage if self._provider is None else self._provider + usage
+        sums, prompt, reply = self._sums, event.get("prompt", 0), event.get("reply", 0)
+        sums["prompt"] += prompt
+        sums["reply"] += reply
+        sums["prefix"] += event.get("prefix", 0)
+        sums["overruns"] += event.get("overrun", False)
+        if event.get("purpose") == "summary":
+            sums["summary_prompt"] += prompt
+            sums["summary_reply"] += reply
 
 
 @functools.cache

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from smartplay_tools.episode.config import RULES, recorded_facts
+from smartplay_tools.episode.config import RULES, EpisodeConfig, recorded_facts
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.evaluation.prices import Price
 from smartplay_tools.transcript.events import Event
@@ -53,14 +53,16 @@ def read_row(record: Path, trial: int, price: Price | None = None) -> Row:
     return row_of(list(scan(record, *kinds)), record.stem, trial, price)
 
 
-def row_of(events: Sequence[Event], key: str, trial: int, price: Price | None = None) -> Row:
-    """Return the row of a finished episode, from the events of its record.
+def row_of(
+    events: Sequence[Event], key: str, trial: int, price: Price | None = None, config: EpisodeConfig | None = None
+) -> Row:
+    """Return the row of a finished episode, from the events of its record; `config` is the record's, if it is known.
 
     Its cost is in US dollars: 0 if no provider reported any tokens, None if one did and the price of the
     player's model is not known.
     """
     start, end = events[0], next(event for event in reversed(events) if event["event"] == "end")
-    facts = recorded_facts(start)
+    facts = recorded_facts(start, config)
     copied = {name: facts[name] for name in COPIED}
     cost: float | None = None
     if price is not None:

@@ -92,15 +92,19 @@ class TextGame(gymnasium.Env[str, Any]):
         self.history = history
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(len(self.actions))
-        self.observation_space = Words(
-            min_length=1, max_length=longest_observation, charset="".join(sorted(set(characters)))
-        )
+        self._longest_observation, self._characters = longest_observation, characters
         self.score: float = 0
         self.completed = False
         self.observation = ""
         self._steps = 0
         self._playing = False
         self._past: deque[tuple[int, str]] = deque(maxlen=history)
+
+    @functools.cached_property
+    def observation_space(self) -> spaces.Text:  # type: ignore[override]  # made when asked for: agents never ask
+        """Texts of the game's characters, up to its longest observation."""
+        characters = "".join(sorted(set(self._characters)))
+        return Words(min_length=1, max_length=self._longest_observation, charset=characters)
 
     @property
     def numbered_actions(self) -> tuple[str, ...]:

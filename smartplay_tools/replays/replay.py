@@ -1,8 +1,9 @@
 """Replay: play a transcript again and compare everything exactly.
 
 A replay verifies three things: that no event was changed, lost or moved (the chain), that the same replies lead to the
-same results and counts (the play), and that every prompt can be rebuilt to its sha256. Versions may differ, because a
-replay is meant to show whether another version plays the same. It cannot verify who wrote the replies.
+same results and counts (the play), and that every prompt has its sha256. It writes a record of its own; one of the same
+bytes has all three, and otherwise they are looked at one by one. Versions may differ, because a replay is meant to show
+whether another version plays the same. It cannot verify who wrote the replies.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from smartplay_tools.replays.driver import Driver
 from smartplay_tools.replays.prompts import sent_prompts
 from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event
-from smartplay_tools.transcript.file import broken_links, check_format, read_transcript
+from smartplay_tools.transcript.file import broken_links, check_format, read_transcript, read_written
 from smartplay_tools.transcript.hashing import event_line
 from smartplay_tools.types import EpisodeResult
 
@@ -49,24 +50,29 @@ def replay(source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer |
 
     `tokenizer` is required if the record was counted with a tokenizer object of yours, or with a file that was moved.
     """
+    if isinstance(source, str | Path):
+        return replay_events(*read_written(source), name=source, tokenizer=tokenizer)
     recorded = read_events(source)
-    return replay_events(recorded, source if isinstance(source, str | Path) else None, tokenizer=tokenizer)
+    return replay_events(recorded, b"".join(map(_line, recorded)), tokenizer=tokenizer)
 
 
 def replay_events(
-    recorded: Sequence[Event], path: str | Path | None, *, tokenizer: str | Tokenizer | None = None
+    recorded: Sequence[Event],
+    written: bytes,
+    *,
+    name: object = "The record",
+    tokenizer: str | Tokenizer | None = None,
 ) -> Replay:
-    """Replay the events of a record; `path` is the file that they were read from, if there is one."""
-    name = "The record" if path is None else path
+    """Replay the events of a record that was read from these bytes; errors call it by its name."""
     try:
         driver = Driver(recorded, tokenizer=tokenizer)
         with driver.episode:
             driver.run()
             is_complete = recorded[-1]["event"] == "end"
-            # The same bytes are the same events with the same chain, and need not be compared one by one.
-            written = b"".join(map(_line, recorded)) if path is None else Path(path).read_bytes()
-            changes = [] if driver.record.written == written else [*_broken(recorded), *driver.differences()]
-            differences = [*changes, *_tampered(recorded)]
+            # The same bytes are the same events with the same chain, and the prompts that the replay has just made.
+            differences = []
+            if driver.record.written != written:
+                differences = [*_broken(recorded), *driver.differences(), *_tampered(recorded)]
     except SmartPlayError:
         raise
     except (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError) as error:

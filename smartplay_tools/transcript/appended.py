@@ -14,14 +14,15 @@ import weakref
 from collections import OrderedDict
 from contextlib import suppress
 from io import FileIO
+from itertools import islice
 from pathlib import Path
 
 HANDLES = 128
 """How many files keep their handle: half of the smallest usual limit of a process, that of macOS."""
 
 _LOCK = threading.Lock()
-_IDLE: OrderedDict[weakref.ref[AppendedFile], None] = OrderedDict()
-"""The files with a handle that are not being written, the one that was written last at the end."""
+_OPEN: OrderedDict[weakref.ref[AppendedFile], None] = OrderedDict()
+"""The files that have a handle, the one written last at the end. `_LOCK` is held while a file enters or leaves."""
 
 
 class AppendedFile:
@@ -37,43 +38,51 @@ class AppendedFile:
         self._file: FileIO | None = file
         self._size = file.tell()
         self._reference = weakref.ref(self)
-        self._rest()
+        self._in_use = threading.Lock()
+        """Held while the handle is used, so that it is not closed meanwhile."""
+        self._enter()
 
     def write(self, lines: bytes) -> None:
         """Append lines; an OSError if that fails, or if the file is no longer as it was written."""
-        file = self._opened()
-        written = 0
-        while written < len(lines):  # all at once, unless the disk is full
-            written += file.write(lines[written:])
-        self._size += written
-        self._rest()
+        with self._in_use:
+            file = self._file or self._opened_again()
+            written = file.write(lines)
+            while written < len(lines):  # all at once, unless the disk is full
+                written += file.write(lines[written:])
+            self._size += written
+            _OPEN.move_to_end(self._reference)
 
     def close(self) -> None:
         """Close the handle. What a failed write has left of a line is lost."""
+        with self._in_use, _LOCK:
+            _OPEN.pop(self._reference, None)
+            self._let_go()
+
+    def _opened_again(self) -> FileIO:
+        # Not in the mode "ab", which would begin a new file if this one was moved.
+        file = self._path.open("r+b", buffering=0)
+        if file.seek(0, os.SEEK_END) != self._size:
+            file.close()
+            raise OSError(errno.EIO, "another program has changed it")
+        self._file = file
+        self._enter()
+        return file
+
+    def _enter(self) -> None:
+        """Keep the handle, and close that of the file that was not written for the longest time if there are many."""
         with _LOCK:
-            _IDLE.pop(self._reference, None)
-            file, self._file = self._file, None
+            _OPEN[self._reference] = None
+            for reference in list(islice(_OPEN, max(0, len(_OPEN) - HANDLES))):
+                longest = reference()
+                if longest is None:
+                    del _OPEN[reference]
+                elif longest._in_use.acquire(blocking=False):
+                    del _OPEN[reference]
+                    longest._let_go()
+                    longest._in_use.release()
+
+    def _let_go(self) -> None:
+        file, self._file = self._file, None
         if file is not None:
             with suppress(OSError):
                 file.close()
-
-    def _opened(self) -> FileIO:
-        with _LOCK:
-            _IDLE.pop(self._reference, None)
-        if self._file is None:
-            # Not in the mode "ab", which would begin a new file if this one was moved.
-            self._file = self._path.open("r+b", buffering=0)
-            if self._file.seek(0, os.SEEK_END) != self._size:
-                raise OSError(errno.EIO, "another program has changed it")
-        return self._file
-
-    def _rest(self) -> None:
-        """Keep the handle, and close that of the file that was not written for the longest time if there are many."""
-        with _LOCK:
-            _IDLE[self._reference] = None
-            longest = _IDLE.popitem(last=False)[0]() if len(_IDLE) > HANDLES else None
-            if longest is None:
-                return
-            file, longest._file = longest._file, None
-        if file is not None:
-            file.close()

@@ -7,6 +7,7 @@ events.
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -140,20 +141,31 @@ def _usable(path: str | Path) -> Path:
 
 def read_transcript(path: str | Path) -> list[Event]:
     """Return the events of a transcript, without an incomplete last line; `TranscriptError` for any other defect."""
-    events = _as_written(path)
+    return read_written(path)[0]
+
+
+def read_written(path: str | Path) -> tuple[list[Event], bytes]:
+    """Return the events of a transcript, and the bytes from which they were read, as `read_transcript` does."""
+    try:
+        written = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise TranscriptError(f"There is no file {path}.") from None
+    except OSError as error:
+        raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
+    events = _as_written(written)
     if events is None:
-        events = list(_parsed(path, _lines(path)))
+        events = list(_parsed(path, io.BytesIO(written)))
     if not events or events[0]["event"] != "start":
         raise TranscriptError(f"{path} is not a transcript: it does not begin with a start event.")
     check_format(events[0], path)
-    return events
+    return events, written
 
 
-def _as_written(path: str | Path) -> list[Event] | None:
-    """Return the events of a file that looks as `TranscriptWriter` writes it, in two thirds of the time; else None."""
+def _as_written(written: bytes) -> list[Event] | None:
+    """Return the events of bytes that look as `TranscriptWriter` writes them, in two thirds of the time; else None."""
     try:
-        text = Path(path).read_bytes().decode("ascii")
-    except (OSError, UnicodeDecodeError):
+        text = written.decode("ascii")
+    except UnicodeDecodeError:
         return None
     events, at = [], 0
     while at < len(text):
@@ -195,7 +207,7 @@ def _lines(path: str | Path) -> Iterator[bytes]:
         raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
 
 
-def _parsed(path: str | Path, lines: Iterator[bytes]) -> Iterator[Event]:
+def _parsed(path: str | Path, lines: Iterable[bytes]) -> Iterator[Event]:
     for number, line in enumerate(lines, start=1):
         try:
             event = json.loads(line)

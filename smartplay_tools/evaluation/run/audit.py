@@ -19,7 +19,7 @@ from smartplay_tools.evaluation.folder import RunFolder
 from smartplay_tools.evaluation.rows import Row, row_of
 from smartplay_tools.replays.replay import replay_events
 from smartplay_tools.transcript.events import Event
-from smartplay_tools.transcript.file import read_transcript
+from smartplay_tools.transcript.file import read_written
 
 CHUNK = 8
 """Episodes that a worker process is handed at a time: handing over a short one takes as long as its replay."""
@@ -35,12 +35,14 @@ class Finding:
     """One sentence each; empty if everything agrees."""
 
 
-def audit(folder: RunFolder, workers: int, tokenizer: str | None = None) -> Iterator[Finding]:
+def audit(
+    folder: RunFolder, workers: int, tokenizer: str | None = None, *, rows: Sequence[Row] | None = None
+) -> Iterator[Finding]:
     """Yield a finding for every finished episode of a run, in the order of its rows.
 
-    `tokenizer` names the records' tokenizer if its file was moved.
+    `tokenizer` names the records' tokenizer if its file was moved; rows are read from the folder unless they are given.
     """
-    rows = folder.rows()
+    rows = folder.rows() if rows is None else rows
     records = [folder.transcript(row["key"]) for row in rows]
     check = functools.partial(_audit, tokenizer=tokenizer)
     if workers == 1:
@@ -52,8 +54,8 @@ def audit(folder: RunFolder, workers: int, tokenizer: str | None = None) -> Iter
 
 def _audit(record: Path, row: Row, *, tokenizer: str | None) -> Finding:
     try:
-        events = read_transcript(record)
-        found = replay_events(events, record, tokenizer=tokenizer)
+        events, written = read_written(record)
+        found = replay_events(events, written, name=record, tokenizer=tokenizer)
         differences = [*found.differences, *_row_differences(events, row)]
     except SmartPlayError as error:
         differences = [str(error)]
@@ -64,10 +66,11 @@ def _row_differences(events: Sequence[Event], row: Row) -> Iterator[str]:
     if not any(event["event"] == "end" for event in events):
         yield "The record is incomplete: it has no end event."
         return
-    key = EpisodeConfig.from_event(events[0]).key
+    config = EpisodeConfig.from_event(events[0])
+    key = config.key
     if key != row["key"]:
         yield f"The record is of another episode, {key}."
-    for name, value in row_of(events, key, row["trial"]).items():
+    for name, value in row_of(events, key, row["trial"], config=config).items():
         # The cost follows from the run's prices, which are in the manifest.
         if name not in ("cost", "key") and row.get(name) != value:
             yield f"The field {name} is {row.get(name)!r} in the row, {value!r} in the record."
