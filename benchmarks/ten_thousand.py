@@ -1,6 +1,6 @@
 """What many episodes cost in one process: memory, file handles, threads, and the time of a call.
 
-    python benchmarks/ten_thousand.py [--episodes 10,1000,10000]
+    python benchmarks/ten_thousand.py [--episodes 10,1000,10000] [--records 2000]
 
 Each row is a process of its own, with at most 1,024 open files. Its episodes, of five games in turn, are all open at
 the same time, each with a transcript, and each answers three calls of `acall`, the calls of all episodes at once. Times
@@ -10,6 +10,9 @@ in a plain loop over the same episodes, the floor of the column before it.
 A second table measures what is read and written around episodes: the next attempt at an episode that has failed before,
 and the prompts rebuilt from a record, under a cap and without one, for which the messages that are shown grow with the
 square of the turns.
+
+A third table is of a finished run of bandit episodes of three calls each, read by the commands `replay` and `report`:
+milliseconds an episode, from the start of the command to its end. The floor parses the same records, in this process.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ import argparse
 import asyncio
 import dataclasses
 import gc
+import json
 import os
 import subprocess
 import sys
@@ -163,9 +167,33 @@ def around() -> Table:
     return table
 
 
+def read_again(records: int) -> Table:
+    """What a finished run of so many episodes costs to replay, and to write as a page."""
+    columns = ("episodes", "floor", "replay", "in one process", "report", "in one process")
+    table = Table(*columns, title="A run read again, milliseconds an episode", title_justify="left")
+    with tempfile.TemporaryDirectory() as name:
+        run, page = Path(name, "run"), Path(name, "page.html")
+        sp.evaluate([GAMES[0]], ["random"], out=run, trials=records, budgets=sp.Budget(tool_calls=CALLS))
+        began = time.perf_counter()
+        for record in (run / "episodes").iterdir():
+            for line in record.read_bytes().splitlines():
+                json.loads(line)
+        took = [time.perf_counter() - began]
+        for command in (["replay", str(run)], ["report", str(run), "--episodes", "all", "--out", str(page)]):
+            for workers in ([], ["--workers", "1"]):
+                began = time.perf_counter()
+                subprocess.run(
+                    [sys.executable, "-m", "smartplay_tools", *command, *workers], check=True, stdout=subprocess.DEVNULL
+                )
+                took.append(time.perf_counter() - began)
+    table.add_row(f"{records:,}", *(f"{seconds / records * 1e3:,.2f}" for seconds in took))
+    return table
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", default="10,1000,10000", help="how many episodes are open at once, row by row")
+    parser.add_argument("--records", type=int, default=2_000, help="how many episodes the run has that is read again")
     parser.add_argument("--live", type=int, help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.live is not None:
@@ -174,6 +202,7 @@ def main() -> None:
     console = Console(width=120)
     console.print(many([int(count) for count in asked.episodes.split(",")]))
     console.print(around())
+    console.print(read_again(asked.records))
 
 
 if __name__ == "__main__":

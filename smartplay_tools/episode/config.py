@@ -33,7 +33,7 @@ ProtocolName = Literal["tools", "paper"]
 
 def _plain(value: Any) -> Any:
     """Return JSON data in the form in which a record is read back: tuples become lists."""
-    return json.loads(canonical_json(value))
+    return {} if isinstance(value, dict) and not value else json.loads(canonical_json(value))
 
 
 PlainData = Annotated[dict[str, Any], BeforeValidator(_plain)]

@@ -53,11 +53,13 @@ class Driver:
         kind: type[Conversation] | type[AgentSession] = Conversation,
         tokenizer: str | Tokenizer | None = None,
         on_step: Callable[[TextGame], None] | None = None,
+        config: EpisodeConfig | None = None,
     ) -> None:
+        """`config` is the record's, if it has been read already."""
         self.recorded = [event for event in recorded if event["event"] not in NOT_REPLAYED]
         self.record = MemoryRecord()
         """The new record."""
-        config = EpisodeConfig.from_event(recorded[0])
+        config = config or EpisodeConfig.from_event(recorded[0])
         self.episode = Episode.from_config(config, tokenizer=tokenizer, transcript=self.record)
         self.episode.on_step(on_step)
         self.conversation: Driven | None = None

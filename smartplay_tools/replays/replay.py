@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
 from smartplay_tools.replays.driver import Driver
 from smartplay_tools.replays.prompts import sent_prompts
@@ -53,7 +54,8 @@ def replay(source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer |
     if isinstance(source, str | Path):
         return replay_events(*read_written(source), name=source, tokenizer=tokenizer)
     recorded = read_events(source)
-    return replay_events(recorded, b"".join(map(_line, recorded)), tokenizer=tokenizer)
+    written = b"".join(event_line(event) + b"\n" for event in recorded)
+    return replay_events(recorded, written, tokenizer=tokenizer)
 
 
 def replay_events(
@@ -62,10 +64,14 @@ def replay_events(
     *,
     name: object = "The record",
     tokenizer: str | Tokenizer | None = None,
+    config: EpisodeConfig | None = None,
 ) -> Replay:
-    """Replay the events of a record that was read from these bytes; errors call it by its name."""
+    """Replay the events of a record that was read from these bytes; errors call it by its name.
+
+    `config` is the record's, if it has been read already.
+    """
     try:
-        driver = Driver(recorded, tokenizer=tokenizer)
+        driver = Driver(recorded, tokenizer=tokenizer, config=config)
         with driver.episode:
             driver.run()
             is_complete = recorded[-1]["event"] == "end"
@@ -90,10 +96,6 @@ def read_events(source: str | Path | Sequence[Event]) -> list[Event]:
         raise TranscriptError("The events are not a transcript: they do not begin with a start event.")
     check_format(events[0])
     return events
-
-
-def _line(event: Event) -> bytes:
-    return event_line(event).encode("ascii") + b"\n"
 
 
 def _broken(recorded: Sequence[Event]) -> Iterator[str]:

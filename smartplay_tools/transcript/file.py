@@ -82,7 +82,7 @@ class TranscriptWriter:
         writer.path = _usable(path)
         events = list(events)
         writer._chain = events[-1].get("chain", "") if events else ""
-        known = b"".join(event_line(event).encode("ascii") + b"\n" for event in events)
+        known = b"".join(event_line(event) + b"\n" for event in events)
         try:
             file = writer.path.open("r+b", buffering=0)
             written = file.read()
@@ -109,7 +109,7 @@ class TranscriptWriter:
             line = with_chain(plain, self._chain)
             if self._events is not None:
                 self._events.append(json.loads(line))
-            lines += line.encode("ascii") + b"\n"
+            lines += line + b"\n"
         if self._memory is not None:
             self._memory.append(lines)
         if self._file is not None:

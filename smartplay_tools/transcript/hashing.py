@@ -17,19 +17,19 @@ from smartplay_tools.messages import Message, calls_of, text_of
 from smartplay_tools.types import ToolSpec
 
 
-def event_line(event: Mapping[str, Any]) -> str:
+def event_line(event: Mapping[str, Any]) -> bytes:
     """Return an event as JSON in ASCII, so that any text, lone surrogates included, is read back unchanged."""
-    return _event_text(event)
+    return _event_text(event).encode("ascii")
 
 
-def chain_after(before: str, line: str) -> str:
+def chain_after(before: str, line: bytes) -> str:
     """Return the chain after an event, from the chain before it and the event's line without its chain."""
-    return hashlib.sha256(f"{before}{line}".encode("ascii")).hexdigest()[:32]
+    return hashlib.sha256(before.encode("ascii") + line).hexdigest()[:32]
 
 
-def with_chain(line: str, chain: str) -> str:
+def with_chain(line: bytes, chain: str) -> bytes:
     """Return an event's line with its chain as the last field, from its line without."""
-    return f'{line[:-1]}, "chain": "{chain}"}}'
+    return b'%b, "chain": "%b"}' % (line[:-1], chain.encode("ascii"))
 
 
 def message_bytes(message: Message, call_ids: Sequence[str], arguments: Sequence[str] = ()) -> bytes:

@@ -75,5 +75,5 @@ def chained(events: list[dict[str, Any]]) -> bytes:
     for event in events:
         event.pop("chain", None)
         chain = chain_after(chain, event_line(event))
-        lines.append(event_line({**event, "chain": chain}) + "\n")
-    return "".join(lines).encode("ascii")
+        lines.append(event_line({**event, "chain": chain}) + b"\n")
+    return b"".join(lines)

@@ -289,6 +289,21 @@ def test_a_drawing_is_left_out_where_the_game_goes_another_way(tmp_path):
     assert "played differently" in drawing["source"]
 
 
+@pytest.mark.parametrize("game", [BANDIT, RPS, HANOI, "MessengerL1-v0", "Crafter-v0", "MinedojoCreative0-v0"])
+def test_a_game_that_has_drawn_other_episodes_draws_the_same(game):
+    records = []
+    for seed in (3, 1, 3):
+        with sp.Episode(game, seed=seed, budget=sp.Budget(tool_calls=12), transcript=(events := [])) as episode:
+            sp.play(episode, sp.get_player("random", seed=seed))
+        records.append((EpisodeConfig.from_event(events[0]), events))
+    with Drawings() as drawings:
+        drawn = [drawings.draw(*record) for record in records]
+    for played, drawing in zip(records, drawn, strict=True):
+        with Drawings() as others:
+            assert others.draw(*played) == drawing
+        assert drawing["kind"] is not None, drawing["source"]
+
+
 def test_a_game_that_is_not_registered_here_is_shown_without_a_drawing(tmp_path):
     path = record(tmp_path / "hanoi.jsonl", HANOI)
     path.write_text(path.read_text().replace(HANOI, "Hanoi9Disk-v0"))

@@ -30,7 +30,7 @@ from smartplay_tools.evaluation.report.choice import choose
 from smartplay_tools.evaluation.report.episodes import WORDS
 from smartplay_tools.evaluation.report.pairs import pairs_of
 from smartplay_tools.evaluation.report.pictures import figures
-from smartplay_tools.evaluation.report.reading import pack, read_episodes
+from smartplay_tools.evaluation.report.reading import pack, reading
 from smartplay_tools.evaluation.report.sources import ShownRun, find_runs
 from smartplay_tools.evaluation.report.summary import (
     MISTAKES,
@@ -142,9 +142,9 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "left_out": sum(len(page.rows) - sum(cell.episodes for cell in page.summary.cells) for page in pages),
         "episodes": [{**episode, "rules": rules(episode)} for episode in episodes],
         "figures": [
-            {**figure, "name": f"{run.letter} {figure['name']}".strip()}
-            for run in runs
-            for figure in figures(run.path, run.sources.rows)
+            {**figure, "name": f"{page.run.letter} {figure['name']}".strip()}
+            for page in pages
+            for figure in page.figures
         ],
         "manifests": [(run.letter, run.sources.manifest) for run in runs if run.sources.manifest],
         "warnings": [warning for page in pages for warning in unplayed(page.rows)],
@@ -175,10 +175,13 @@ class _RunPage:
     packed: Mapping[str, str]
     rows: Sequence[Row]
     summary: Summary
+    figures: Sequence[Mapping[str, str]]
 
 
 def _page_of_run(run: ShownRun, *, workers: int, plugins: bool) -> _RunPage:
-    shown = list(read_episodes(run.sources.episodes, run.letter, workers=workers, plugins=plugins))
+    with reading(run.sources.episodes, run.letter, workers=workers, plugins=plugins) as read:
+        drawn = list(figures(run.path, run.sources.rows))
+        shown = list(read)
     episodes = [episode.facts for episode in shown]
     packed = {episode.facts["key"]: episode.packed for episode in shown}
     rows = [episode.row for episode in shown if episode.row is not None]
@@ -186,7 +189,7 @@ def _page_of_run(run: ShownRun, *, workers: int, plugins: bool) -> _RunPage:
     failures: Sequence[Row] | None = run.sources.failures
     if failures is None:
         failures = [failed_row(episode["key"], episode) for episode in episodes if episode["status"] == "failed"]
-    return _RunPage(run, episodes, packed, rows, summarize_rows(rows, failures))
+    return _RunPage(run, episodes, packed, rows, summarize_rows(rows, failures), drawn)
 
 
 def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:

@@ -9,12 +9,13 @@ import base64
 import gzip
 import json
 import multiprocessing
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
-from typing import Any
+from typing import Any, TypeAlias
 
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
@@ -48,30 +49,41 @@ class ShownEpisode:
     """Its row for the statistics; None if it is not finished."""
 
 
-def read_episodes(
+@contextmanager
+def reading(
     sources: Sequence[Source], letter: str, *, workers: int = 1, plugins: bool = False
-) -> Iterator[ShownEpisode]:
-    """Yield the episodes of a run in the order of their sources.
+) -> Iterator[Iterator[ShownEpisode]]:
+    """Read the episodes of a run; the value is an iterator over them in the order of their sources.
 
-    At most so many processes read them, fewer if there is little to read. `plugins` says whether games of installed
-    packages are imported in these.
+    At most so many processes read them, this one included, and fewer if there is little to read. The others begin at
+    once, this one when the iterator is asked. `plugins` says whether they import games of installed packages.
     """
     chunks = [sources[first : first + CHUNK] for first in range(0, len(sources), CHUNK)]
     read = partial(_read_chunk, letter=letter, plugins=plugins)
-    processes = workers if workers == 1 else min(workers, _size(sources) // WORTH_A_PROCESS)
-    if processes < 2:
-        for chunk in chunks:
-            yield from read(chunk)
+    others = 0 if workers == 1 else min(workers, _size(sources) // WORTH_A_PROCESS) - 1
+    if others < 1:
+        yield (episode for chunk in chunks for episode in read(chunk))
         return
-    with ProcessPoolExecutor(processes - 1, multiprocessing.get_context("spawn")) as pool:
-        theirs = [pool.submit(read, chunk) for chunk in chunks]
-        # The others begin at the first record; this process reads from the last until it meets them.
-        ours = []
-        while theirs and theirs[-1].cancel():
-            theirs.pop()
-            ours.append(read(chunks[len(theirs)]))
-        for episodes in chain((future.result() for future in theirs), reversed(ours)):
-            yield from episodes
+    pool = ProcessPoolExecutor(others, multiprocessing.get_context("spawn"))
+    try:
+        yield _shared(chunks, read, [pool.submit(read, chunk) for chunk in chunks])
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _shared(
+    chunks: Sequence[Sequence[Source]], read: Read, theirs: list[Future[list[ShownEpisode]]]
+) -> Iterator[ShownEpisode]:
+    """Yield the episodes of all chunks. The other processes begin at the first, this one at the last."""
+    ours = []
+    while theirs and theirs[-1].cancel():
+        theirs.pop()
+        ours.append(read(chunks[len(theirs)]))
+    for episodes in chain((future.result() for future in theirs), reversed(ours)):
+        yield from episodes
+
+
+Read: TypeAlias = Callable[[Sequence[Source]], list[ShownEpisode]]
 
 
 def _size(sources: Sequence[Source]) -> int:

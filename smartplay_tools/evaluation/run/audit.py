@@ -55,18 +55,18 @@ def audit(
 def _audit(record: Path, row: Row, *, tokenizer: str | None) -> Finding:
     try:
         events, written = read_written(record)
-        found = replay_events(events, written, name=record, tokenizer=tokenizer)
-        differences = [*found.differences, *_row_differences(events, row)]
+        config = EpisodeConfig.from_event(events[0])
+        found = replay_events(events, written, name=record, tokenizer=tokenizer, config=config)
+        differences = [*found.differences, *_row_differences(events, config, row)]
     except SmartPlayError as error:
         differences = [str(error)]
     return Finding(row["key"], row["game"], tuple(differences))
 
 
-def _row_differences(events: Sequence[Event], row: Row) -> Iterator[str]:
+def _row_differences(events: Sequence[Event], config: EpisodeConfig, row: Row) -> Iterator[str]:
     if not any(event["event"] == "end" for event in events):
         yield "The record is incomplete: it has no end event."
         return
-    config = EpisodeConfig.from_event(events[0])
     key = config.key
     if key != row["key"]:
         yield f"The record is of another episode, {key}."
