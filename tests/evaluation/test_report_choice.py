@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import shutil
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -144,3 +146,16 @@ def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, 
     for workers in (1, 2):
         with pytest.raises(TranscriptError, match=f"{records[2].name} cannot be shown"):
             report.render_report(copied, episodes="all", workers=workers)
+
+
+def test_a_script_whose_processes_cannot_begin_writes_the_page_all_the_same(run, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from smartplay_tools.evaluation.report import reading, write_report\n"
+        "reading.WORTH_A_PROCESS = 1\n"
+        f"write_report({str(run)!r}, {str(tmp_path / 'page.html')!r}, title='A run', episodes='all', workers=2)\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
+    assert "if __name__ == '__main__':" in done.stderr
+    alone = report.write_report(run, tmp_path / "alone.html", title="A run", episodes="all")
+    assert (tmp_path / "page.html").read_bytes() == alone.read_bytes()

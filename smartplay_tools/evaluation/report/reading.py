@@ -11,10 +11,11 @@ import json
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
+from itertools import chain, repeat
 from typing import Any, TypeAlias
 
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
@@ -30,7 +31,7 @@ from smartplay_tools.types import EpisodeResult
 CHUNK = 16
 """Records that a process is handed at a time."""
 
-WORTH_A_PROCESS = 4_000_000
+WORTH_A_PROCESS = 8_000_000
 """Bytes of records for which another process is started: fewer are read before it has imported what it needs."""
 
 PACKED_ONLY = ("head", "tools", "first_observations", "turns", "drawing", "traceback", "check")
@@ -65,8 +66,11 @@ def reading(
         yield (episode for chunk in chunks for episode in read(chunk))
         return
     pool = ProcessPoolExecutor(others, multiprocessing.get_context("spawn"))
+    theirs: list[Future[list[ShownEpisode]]] = []
     try:
-        yield _shared(chunks, read, [pool.submit(read, chunk) for chunk in chunks])
+        with suppress(BrokenProcessPool):  # the chunks that were handed over before stay in the list
+            theirs.extend(pool.submit(read, chunk) for chunk in chunks)
+        yield _shared(chunks, read, theirs)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -75,19 +79,27 @@ def _shared(
     chunks: Sequence[Sequence[Source]], read: Read, theirs: list[Future[list[ShownEpisode]]]
 ) -> Iterator[ShownEpisode]:
     """Yield the episodes of all chunks. The other processes begin at the first, this one at the last."""
-    ours = []
+    ours = [read(chunk) for chunk in reversed(chunks[len(theirs) :])]
     while theirs and theirs[-1].cancel():
         theirs.pop()
         ours.append(read(chunks[len(theirs)]))
-    for episodes in chain((future.result() for future in theirs), reversed(ours)):
+    for episodes in chain(map(_found, theirs, chunks, repeat(read)), reversed(ours)):
         yield from episodes
+
+
+def _found(future: Future[list[ShownEpisode]], chunk: Sequence[Source], read: Read) -> list[ShownEpisode]:
+    try:
+        return future.result()
+    except BrokenProcessPool:  # the others were killed, or could not begin; this process reads on alone
+        return read(chunk)
 
 
 Read: TypeAlias = Callable[[Sequence[Source]], list[ShownEpisode]]
 
 
 def _size(sources: Sequence[Source]) -> int:
-    return sum(source.transcript.stat().st_size for source in sources)
+    """The bytes of all records; one that its run has moved meanwhile is missed when it is read."""
+    return sum(source.transcript.stat().st_size for source in sources if source.transcript.exists())
 
 
 def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode]:
