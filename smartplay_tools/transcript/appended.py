@@ -38,8 +38,8 @@ class AppendedFile:
         self._file: FileIO | None = file
         self._size = file.tell()
         self._reference = weakref.ref(self)
-        self._in_use = threading.Lock()
-        """Held while the handle is used, so that it is not closed meanwhile."""
+        self._in_use = threading.RLock()
+        """Held while the handle is used, so that no other thread closes it meanwhile."""
         self._enter()
 
     def write(self, lines: bytes) -> None:

@@ -77,12 +77,8 @@ class Condition:
         return ", ".join([*said, *([self.variant] if self.variant else [])])
 
 
-def cell_of(row: Row) -> PlayedCell:
-    """Return the cell of a row."""
-    return PlayedCell(**_facts(row))
-
-
 def _facts(row: Row) -> dict[str, Any]:
+    """The fields of the cell of a row."""
     facts = {name: row[name] for name in _COPIED}
     return {**facts, "budget": {**STRATEGIES, **row["budget"]}, "rules": {name: row[name] for name in RULES}}
 
