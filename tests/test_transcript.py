@@ -7,6 +7,7 @@ import json
 import random
 import sys
 from collections import OrderedDict
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -279,6 +280,31 @@ def test_more_episodes_than_a_process_may_open_files(tmp_path, monkeypatch):
     records = {path.read_bytes() for path in tmp_path.iterdir()}
     assert len(records) == 1, "all were told the same"
     assert len(records.pop().splitlines()) == 2
+
+
+def test_threads_that_share_few_handles_lose_no_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(appended, "HANDLES", 3)
+    monkeypatch.setattr(appended, "_OPEN", OrderedDict())
+    writers = [TranscriptWriter(tmp_path / f"{number}.jsonl") for number in range(48)]
+
+    def write(own: list[TranscriptWriter]) -> None:
+        for turn in range(100):
+            for writer in own:
+                writer.append({"event": "reveal", "turn": turn})
+
+    often, usual = 1e-5, sys.getswitchinterval()
+    sys.setswitchinterval(often)
+    try:
+        with ThreadPoolExecutor(12) as threads:
+            list(threads.map(write, [writers[first::12] for first in range(12)]))
+    finally:
+        sys.setswitchinterval(usual)
+    assert len(appended._OPEN) == 3
+    for writer in writers:
+        writer.close()
+    records = [path.read_bytes() for path in tmp_path.iterdir()]
+    assert len(set(records)) == 1
+    assert len(records[0].splitlines()) == 100
 
 
 def test_a_record_that_was_moved_or_changed_meanwhile_is_not_written_on(tmp_path, monkeypatch):

@@ -22,7 +22,7 @@ HANDLES = 128
 
 _LOCK = threading.Lock()
 _OPEN: OrderedDict[weakref.ref[AppendedFile], None] = OrderedDict()
-"""The files that have a handle, the one written last at the end. `_LOCK` is held while a file enters or leaves."""
+"""The files that have a handle, the one that was written last at the end. It is changed while `_LOCK` is held."""
 
 
 class AppendedFile:
@@ -50,7 +50,8 @@ class AppendedFile:
             while written < len(lines):  # all at once, unless the disk is full
                 written += file.write(lines[written:])
             self._size += written
-            _OPEN.move_to_end(self._reference)
+            with _LOCK:
+                _OPEN.move_to_end(self._reference)
 
     def close(self) -> None:
         """Close the handle. What a failed write has left of a line is lost."""
