@@ -288,7 +288,7 @@ def test_threads_that_share_few_handles_lose_no_line(tmp_path, monkeypatch):
     writers = [TranscriptWriter(tmp_path / f"{number}.jsonl") for number in range(48)]
 
     def write(own: list[TranscriptWriter]) -> None:
-        for turn in range(100):
+        for turn in range(400):
             for writer in own:
                 writer.append({"event": "reveal", "turn": turn})
 
@@ -304,7 +304,7 @@ def test_threads_that_share_few_handles_lose_no_line(tmp_path, monkeypatch):
         writer.close()
     records = [path.read_bytes() for path in tmp_path.iterdir()]
     assert len(set(records)) == 1
-    assert len(records[0].splitlines()) == 100
+    assert len(records[0].splitlines()) == 400
 
 
 def test_a_record_that_was_moved_or_changed_meanwhile_is_not_written_on(tmp_path, monkeypatch):
