@@ -68,7 +68,10 @@ def tools_bytes(tools: Iterable[ToolSpec]) -> bytes:
 
 def prompt_sha256(messages: Iterable[bytes], tools: bytes) -> str:
     """Return the sha256 of a prompt: `{"messages":[...],"tools":[...]}` in canonical JSON, as hex."""
-    return hashlib.sha256(b'{"messages":[' + b",".join(messages) + b'],"tools":' + tools + b"}").hexdigest()
+    digest = hashlib.sha256(b'{"messages":[')
+    digest.update(b",".join(messages))
+    digest.update(b'],"tools":' + tools + b"}")
+    return digest.hexdigest()
 
 
 def canonical_json(value: Any) -> bytes:
@@ -97,5 +100,5 @@ def _event_encoder() -> Callable[[Any], str]:
 
 _event_text = _event_encoder()
 
-_text: Callable[[str], str] = _ENCODER.encode
-"""Encodes a text, which needs no walk through containers."""
+_text: Callable[[str], str] = json.encoder.encode_basestring_ascii
+"""Encodes a text, which needs no encoder for containers."""
