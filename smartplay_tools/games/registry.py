@@ -106,6 +106,10 @@ class Games(Mapping[str, "GameSpec"]):
             _register_with_gymnasium(spec)
         return spec
 
+    def added(self) -> list[str]:
+        """Return the settings beyond the benchmark's that were registered or loaded in this process."""
+        return [game for game in self._specs if game not in self._benchmark]
+
     def is_declared(self, game: str) -> bool:
         """Return whether a setting is the benchmark's or an installed package's, and so known in every process."""
         return game in self._benchmark or any(declared.name == game for declared in self._declared())

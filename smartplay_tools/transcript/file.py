@@ -162,7 +162,7 @@ def read_written(path: str | Path) -> tuple[list[Event], bytes]:
 
 
 def _as_written(written: bytes) -> list[Event] | None:
-    """Return the events of bytes that look as `TranscriptWriter` writes them, in two thirds of the time; else None."""
+    """Return the events of bytes that look as `TranscriptWriter` writes them, which is faster; else None."""
     try:
         text = written.decode("ascii")
     except UnicodeDecodeError:

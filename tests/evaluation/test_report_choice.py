@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import dataclasses
+import gzip
+import json
 import re
 import shutil
 import subprocess
@@ -14,6 +18,7 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.folder import RunFolder
+from tests.evaluation.report_runs import known_for_now, record
 
 pytest.importorskip("jinja2")
 report = pytest.importorskip("smartplay_tools.evaluation.report")
@@ -134,6 +139,19 @@ def test_several_processes_write_the_page_that_one_writes(run, tmp_path, monkeyp
         out = report.write_report(run, tmp_path / f"{workers}.html", title="A run", episodes="all", workers=workers)
         pages.append(out.read_bytes())
     assert pages[0] == pages[1]
+
+
+def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path, monkeypatch):
+    reading = pytest.importorskip("smartplay_tools.evaluation.report.reading")
+    monkeypatch.setattr(reading, "CHUNK", 1)
+    monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
+    known_for_now(monkeypatch, dataclasses.replace(sp.GAMES[HANOI], id="MyHanoi-v0"))
+    for seed in range(4):
+        record(tmp_path / "records" / f"{seed}.jsonl", "MyHanoi-v0", seed=seed)
+    shown = sources.find_sources(tmp_path / "records").episodes
+    with reading.reading(shown, "", workers=3) as episodes:
+        drawn = [json.loads(gzip.decompress(base64.b64decode(episode.packed)))["drawing"] for episode in episodes]
+    assert [drawing["kind"] for drawing in drawn] == ["hanoi"] * 4
 
 
 def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, tmp_path, monkeypatch):

@@ -4,10 +4,10 @@ Everything that is estimated here is a weighted sum of means: the mean of one ce
 capability score (one sample for each setting, weighted by its degree). Episodes are resampled within each sample, never
 across settings, and the interval is bias-corrected and accelerated (BCa; Efron, "Better Bootstrap Confidence
 Intervals", 1987), because scores of games are skewed and samples are small. It is the interval that
-`scipy.stats.bootstrap` returns for the same seed, which a test compares. Of means it can be had with a part of the
-work, which counts at ten thousand episodes: statistics of the same episodes share their resamples, and the skewness has
-a closed form instead of leaving out every episode once. An interval depends on the values alone: the generator has a
-fixed seed and the values are sorted, so neither the workers nor the order of completion can change it.
+`scipy.stats.bootstrap` returns for the same seed, which a test compares. For means there is less to do, which counts at
+ten thousand episodes: samples of the same size share their resamples, and the skewness has a closed form instead of
+leaving out every episode once. An interval depends on the values alone: the generator has a fixed seed and the values
+are sorted, so neither the workers nor the order of completion can change it.
 
 If the bootstrap cannot estimate an interval, the `note` of the estimate says why.
 """

@@ -25,6 +25,7 @@ from smartplay_tools.evaluation.report.episodes import episode_data
 from smartplay_tools.evaluation.report.sources import Source
 from smartplay_tools.evaluation.rows import COPIED, Row
 from smartplay_tools.games.registry import importing_packages
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.transcript.file import read_transcript
 from smartplay_tools.types import EpisodeResult
 
@@ -57,12 +58,13 @@ def reading(
     """Read the episodes of a run; the value is an iterator over them in the order of their sources.
 
     At most so many processes read them, this one included, and fewer if there is little to read. The others begin at
-    once, this one when the iterator is asked. `plugins` says whether they import games of installed packages.
+    once, this one when the iterator is asked. `plugins` says whether they import games of installed packages; a game
+    that only this process knows is not drawn in any other, so it then reads alone.
     """
     chunks = [sources[first : first + CHUNK] for first in range(0, len(sources), CHUNK)]
     read = partial(_read_chunk, letter=letter, plugins=plugins)
-    others = 0 if workers == 1 else min(workers, _size(sources) // WORTH_A_PROCESS) - 1
-    if others < 1:
+    others = min(workers, _size(sources) // WORTH_A_PROCESS) - 1
+    if others < 1 or not _others_know_the_games(plugins):
         yield (episode for chunk in chunks for episode in read(chunk))
         return
     pool = ProcessPoolExecutor(others, multiprocessing.get_context("spawn"))
@@ -99,7 +101,17 @@ Read: TypeAlias = Callable[[Sequence[Source]], list[ShownEpisode]]
 
 def _size(sources: Sequence[Source]) -> int:
     """The bytes of all records; one that its run has moved meanwhile is missed when it is read."""
-    return sum(source.transcript.stat().st_size for source in sources if source.transcript.exists())
+    size = 0
+    for source in sources:
+        with suppress(FileNotFoundError):
+            size += source.transcript.stat().st_size
+    return size
+
+
+def _others_know_the_games(plugins: bool) -> bool:
+    """Whether another process draws the same games as this one."""
+    added = GAMES.added()
+    return not added or (plugins and all(map(GAMES.is_declared, added)))
 
 
 def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode]:
