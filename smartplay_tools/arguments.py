@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from smartplay_tools.json_text import encoder
+
 __all__ = ["DEEPEST", "Arguments", "as_text", "canonical", "read"]
 
 LONGEST = 10_000
@@ -51,7 +53,7 @@ def read(arguments: Any) -> Arguments:
 def _read(text: str) -> Arguments:
     try:
         values = parse(text)
-        canonical = text if text in ("", "{}") else _ENCODER.encode(values)
+        canonical = text if text in ("", "{}") else _encode(values)
     except _UnreadableError as error:
         return Arguments(text, text, None, str(error))
     except (ValueError, RecursionError):  # Python reads 1e999 as infinity, which is not JSON
@@ -159,5 +161,5 @@ def _text_is_deeper(text: str, limit: int) -> bool:
 
 
 _DECODER = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_constant)
-_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
-"""Both are created once, because `json.loads` and `json.dumps` would create one for every call."""
+"""Created once, because `json.loads` would create one for every call."""
+_encode = encoder(ensure_ascii=False, nan=False)

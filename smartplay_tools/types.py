@@ -10,6 +10,7 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Protocol, Self, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
@@ -67,11 +68,15 @@ class Recorded(BaseModel):
     @model_serializer(mode="wrap")
     def _without_later_defaults(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         dumped: dict[str, Any] = serialize(self)
-        fields = type(self).model_fields
-        for name in self.later:
-            if getattr(self, name) == fields[name].default:
+        for name, default in _later_defaults(type(self)):
+            if getattr(self, name) == default:
                 dumped.pop(name, None)
         return dumped
+
+
+@cache
+def _later_defaults(kind: type[Recorded]) -> list[tuple[str, Any]]:
+    return [(name, kind.model_fields[name].default) for name in sorted(kind.later)]
 
 
 Count = Annotated[int, Field(strict=True, ge=0)]

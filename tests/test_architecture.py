@@ -20,6 +20,7 @@ LAYERS = (
     "errors",
     "registry",
     "web",
+    "json_text",
     "arguments",
     "messages",
     "tokens",

@@ -10,7 +10,7 @@ from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.config import RULES, CellConfig, Setting, read_rules
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.tokens.counter import TokenCounter, shared_counter
 from smartplay_tools.types import Budget
 
 
@@ -39,7 +39,7 @@ def cell_config(
         raise InvalidArgumentError(
             f"{spec.id} has no engine {engine!r}; its engines: {', '.join(kind.engines) or 'only one'}."
         )
-    counter = counter or TokenCounter()
+    counter = counter or shared_counter()
     check_strategies(budget or Budget(), spec, context=rules["context"], protocol=rules["protocol"])
     plain = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
     try:

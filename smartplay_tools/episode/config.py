@@ -164,8 +164,8 @@ def recorded_facts(start: Mapping[str, Any], config: EpisodeConfig | None = None
     been read already.
     """
     config = config or EpisodeConfig.from_event(start)
-    facts = config.model_dump(mode="json")
-    return {**facts, "budget": start["budget"], "asked": config.budget.model_dump(exclude_defaults=True)}
+    asked = config.budget.model_dump(exclude_defaults=True)
+    return {**dict(config), "setting": dict(config.setting), "budget": start["budget"], "asked": asked}
 
 
 def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:

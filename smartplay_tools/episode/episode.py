@@ -39,6 +39,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.tokens import TokenCounter, Tokenizer
+from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import Sink, TranscriptWriter
 from smartplay_tools.types import Budget, EndReason, EpisodeResult, Progress, ToolCall, ToolResult, ToolSpec
@@ -84,7 +85,7 @@ class Episode:
     ) -> None:
         if "protocol" in options:
             raise InvalidArgumentError('The protocol is no argument of Episode; `play` takes it (protocol="paper").')
-        spec, counter = get_spec(game), TokenCounter(tokenizer)
+        spec, counter = get_spec(game), shared_counter(tokenizer)
         cell = cell_config(
             spec, budget=budget, engine=engine, manual=manual, batch=batch, context=context, counter=counter, **options
         )
@@ -99,7 +100,7 @@ class Episode:
         transcript: Sink | None = None,
     ) -> Self:
         """Return the episode of a config; `tokenizer` is required if the config names a tokenizer object of yours."""
-        counter = TokenCounter(config.tokenizer if tokenizer is None else tokenizer)
+        counter = shared_counter(config.tokenizer if tokenizer is None else tokenizer)
         # The file may have been moved; only its content matters.
         asked, given = config.tokenizer, counter.tokenizer.name
         if config.tokenizer_sha256 is not None:

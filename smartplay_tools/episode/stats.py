@@ -84,8 +84,7 @@ class EpisodeStats:
 
     def counts(self) -> dict[str, Any]:
         """Return the counters by name."""
-        counters = {each.name: getattr(self, each.name) for each in fields(self) if not each.name.startswith("_")}
-        return {**counters, "tokens": self.tokens}
+        return {**{name: getattr(self, name) for name in COUNTERS}, "tokens": self.tokens}
 
     def _count_call(self, event: Mapping[str, Any]) -> None:
         data = event["data"]
@@ -113,6 +112,9 @@ class EpisodeStats:
         if event.get("purpose") == "summary":
             sums["summary_prompt"] += prompt
             sums["summary_reply"] += reply
+
+
+COUNTERS = tuple(each.name for each in fields(EpisodeStats) if not each.name.startswith("_"))
 
 
 @functools.cache

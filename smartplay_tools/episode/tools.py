@@ -9,9 +9,10 @@ listed in the description of `act`, not in an enum, because frameworks disagree 
 
 from __future__ import annotations
 
+import functools
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -50,15 +51,15 @@ class ParsedCall:
 
 
 class Tools:
-    """The tools of one game: their specs, and `parse`, which reads a call.
+    """The tools of a game: their specs, and `parse`, which reads a call. They do not change, so games share them.
 
-    `notes_tokens` is the cap on notes; without one there is no tool to take them.
+    `actions` and `numbered` are the names of the game's actions in its order and in the manual's; `notes_tokens` is
+    the cap on notes; without one there is no tool to take them.
     """
 
-    def __init__(self, game: TextGame, notes_tokens: int | None = None) -> None:
-        numbered = game.numbered_actions
+    def __init__(self, actions: Sequence[str], numbered: Sequence[str], notes_tokens: int | None = None) -> None:
         self._legal = "\n".join(f"{number}. {name}" for number, name in enumerate(numbered, start=1))
-        self._by_name = {_plain(name): index for index, name in enumerate(game.actions)}
+        self._by_name = {_plain(name): index for index, name in enumerate(actions)}
         self._by_number = {number: self._by_name[_plain(name)] for number, name in enumerate(numbered, start=1)}
         self._example = json.dumps({"action": numbered[0]}, ensure_ascii=False)
         self.game_specs = (
@@ -118,6 +119,14 @@ class Tools:
         return f"Call {tool} without arguments."
 
 
+def tools_of(game: TextGame, notes_tokens: int | None = None) -> Tools:
+    """Return the tools of a game; they are made once for all games with the same actions."""
+    return _made(tuple(game.actions), tuple(game.numbered_actions), notes_tokens)
+
+
+_made = functools.lru_cache(64)(Tools)
+
+
 def notes_spec(cap: int) -> ToolSpec:
     """Return the tool with which an agent takes notes of at most `cap` tokens."""
     description = "Replace your notes. They stay visible when older turns leave the window."
@@ -128,7 +137,7 @@ def tool_specs(game: str | GameSpec, **options: Any) -> tuple[ToolSpec, ...]:
     """Return the three tools of a setting, without an episode; `options` are the game's own."""
     made = get_spec(game).make(**options)
     try:
-        return Tools(made).specs
+        return tools_of(made).specs
     finally:
         made.close()
 

@@ -10,19 +10,18 @@ is not a result: it is in no mean, and the episode is continued or played again.
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from smartplay_tools.episode.config import RULES, EpisodeConfig, recorded_facts
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.evaluation.prices import Price
 from smartplay_tools.transcript.events import Event
-from smartplay_tools.transcript.file import scan
+from smartplay_tools.transcript.file import parse_json, scan
 from smartplay_tools.types import Budget, EndReason, EpisodeResult, ResolvedBudget, Usage
 
 Row = dict[str, Any]
@@ -72,8 +71,8 @@ def row_of(
     return {"key": key, **end["result"], **copied, "trial": trial, "cost": cost}
 
 
-class _RowFacts(BaseModel):
-    """What a row has beside the fields of its `EpisodeResult`."""
+class _Row(EpisodeResult):
+    """A row: the fields of an `EpisodeResult`, and what a run and the record's configuration add."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -95,8 +94,7 @@ class _RowFacts(BaseModel):
 def row_fault(row: Any) -> str | None:
     """Return what keeps a row from being read, None if nothing does."""
     try:
-        _RowFacts.model_validate(row)
-        EpisodeResult.model_validate({name: row[name] for name in EpisodeResult.model_fields if name in row})
+        _Row.model_validate(row)
     except (TypeError, ValueError) as error:
         return in_one_line(error)[:200]
     return None
@@ -154,7 +152,7 @@ def json_line(line: str) -> dict[str, Any] | None:
     """Return the object of a line; None if the line is incomplete."""
     if not line.endswith("\n"):
         return None
-    value: dict[str, Any] = json.loads(line)
+    value: dict[str, Any] = parse_json(line)
     return value
 
 

@@ -79,10 +79,10 @@ class Driver:
         heads = [event for event in self.recorded if event["event"] == "head"]
         if not heads:
             self._run_calls()
-        for number, event in enumerate(self.recorded, start=1):
-            if event["event"] != "end" or with_end:
-                with located(number, event):
-                    self._feed(event)
+        with located() as at:
+            for at.number, at.event in enumerate(self.recorded, start=1):
+                if at.event["event"] != "end" or with_end:
+                    self._feed(at.event)
 
     def _feed(self, event: Event) -> None:
         conversation = self.conversation

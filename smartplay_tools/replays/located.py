@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import TracebackType
+from typing import Self
 
 from smartplay_tools.errors import TranscriptError, in_one_line
 from smartplay_tools.transcript.events import Event
@@ -11,21 +12,24 @@ SENSELESS = (AssertionError, AttributeError, IndexError, KeyError, TypeError, Va
 """The exceptions that Python raises if an event does not have the structure of its kind."""
 
 
-class located:  # noqa: N801  # used like a function; a generator's context would take a twentieth of a replay
-    """Turn an exception about an event, the `number`-th of its record, into a `TranscriptError` that names it."""
+class located:  # noqa: N801  # used like a function
+    """Turn an exception about the event that is looked at into a `TranscriptError` that names it.
 
-    def __init__(self, number: int, event: Event) -> None:
-        self._number, self._event = number, event
+    `with located() as at: for at.number, at.event in enumerate(events, start=1): ...`
+    """
 
-    def __enter__(self) -> None:
-        pass
+    number: int
+    event: Event
+
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if error is None or isinstance(error, TranscriptError) or not isinstance(error, SENSELESS):
             return
-        where = f"event {self._number} ({self._event.get('event')})"
+        where = f"event {self.number} ({self.event.get('event')})"
         if isinstance(error, KeyError):
             raise TranscriptError(f"The record cannot be replayed: {where} has no field {error}.") from error
         what = in_one_line(error) or "out of place"

@@ -43,21 +43,20 @@ def sent_prompts(events: Sequence[Event], turns: Sequence[Turn] | None = None) -
             yield SentPrompt(view["turn"], prompt, view["sha256"], sha256)
         return
     rebuilder = _Rebuilder(events, recorded_turns(events) if turns is None else turns)
-    for number, event in enumerate(events, start=1):
-        if event["event"] == "head":
-            rebuilder.use_head(event)
-        if event["event"] == "view":
-            with located(number, event):
-                sent = rebuilder.rebuild(event)
-            yield sent
+    with located() as at:
+        for at.number, at.event in enumerate(events, start=1):
+            if at.event["event"] == "head":
+                rebuilder.use_head(at.event)
+            if at.event["event"] == "view":
+                yield rebuilder.rebuild(at.event)
 
 
 def recorded_turns(events: Sequence[Event]) -> list[Turn]:
     """Return the turns of a transcript, the last one as far as it goes."""
     builder = TurnBuilder()
-    for number, event in enumerate(events, start=1):
-        with located(number, event):
-            builder.apply(event)
+    with located() as at:
+        for at.number, at.event in enumerate(events, start=1):
+            builder.apply(at.event)
     builder.close()
     return builder.turns
 

@@ -14,10 +14,16 @@ from typing import Any, Protocol
 from smartplay_tools.arguments import as_text, canonical
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import calls_of, reasoning_of, text_of
-from smartplay_tools.tokens.tokenizers import TiktokenTokenizer, Tokenizer, get_tokenizer
+from smartplay_tools.tokens.tokenizers import (
+    DEFAULT_TOKENIZER,
+    HUGGING_FACE,
+    TiktokenTokenizer,
+    Tokenizer,
+    get_tokenizer,
+)
 
 CACHED_TEXTS = 32_768
-"""How many texts a `TokenCounter` remembers; as many as the longest episode of the benchmark has."""
+"""How many texts a `TokenCounter` remembers: more than the longest episode of the benchmark has."""
 
 LONG_TEXT, CACHED_LONG_TEXTS = 1_024, 512
 """Fewer texts are remembered if they are longer than this, so that memory stays bounded in an endless episode."""
@@ -120,3 +126,19 @@ class TokenCounter:
     def prompt(self, messages: Iterable[Mapping[str, Any]], tools: Iterable[_Tool] = ()) -> int:
         """Count a whole prompt."""
         return self.messages(messages) + PRIMING + self.tools(tools)
+
+
+def shared_counter(tokenizer: str | Tokenizer | None = None) -> TokenCounter:
+    """Return the counter of an episode, which all episodes share whose tokenizer is fixed by its name.
+
+    They have the same heads, tools and manuals. A file of Hugging Face can change, and a tokenizer object of yours may
+    have a name that another one has, too: with those, every episode has a counter of its own.
+    """
+    if tokenizer is None or (isinstance(tokenizer, str) and not tokenizer.startswith(HUGGING_FACE)):
+        return _counter_of(DEFAULT_TOKENIZER if tokenizer is None else tokenizer)
+    return TokenCounter(tokenizer)
+
+
+@functools.lru_cache(8)
+def _counter_of(name: str) -> TokenCounter:
+    return TokenCounter(name)

@@ -61,25 +61,11 @@ class TiktokenTokenizer:
 
     def count(self, text: str) -> int:
         """Return the number of tokens of the text, counted in pieces of at most `LONGEST_PIECE` characters."""
-        if len(text) <= LONGEST_REMEMBERED:
-            return _count(self.name, text)
-        encoding = _encoding(self.name)
+        encoding = o200k_base() if self.name == DEFAULT_TOKENIZER else _downloaded(self.name)
+        if len(text) <= LONGEST_PIECE:
+            return len(encoding.encode_ordinary(text))
         pieces = (text[at : at + LONGEST_PIECE] for at in range(0, len(text), LONGEST_PIECE))
         return sum(len(encoding.encode_ordinary(piece)) for piece in pieces)
-
-
-LONGEST_REMEMBERED = 4_096
-"""Longer texts are not remembered for other episodes, so that memory stays small."""
-
-
-@functools.lru_cache(4_096)
-def _count(name: str, text: str) -> int:
-    """Count a text, and remember it for all episodes: they have the same heads, tools and manuals."""
-    return len(_encoding(name).encode_ordinary(text))
-
-
-def _encoding(name: str) -> tiktoken.Encoding:
-    return o200k_base() if name == DEFAULT_TOKENIZER else _downloaded(name)
 
 
 class ApproximateTokenizer:

@@ -13,6 +13,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from pydantic_core import from_json
+
 from smartplay_tools.arguments import canonical
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.transcript.appended import AppendedFile
@@ -152,35 +154,11 @@ def read_written(path: str | Path) -> tuple[list[Event], bytes]:
         raise TranscriptError(f"There is no file {path}.") from None
     except OSError as error:
         raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
-    events = _as_written(written)
-    if events is None:
-        events = list(_parsed(path, io.BytesIO(written)))
+    events = list(_parsed(path, io.BytesIO(written)))
     if not events or events[0]["event"] != "start":
         raise TranscriptError(f"{path} is not a transcript: it does not begin with a start event.")
     check_format(events[0], path)
     return events, written
-
-
-def _as_written(written: bytes) -> list[Event] | None:
-    """Return the events of bytes that look as `TranscriptWriter` writes them, which is faster; else None."""
-    try:
-        text = written.decode("ascii")
-    except UnicodeDecodeError:
-        return None
-    events, at = [], 0
-    while at < len(text):
-        try:
-            event, end = _decode(text, at)
-        except (ValueError, RecursionError):
-            return None
-        if end != text.find("\n", at) or not isinstance(event, dict) or not isinstance(event.get("event"), str):
-            return None
-        events.append(event)
-        at = end + 1
-    return events
-
-
-_decode = json.JSONDecoder().raw_decode
 
 
 def check_format(start: Event, path: object = "The record") -> None:
@@ -210,7 +188,7 @@ def _lines(path: str | Path) -> Iterator[bytes]:
 def _parsed(path: str | Path, lines: Iterable[bytes]) -> Iterator[Event]:
     for number, line in enumerate(lines, start=1):
         try:
-            event = json.loads(line)
+            event = parse_json(line)
         except (ValueError, RecursionError) as error:
             if number > 1 and not line.endswith(b"\n"):
                 return  # the process ended while it wrote this line
@@ -219,6 +197,15 @@ def _parsed(path: str | Path, lines: Iterable[bytes]) -> Iterator[Event]:
         if not isinstance(event, dict) or not isinstance(event.get("event"), str):
             raise TranscriptError(f"{path} is not a transcript: line {number} is not an event.")
         yield event
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return the value of JSON as `json.loads` does, and raise what it raises, in half the time."""
+    try:
+        return from_json(text, cache_strings="keys")
+    except ValueError:
+        # It is no JSON, or what only `json` reads: half of a surrogate pair, or more than 200 levels.
+        return json.loads(text)
 
 
 def append_exception(path: str | Path, error: str, traceback: str | None = None) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools.arguments import canonical
+from smartplay_tools.json_text import encoder
 from smartplay_tools.messages import Message, calls_of, text_of
 from smartplay_tools.types import ToolSpec
 
@@ -76,29 +77,11 @@ def prompt_sha256(messages: Iterable[bytes], tools: bytes) -> str:
 
 def canonical_json(value: Any) -> bytes:
     """Return JSON with sorted keys and no spaces, in ASCII: one byte string for one value."""
-    return _ENCODER.encode(value).encode("ascii")
+    return _canonical(value).encode("ascii")
 
 
-_ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"))
-"""The encoder, created once because `json.dumps` would create one for every message."""
-
-
-def _event_encoder() -> Callable[[Any], str]:
-    """Return what encodes as `json.dumps` does.
-
-    For every call `json` makes an encoder in C anew, which takes about as long as a third of an event; a turn has four
-    events. Here it is made once, where Python has one.
-    """
-    encoder = json.JSONEncoder(check_circular=False)
-    make = getattr(json.encoder, "c_make_encoder", None)
-    if make is None:
-        return encoder.encode
-    text = json.encoder.encode_basestring_ascii
-    parts = make(None, encoder.default, text, None, ": ", ", ", False, False, True)
-    return lambda event: "".join(parts(event, 0))
-
-
-_event_text = _event_encoder()
+_canonical = encoder(sort_keys=True, separators=(",", ":"))
+_event_text = encoder()
 
 _text: Callable[[str], str] = json.encoder.encode_basestring_ascii
 """Encodes a text, which needs no encoder for containers."""

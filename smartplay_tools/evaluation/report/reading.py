@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import gzip
-import json
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -26,6 +25,7 @@ from smartplay_tools.evaluation.report.sources import Source
 from smartplay_tools.evaluation.rows import COPIED, Row
 from smartplay_tools.games.registry import importing_packages
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.json_text import encoder
 from smartplay_tools.transcript.file import read_transcript
 from smartplay_tools.types import EpisodeResult
 
@@ -151,8 +151,8 @@ def _row(key: str, start: Mapping[str, Any], result: Mapping[str, Any], facts: M
 def pack(value: Any) -> str:
     """Return JSON, compressed and in base64, which has no character with a meaning in HTML."""
     # The same run always gives the same page; gzip would otherwise write the time.
-    plain = _ENCODER.encode(value).encode("ascii")
+    plain = _encode(value).encode("ascii")
     return base64.b64encode(gzip.compress(plain, mtime=0)).decode("ascii")
 
 
-_ENCODER = json.JSONEncoder(separators=(",", ":"))
+_encode = encoder(separators=(",", ":"))

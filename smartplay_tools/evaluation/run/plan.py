@@ -23,7 +23,7 @@ from smartplay_tools.evaluation.seeds import trial_seed
 from smartplay_tools.evaluation.shards import shard_of
 from smartplay_tools.evaluation.suites import Suite
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
 
@@ -149,7 +149,7 @@ def check_playable(cell: CellConfig) -> None:
     """Check the options of the game, its engine and the budget by creating them, without making a world."""
     options = dict(cell.options) if cell.engine is None else {**cell.options, "engine": cell.engine}
     with closing(cell.spec.make(**options)) as game:
-        GameSession(cell.spec, game, cell.budget, TokenCounter(cell.tokenizer), cell.manual, cell.context)
+        GameSession(cell.spec, game, cell.budget, shared_counter(cell.tokenizer), cell.manual, cell.context)
 
 
 def _trials(cell: CellConfig, place: int, trials: int, seed: int) -> Iterator[PlannedEpisode]:
@@ -186,7 +186,7 @@ def make_cells(
     for name in options or {}:
         if not any(name in kind.options for kind in kinds.values()):
             raise InvalidArgumentError(f"None of the games has an option {name!r}.")
-    counter = TokenCounter(tokenizer)
+    counter = shared_counter(tokenizer)
     return [
         cell_config(
             game,
