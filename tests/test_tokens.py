@@ -186,6 +186,18 @@ def test_no_text_is_tokenised_twice():
     assert len(tokenizer.texts) == len(set(tokenizer.texts))
 
 
+def test_episodes_share_the_counter_of_a_tokenizer_that_its_name_fixes():
+    def counter(tokenizer):
+        with sp.Episode("BanditTwoArmedHighLowFixed-v0", seed=3, tokenizer=tokenizer) as episode:
+            return episode.counter
+
+    assert counter(None) is counter("o200k_base")
+    assert counter("approximate") is counter("approximate")
+    assert counter(Lengths(int)) is not counter(Lengths(int))
+    with pytest.raises(UnknownNameError):
+        counter("")
+
+
 def test_the_memory_of_long_texts_is_bounded():
     counter = TokenCounter("approximate")
     tracemalloc.start()

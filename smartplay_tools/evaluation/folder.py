@@ -15,9 +15,11 @@ Rows can always be computed again from the records. Reading works at any time, a
 from __future__ import annotations
 
 import json
+import os
 import re
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +136,12 @@ class RunFolder:
     def transcript(self, key: str) -> Path:
         """Return the path of a finished episode's record."""
         return self.path / "episodes" / f"{key}.jsonl"
+
+    def finished(self) -> set[str]:
+        """Return the keys of the episodes that have the record of a finished attempt."""
+        with suppress(FileNotFoundError, NotADirectoryError), os.scandir(self.path / "episodes") as files:
+            return {file.name.removesuffix(".jsonl") for file in files}
+        return set()
 
     def records(self) -> Iterator[Path]:
         """Yield the records of all attempts: finished, without a result, and running."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
 import json
 
 import pytest
@@ -10,6 +12,8 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation import Run
+from smartplay_tools.evaluation.run import audit as audited
+from tests.evaluation.report_runs import known_for_now
 
 GAMES = ["BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"]
 
@@ -75,3 +79,25 @@ def test_a_record_that_is_no_longer_there_is_found(run):
     code, output = audit(run)
     assert code == 1
     assert "There is no file" in output
+
+
+@pytest.fixture
+def _every_record_is_worth_a_process(monkeypatch):
+    monkeypatch.setattr(importlib.import_module("smartplay_tools.evaluation.run.audit"), "WORTH_A_PROCESS", 1)
+
+
+@pytest.mark.usefixtures("_every_record_is_worth_a_process")
+def test_several_processes_find_what_one_finds(run):
+    change(run.folder.transcript(run.rows[3]["key"]), '"is_error": false', '"is_error": true')
+    alone = sorted(audited(run.folder, 1), key=lambda finding: finding.key)
+    together = sorted(audited(run.folder, 3), key=lambda finding: finding.key)
+    assert [finding.key for finding in alone] == sorted(row["key"] for row in run.rows)
+    assert alone == together
+    assert sum(bool(finding.differences) for finding in together) == 1
+
+
+@pytest.mark.usefixtures("_every_record_is_worth_a_process")
+def test_a_game_that_only_this_process_knows_is_replayed_by_it_alone(tmp_path, monkeypatch):
+    known_for_now(monkeypatch, dataclasses.replace(sp.GAMES["Hanoi3Disk-v0"], id="MyHanoi-v0"))
+    own = sp.evaluate(["MyHanoi-v0"], ["rule"], out=tmp_path / "own", trials=3, executor="inline")
+    assert [finding.differences for finding in audited(own.folder, 3)] == [()] * 3

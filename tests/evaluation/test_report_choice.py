@@ -132,7 +132,6 @@ def test_the_tables_are_of_all_episodes(run, monkeypatch):
 
 def test_several_processes_write_the_page_that_one_writes(run, tmp_path, monkeypatch):
     reading = pytest.importorskip("smartplay_tools.evaluation.report.reading")
-    monkeypatch.setattr(reading, "CHUNK", 1)
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
     pages = []
     for workers in (1, 3):
@@ -143,20 +142,18 @@ def test_several_processes_write_the_page_that_one_writes(run, tmp_path, monkeyp
 
 def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path, monkeypatch):
     reading = pytest.importorskip("smartplay_tools.evaluation.report.reading")
-    monkeypatch.setattr(reading, "CHUNK", 1)
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
     known_for_now(monkeypatch, dataclasses.replace(sp.GAMES[HANOI], id="MyHanoi-v0"))
     for seed in range(4):
         record(tmp_path / "records" / f"{seed}.jsonl", "MyHanoi-v0", seed=seed)
     shown = sources.find_sources(tmp_path / "records").episodes
-    with reading.reading(shown, "", workers=3) as episodes:
-        drawn = [json.loads(gzip.decompress(base64.b64decode(episode.packed)))["drawing"] for episode in episodes]
+    with reading.reading(shown, "", workers=3) as read:
+        drawn = [json.loads(gzip.decompress(base64.b64decode(episode.packed)))["drawing"] for episode in read()]
     assert [drawing["kind"] for drawing in drawn] == ["hanoi"] * 4
 
 
 def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, tmp_path, monkeypatch):
     reading = pytest.importorskip("smartplay_tools.evaluation.report.reading")
-    monkeypatch.setattr(reading, "CHUNK", 1)
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
     copied = shutil.copytree(run, tmp_path / "run")
     records = sorted((copied / "episodes").glob("*.jsonl"))

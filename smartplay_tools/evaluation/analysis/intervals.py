@@ -18,6 +18,7 @@ import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,20 +213,24 @@ def _bca(
     half on either side. Sums of the same values in another order differ in their last digits: data come with values up
     to 1, and resampled figures are rounded, so that ties are ties.
     """
-    from scipy import special
 
     def rounded(means: Sequence[Values]) -> Values:
         return np.round(combine(means), DIGITS)
 
     drawn = np.concatenate([rounded(means) for means in _resampled_means(data, max(1, BLOCK // size))], axis=1)
     estimate = rounded([_means(values, np.ones((1, values.shape[1]))) for values in data])
-    bias = special.ndtri(((drawn < estimate).mean(axis=-1) + (drawn <= estimate).mean(axis=-1)) / 2)
-    ends = []
-    for normal in special.ndtri([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]):
-        levels = special.ndtr(bias + (bias + normal) / (1 - skew * (bias + normal)))
-        ends.append(scales * [np.quantile(row, level) for row, level in zip(drawn, levels, strict=True)])
-    low, high = ends
-    return list(zip(low.tolist(), high.tolist(), strict=True))
+    below = ((drawn < estimate).mean(axis=-1) + (drawn <= estimate).mean(axis=-1)) / 2
+    found = []
+    for row, share, acceleration, scale in zip(drawn, below, skew, scales, strict=True):
+        bias = _NORMAL.inv_cdf(share)
+        shifted = (bias + _NORMAL.inv_cdf((1 + sign * CONFIDENCE) / 2) for sign in (-1, 1))
+        low, high = np.quantile(row, [_NORMAL.cdf(bias + z / (1 - acceleration * z)) for z in shifted])
+        found.append((float(scale * low), float(scale * high)))
+    return found
+
+
+_NORMAL = NormalDist()
+"""The standard normal distribution. SciPy's has the same digits, but takes a third of a second to load."""
 
 
 def _resampled_means(data: Sequence[Values], batch: int) -> Iterator[list[Values]]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from smartplay_tools.evaluation.analysis.grouping import by_cell
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows, is_widest_but
 from smartplay_tools.evaluation.figures.curves import (
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 Locate = Callable[[str], Path]
 """Returns the path of an episode's transcript from its key, like `RunFolder.transcript`."""
+
+Cells = Sequence[tuple[PlayedCell, list[Row]]]
+"""The cells of a run with their rows."""
 
 
 def write_figures(
@@ -57,9 +60,10 @@ def run_figures(rows: Sequence[Row], *, transcript: Locate | None = None) -> dic
     drawn["frontier"] = frontier(comparisons)
     if any(c.on_cost_front and c.means["cost"].mean > 0 for c in comparisons):
         drawn["frontier-of-cost"] = frontier(comparisons, price="cost")
-    if profiles := _profiles(rows, comparisons):
+    cells = by_cell(rows)
+    if profiles := _profiles(cells, comparisons):
         drawn["capabilities"] = capability_spider(profiles)
-    if transcript is not None and (walks := _walks(transcript, rows, comparisons)):
+    if transcript is not None and (walks := _walks(transcript, cells, comparisons)):
         drawn["score-over-steps"] = score_over_steps(walks, title="Crafter-v0")
     return drawn
 
@@ -69,10 +73,10 @@ def _varies(comparisons: Sequence[WindowComparison], field: str) -> bool:
     return any(c.cell.budget[field] != c.full.budget[field] for c in comparisons)
 
 
-def _profiles(rows: Sequence[Row], comparisons: Sequence[WindowComparison]) -> dict[str, Scores]:
+def _profiles(cells: Cells, comparisons: Sequence[WindowComparison]) -> dict[str, Scores]:
     """The normalised scores of every player in full context; empty if the players have no setting in common."""
     profiles: dict[str, dict[str, list[float]]] = {}
-    for comparison, members in _with_rows(comparisons, rows):
+    for comparison, members in _with_rows(comparisons, cells):
         normalized = [row["normalized_score"] for row in members if row["normalized_score"] is not None]
         if comparison.is_full:
             profiles.setdefault(series_name(comparison, comparisons), {})
@@ -82,21 +86,16 @@ def _profiles(rows: Sequence[Row], comparisons: Sequence[WindowComparison]) -> d
     return dict(profiles) if common else {}
 
 
-def _with_rows(
-    comparisons: Sequence[WindowComparison], rows: Sequence[Row]
-) -> Iterator[tuple[WindowComparison, list[Row]]]:
+def _with_rows(comparisons: Sequence[WindowComparison], cells: Cells) -> Iterator[tuple[WindowComparison, list[Row]]]:
     """Every comparison with the episodes of its cell."""
-    members = by_cell(rows)
     for comparison in comparisons:
-        yield comparison, next(own for cell, own in members if cell == comparison.cell)
+        yield comparison, next(own for cell, own in cells if cell == comparison.cell)
 
 
-def _walks(
-    transcript: Locate, rows: Sequence[Row], comparisons: Sequence[WindowComparison]
-) -> dict[str, list[list[float]]]:
+def _walks(transcript: Locate, cells: Cells, comparisons: Sequence[WindowComparison]) -> dict[str, list[list[float]]]:
     """Crafter's scores over steps for every history, with the other limits at their widest."""
     walks: dict[str, list[list[float]]] = {}
-    for comparison, members in _with_rows(comparisons, rows):
+    for comparison, members in _with_rows(comparisons, cells):
         if comparison.cell.spec.family == "crafter" and is_widest_but(comparison, "history"):
             name = f"{series_name(comparison, comparisons)}, {window_name(comparison.cell)}"
             walks[name] = [walk_of(transcript(row["key"])) for row in members]

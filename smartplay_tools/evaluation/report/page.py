@@ -37,7 +37,6 @@ from smartplay_tools.evaluation.report.summary import (
     failed_row,
     interval,
     lines,
-    rules,
     summarize_rows,
     totals,
 )
@@ -140,7 +139,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         ],
         "privileged": any(cell.privileged for page in pages for cell in page.summary.cells),
         "left_out": sum(len(page.rows) - sum(cell.episodes for cell in page.summary.cells) for page in pages),
-        "episodes": [{**episode, "rules": rules(episode)} for episode in episodes],
+        "episodes": episodes,
         "figures": [
             {**figure, "name": f"{page.run.letter} {figure['name']}".strip()}
             for page in pages
@@ -181,7 +180,9 @@ class _RunPage:
 def _page_of_run(run: ShownRun, *, workers: int, plugins: bool) -> _RunPage:
     with reading(run.sources.episodes, run.letter, workers=workers, plugins=plugins) as read:
         drawn = list(figures(run.path, run.sources.rows))
-        shown = list(read)
+        # Intervals are remembered. The run's rows are mostly those of its records, which others are reading.
+        summarize_rows(run.sources.rows, ())
+        shown = read()
     episodes = [episode.facts for episode in shown]
     packed = {episode.facts["key"]: episode.packed for episode in shown}
     rows = [episode.row for episode in shown if episode.row is not None]

@@ -7,30 +7,25 @@ from __future__ import annotations
 
 import base64
 import gzip
-import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, repeat
-from typing import Any, TypeAlias
+from operator import itemgetter
+from typing import Any
 
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
 from smartplay_tools.evaluation.report.drawings import Drawings
 from smartplay_tools.evaluation.report.episodes import episode_data
 from smartplay_tools.evaluation.report.sources import Source
+from smartplay_tools.evaluation.report.summary import rules
 from smartplay_tools.evaluation.rows import COPIED, Row
+from smartplay_tools.evaluation.sharing import others_know_the_games, sharing, worth
 from smartplay_tools.games.registry import importing_packages
-from smartplay_tools.games.specs import GAMES
 from smartplay_tools.json_text import encoder
 from smartplay_tools.transcript.file import read_transcript
 from smartplay_tools.types import EpisodeResult
-
-CHUNK = 16
-"""Records that a process is handed at a time."""
 
 WORTH_A_PROCESS = 8_000_000
 """Bytes of records for which another process is started: fewer are read before it has imported what it needs."""
@@ -54,64 +49,18 @@ class ShownEpisode:
 @contextmanager
 def reading(
     sources: Sequence[Source], letter: str, *, workers: int = 1, plugins: bool = False
-) -> Iterator[Iterator[ShownEpisode]]:
-    """Read the episodes of a run; the value is an iterator over them in the order of their sources.
+) -> Iterator[Callable[[], list[ShownEpisode]]]:
+    """Read the episodes of a run; the value returns them, in the order of their sources, when it is called.
 
     At most so many processes read them, this one included, and fewer if there is little to read. The others begin at
-    once, this one when the iterator is asked. `plugins` says whether they import games of installed packages; a game
+    once, this one when the value is called. `plugins` says whether they import games of installed packages; a game
     that only this process knows is not drawn in any other, so it then reads alone.
     """
-    chunks = [sources[first : first + CHUNK] for first in range(0, len(sources), CHUNK)]
-    read = partial(_read_chunk, letter=letter, plugins=plugins)
-    others = min(workers, _size(sources) // WORTH_A_PROCESS) - 1
-    if others < 1 or not _others_know_the_games(plugins):
-        yield (episode for chunk in chunks for episode in read(chunk))
-        return
-    pool = ProcessPoolExecutor(others, multiprocessing.get_context("spawn"))
-    theirs: list[Future[list[ShownEpisode]]] = []
-    try:
-        with suppress(BrokenProcessPool):  # the chunks that were handed over before stay in the list
-            theirs.extend(pool.submit(read, chunk) for chunk in chunks)
-        yield _shared(chunks, read, theirs)
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _shared(
-    chunks: Sequence[Sequence[Source]], read: Read, theirs: list[Future[list[ShownEpisode]]]
-) -> Iterator[ShownEpisode]:
-    """Yield the episodes of all chunks. The other processes begin at the first, this one at the last."""
-    ours = [read(chunk) for chunk in reversed(chunks[len(theirs) :])]
-    while theirs and theirs[-1].cancel():
-        theirs.pop()
-        ours.append(read(chunks[len(theirs)]))
-    for episodes in chain(map(_found, theirs, chunks, repeat(read)), reversed(ours)):
-        yield from episodes
-
-
-def _found(future: Future[list[ShownEpisode]], chunk: Sequence[Source], read: Read) -> list[ShownEpisode]:
-    try:
-        return future.result()
-    except BrokenProcessPool:  # the others were killed, or could not begin; this process reads on alone
-        return read(chunk)
-
-
-Read: TypeAlias = Callable[[Sequence[Source]], list[ShownEpisode]]
-
-
-def _size(sources: Sequence[Source]) -> int:
-    """The bytes of all records; one that its run has moved meanwhile is missed when it is read."""
-    size = 0
-    for source in sources:
-        with suppress(FileNotFoundError):
-            size += source.transcript.stat().st_size
-    return size
-
-
-def _others_know_the_games(plugins: bool) -> bool:
-    """Whether another process draws the same games as this one."""
-    added = GAMES.added()
-    return not added or (plugins and all(map(GAMES.is_declared, added)))
+    processes = worth(workers, (source.transcript for source in sources), WORTH_A_PROCESS)
+    if not others_know_the_games(plugins=plugins):
+        processes = 1
+    with sharing(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes) as found:
+        yield lambda: [episode for _, episodes in sorted(found, key=itemgetter(0)) for episode in episodes]
 
 
 def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode]:
@@ -132,13 +81,14 @@ def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
         if data["result"] is not None:
             EpisodeResult.model_validate(data["result"])
         row = _row(source.key, start, data["result"], source.facts) if data["status"] == "finished" else None
+        facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
+        facts["rules"] = rules(facts)
     except TranscriptError:
         raise
     except (AttributeError, KeyError, TypeError, IndexError, StopIteration, ValueError) as error:
         kind = "" if isinstance(error, SmartPlayError) else f"{type(error).__name__}: "
         what = f"{kind}{in_one_line(error)[:200]}".rstrip(".")
         raise TranscriptError(f"{source.transcript} cannot be shown: {what}.") from error
-    facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
     return ShownEpisode(facts, pack(data), row)
 
 

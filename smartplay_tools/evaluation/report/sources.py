@@ -95,11 +95,12 @@ def _run(folder: RunFolder) -> Sources:
     attempts_at: dict[str, list[Path]] = {}
     for file in (*folder.attempts(), *folder.running()):
         attempts_at.setdefault(file.name.partition(".")[0], []).append(file)
+    there = folder.finished()
     found: list[Source] = []
     waiting = 0
     for planned in manifest["episodes"]:
         key = planned["key"]
-        finished = [folder.transcript(key)] if folder.transcript(key).exists() else []
+        finished = [folder.transcript(key)] if key in there else []
         attempts = attempts_at.get(key, [])
         waiting += not finished and not attempts
         facts = {"trial": planned["trial"]}

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from smartplay_tools.episode.budgets import resolve
+from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.evaluation.analysis.intervals import ALL_EQUAL, Estimate
 from smartplay_tools.evaluation.analysis.names import PLAIN, strategy_name
@@ -14,7 +14,7 @@ from smartplay_tools.evaluation.analysis.summary import CellSummary, Summary, su
 from smartplay_tools.evaluation.rows import Row
 from smartplay_tools.games.paper import HUMAN_SCORES, PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.types import STRATEGIES, Budget
+from smartplay_tools.types import STRATEGIES
 
 AXIS, MARGIN = 150, 6
 AXIS_SCORES = (0.0, 1.2)
@@ -103,7 +103,7 @@ def rules(facts: Mapping[str, Any]) -> str:
 
 def _usual_calls(game: str) -> int | None:
     """The default cap on tool calls of a game; None if the game is not registered here."""
-    return resolve(Budget(), GAMES[game], 0).tool_calls if game in GAMES else None
+    return usual_tool_calls(GAMES[game].rollout) if game in GAMES else None
 
 
 def _calls(calls: int | None) -> str:

@@ -7,9 +7,7 @@ audit also checks that the row agrees with the record, and that the record is of
 from __future__ import annotations
 
 import functools
-import multiprocessing
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,12 +15,13 @@ from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.folder import RunFolder
 from smartplay_tools.evaluation.rows import Row, row_of
+from smartplay_tools.evaluation.sharing import others_know_the_games, sharing, worth
 from smartplay_tools.replays.replay import replay_events
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import read_written
 
-CHUNK = 8
-"""Episodes that a worker process is handed at a time: handing over a short one takes as long as its replay."""
+WORTH_A_PROCESS = 300_000
+"""Bytes of records for which another process is started: in Minecraft their replay takes as long as that start."""
 
 
 @dataclass(frozen=True)
@@ -38,18 +37,22 @@ class Finding:
 def audit(
     folder: RunFolder, workers: int, tokenizer: str | None = None, *, rows: Sequence[Row] | None = None
 ) -> Iterator[Finding]:
-    """Yield a finding for every finished episode of a run, in the order of its rows.
+    """Yield a finding for every finished episode of a run, as they come.
 
-    `tokenizer` names the records' tokenizer if its file was moved; rows are read from the folder unless they are given.
+    At most so many `workers` replay them, this process included, and it alone if no other knows a game that it has
+    registered. `tokenizer` names the records' tokenizer if its file was moved; rows are read from the folder unless
+    they are given.
     """
     rows = folder.rows() if rows is None else rows
-    records = [folder.transcript(row["key"]) for row in rows]
-    check = functools.partial(_audit, tokenizer=tokenizer)
-    if workers == 1:
-        yield from map(check, records, rows)
-        return
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        yield from pool.map(check, records, rows, chunksize=CHUNK)
+    records = [(folder.transcript(row["key"]), row) for row in rows]
+    processes = worth(workers, (record for record, _ in records), WORTH_A_PROCESS) if others_know_the_games() else 1
+    with sharing(functools.partial(_audit_all, tokenizer=tokenizer), records, processes) as found:
+        for _, findings in found:
+            yield from findings
+
+
+def _audit_all(records: Sequence[tuple[Path, Row]], *, tokenizer: str | None) -> list[Finding]:
+    return [_audit(record, row, tokenizer=tokenizer) for record, row in records]
 
 
 def _audit(record: Path, row: Row, *, tokenizer: str | None) -> Finding:

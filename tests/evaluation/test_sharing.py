@@ -1,0 +1,57 @@
+"""Work that several processes share: all of it is done, in whichever of them, also if they do not live to its end."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Sequence
+
+import pytest
+
+from smartplay_tools.evaluation.sharing import sharing, worth
+
+
+def squares(numbers: Sequence[int]) -> list[int]:
+    return [number**2 for number in numbers]
+
+
+def squares_unless_elsewhere(numbers: Sequence[int], *, home: int) -> list[int]:
+    """Die in every process but the first."""
+    if os.getpid() != home:
+        os._exit(1)
+    return squares(numbers)
+
+
+def refuse(numbers: Sequence[int]) -> list[int]:
+    raise ValueError(f"not {numbers[0]}")
+
+
+@pytest.mark.parametrize("processes", [1, 2, 3])
+@pytest.mark.parametrize("count", [0, 1, 7, 3000])
+def test_every_item_is_done_once_and_its_place_is_told(processes, count):
+    with sharing(squares, range(count), processes) as found:
+        done = sorted(found)
+    assert [number for number, _ in done] == list(range(len(done)))
+    assert [square for _, squares in done for square in squares] == [number**2 for number in range(count)]
+
+
+def test_when_the_other_processes_die_this_one_does_their_work():
+    with sharing(functools.partial(squares_unless_elsewhere, home=os.getpid()), range(200), 3) as found:
+        done = dict(found)
+    assert [square for number in sorted(done) for square in done[number]] == [number**2 for number in range(200)]
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_an_error_of_the_work_is_raised(processes):
+    with sharing(refuse, range(5), processes) as found, pytest.raises(ValueError, match=r"not [0-4]"):
+        list(found)
+
+
+def test_few_bytes_are_not_worth_a_process(tmp_path):
+    record = tmp_path / "record"
+    record.write_bytes(b"x" * 1000)
+    assert worth(4, [record] * 3, 1000) == 3
+    assert worth(2, [record] * 3, 1000) == 2
+    assert worth(4, [record] * 3, 1001) == 2
+    assert worth(4, [record], 5000) == 1
+    assert worth(4, [tmp_path / "moved", record], 500) == 2

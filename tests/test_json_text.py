@@ -1,0 +1,80 @@
+"""JSON text: the fast encoders write what `json.dumps` writes, and the fast parser reads what `json.loads` reads."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from smartplay_tools.json_text import encoder
+from smartplay_tools.transcript.file import parse_json
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(st.characters(codec=None)),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(st.characters(codec=None)), inner, max_size=4),
+    max_leaves=12,
+)
+"""Lone surrogates included, which models write."""
+
+FORMS = [
+    {},
+    {"sort_keys": True, "separators": (",", ":")},
+    {"ensure_ascii": False},
+]
+
+
+@pytest.mark.parametrize("form", FORMS, ids=str)
+@given(value=VALUES)
+def test_an_encoder_writes_what_json_writes(form, value):
+    assert encoder(**form)(value) == json.dumps(value, **form)
+
+
+def test_an_encoder_without_nan_refuses_it():
+    for value in (math.nan, [math.inf], {"a": -math.inf}):
+        assert encoder()(value) == json.dumps(value)
+        with pytest.raises(ValueError, match="JSON compliant"):
+            encoder(nan=False)(value)
+
+
+@given(value=VALUES, in_ascii=st.booleans())
+def test_the_parser_reads_what_json_reads(value, in_ascii):
+    text = json.dumps(value, ensure_ascii=in_ascii)
+    assert same(parse_json(text), json.loads(text))
+
+
+def same(one: object, other: object) -> bool:
+    """Equal in types, in the order of keys and in the sign of zero."""
+    return repr(one) == repr(other)
+
+
+BARELY = (
+    "NaN",
+    "-Infinity",
+    "1e400",
+    "-0",
+    "-0.0",
+    "1E5",
+    "9" * 400,
+    '{"a": 1, "b": 2, "a": 3}',
+    '"\\ud800"',
+    " [1 ] ",
+)
+TOO_DEEP_FOR_ONE = "[" * 300 + "]" * 300
+REFUSED = ("", "[1,]", "01", "+1", ".5", "1.", '"\t"', "{'a': 1}", "[1] [2]", "9" * 5000, "nul")
+
+
+@pytest.mark.parametrize("text", [*BARELY, TOO_DEEP_FOR_ONE])
+def test_the_parser_reads_what_is_barely_json(text):
+    assert same(parse_json(text), json.loads(text))
+    assert same(parse_json(text.encode()), json.loads(text.encode()))
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_the_parser_refuses_what_json_refuses(text):
+    for read in (json.loads, parse_json):
+        for sent in (text, text.encode()):
+            with pytest.raises(ValueError, match=r"line 1|4300 digits"):
+                read(sent)
