@@ -165,7 +165,7 @@ def recorded_facts(start: Mapping[str, Any], config: EpisodeConfig | None = None
     """
     config = config or EpisodeConfig.from_event(start)
     asked = config.budget.model_dump(exclude_defaults=True)
-    return {**dict(config), "setting": dict(config.setting), "budget": start["budget"], "asked": asked}
+    return {**vars(config), "setting": vars(config.setting).copy(), "budget": start["budget"], "asked": asked}
 
 
 def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:

@@ -7,18 +7,22 @@ number of processes, except for its order.
 from __future__ import annotations
 
 import multiprocessing
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from smartplay_tools.games.specs import GAMES
 
 LONGEST_CHUNK = 32
 """The most records that a process is handed at a time: with fewer, short ones would wait for being handed over."""
+
+AHEAD = 3
+"""The chunks that each other process has waiting or in work, so that it never waits for the next."""
 
 SHARES = 32
 """Into how many chunks for each process a few long records are split, so that all end at about the same time."""
@@ -38,38 +42,62 @@ def sharing(work: Callable[[Sequence[T]], R], items: Sequence[T], processes: int
     if processes < 2:
         yield ((number, work(chunk)) for number, chunk in enumerate(chunks))
         return
-    pool = ProcessPoolExecutor(processes - 1, multiprocessing.get_context("spawn"))
-    theirs: list[Future[R]] = []
-    try:
-        with suppress(BrokenProcessPool):  # the chunks that were handed over before stay in the list
-            theirs.extend(pool.submit(work, chunk) for chunk in chunks)
-        yield _results(work, chunks, theirs)
-    finally:
-        pool.shutdown(cancel_futures=True)
+    with ProcessPoolExecutor(processes - 1, multiprocessing.get_context("spawn")) as pool:
+        try:
+            yield _Shared(pool, work, chunks, AHEAD * (processes - 1)).results()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
-def _results(
-    work: Callable[[Sequence[T]], R], chunks: Sequence[Sequence[T]], theirs: Sequence[Future[R]]
-) -> Iterator[tuple[int, R]]:
-    """Yield all results. The other processes begin at the first chunk, this one at the last."""
-    for number in range(len(theirs), len(chunks)):
-        yield number, work(chunks[number])
-    left = deque(enumerate(theirs))
-    while left and left[-1][1].cancel():
-        number, _ = left.pop()
-        yield number, work(chunks[number])
-        while left and left[0][1].done():
-            number, future = left.popleft()
-            yield number, _result(future, work, chunks[number])
-    for number, future in left:
-        yield number, _result(future, work, chunks[number])
+class _Shared(Generic[T, R]):
+    """Chunks that other processes take from the front, each when one of its chunks is done, and this one from the end.
 
+    None is handed over that would have to be taken back: in Python 3.11, a pool in which a process dies fails over a
+    future that was cancelled, and leaves its other processes behind.
+    """
 
-def _result(future: Future[R], work: Callable[[Sequence[T]], R], chunk: Sequence[T]) -> R:
-    try:
-        return future.result()
-    except BrokenProcessPool:  # the others were killed, or could not begin; this process works on alone
-        return work(chunk)
+    def __init__(
+        self, pool: ProcessPoolExecutor, work: Callable[[Sequence[T]], R], chunks: Sequence[Sequence[T]], ahead: int
+    ) -> None:
+        self._pool, self._work, self._chunks = pool, work, chunks
+        self._lock = threading.Lock()
+        self._left = deque(range(len(chunks)))
+        self._theirs: deque[tuple[int, Future[R]]] = deque()
+        for _ in range(ahead):
+            self._hand_over()
+
+    def _hand_over(self, _: object = None) -> None:
+        """Hand the next chunk over; called in a thread of the pool when one is done."""
+        with self._lock:
+            if not self._left:
+                return
+            number = self._left.popleft()
+            try:
+                future = self._pool.submit(self._work, self._chunks[number])
+            except RuntimeError:  # a process has died, or nobody wants the results any more
+                self._left.appendleft(number)
+                return
+            self._theirs.append((number, future))
+        future.add_done_callback(self._hand_over)
+
+    def results(self) -> Iterator[tuple[int, R]]:
+        """Yield all results, those of this process between those of the others."""
+        while (number := self._own()) is not None:
+            yield number, self._work(self._chunks[number])
+            while self._theirs and self._theirs[0][1].done():
+                yield self._result(*self._theirs.popleft())
+        while self._theirs:
+            yield self._result(*self._theirs.popleft())
+
+    def _own(self) -> int | None:
+        with self._lock:
+            return self._left.pop() if self._left else None
+
+    def _result(self, number: int, future: Future[R]) -> tuple[int, R]:
+        try:
+            return number, future.result()
+        except BrokenProcessPool:  # the others were killed, or could not begin; this process works on alone
+            return number, self._work(self._chunks[number])
 
 
 def worth(processes: int, records: Iterable[Path], size: int) -> int:
