@@ -43,10 +43,11 @@ def sharing(work: Callable[[Sequence[T]], R], items: Sequence[T], processes: int
         yield ((number, work(chunk)) for number, chunk in enumerate(chunks))
         return
     with ProcessPoolExecutor(processes - 1, multiprocessing.get_context("spawn")) as pool:
+        shared = _Shared(pool, work, chunks, AHEAD * (processes - 1))
         try:
-            yield _Shared(pool, work, chunks, AHEAD * (processes - 1)).results()
+            yield shared.results()
         finally:
-            pool.shutdown(cancel_futures=True)
+            shared.stop()
 
 
 class _Shared(Generic[T, R]):
@@ -74,7 +75,7 @@ class _Shared(Generic[T, R]):
             number = self._left.popleft()
             try:
                 future = self._pool.submit(self._work, self._chunks[number])
-            except RuntimeError:  # a process has died, or nobody wants the results any more
+            except BrokenProcessPool:  # a process has died
                 self._left.appendleft(number)
                 return
             self._theirs.append((number, future))
@@ -88,6 +89,12 @@ class _Shared(Generic[T, R]):
                 yield self._result(*self._theirs.popleft())
         while self._theirs:
             yield self._result(*self._theirs.popleft())
+
+    def stop(self) -> None:
+        """Begin no more chunks, because nobody wants the results."""
+        with self._lock:
+            self._left.clear()
+        self._pool.shutdown(cancel_futures=True)
 
     def _own(self) -> int | None:
         with self._lock:
