@@ -45,6 +45,10 @@ def test_the_parser_reads_what_json_reads(value, in_ascii):
     assert same(parse_json(text), json.loads(text))
 
 
+def test_the_parser_reads_half_a_surrogate_pair_that_is_not_escaped():
+    assert parse_json('["\ud800"]') == json.loads('["\ud800"]') == ["\ud800"]
+
+
 def same(one: object, other: object) -> bool:
     """Equal in types, in the order of keys and in the sign of zero."""
     return repr(one) == repr(other)

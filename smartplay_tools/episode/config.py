@@ -33,7 +33,10 @@ ProtocolName = Literal["tools", "paper"]
 
 def _plain(value: Any) -> Any:
     """Return JSON data in the form in which a record is read back: tuples become lists."""
-    return {} if isinstance(value, dict) and not value else json.loads(canonical_json(value))
+    try:
+        return {} if isinstance(value, dict) and not value else json.loads(canonical_json(value))
+    except RecursionError:
+        raise ValueError("it is nested too deep, or contains itself") from None
 
 
 PlainData = Annotated[dict[str, Any], BeforeValidator(_plain)]

@@ -17,7 +17,7 @@ from smartplay_tools.arguments import Arguments
 from smartplay_tools.episode import budgets, truncation
 from smartplay_tools.episode.config import ContextOwner, ManualMode
 from smartplay_tools.episode.summaries import SummaryForm
-from smartplay_tools.episode.tools import MistakeError, ParsedCall, tools_of
+from smartplay_tools.episode.tools import MistakeError, ParsedCall, Tools
 from smartplay_tools.games.specs import GameSpec
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget, EndReason, ResolvedBudget
@@ -52,7 +52,7 @@ class GameSession:
         self.spec, self.game, self.counter = spec, game, counter
         self.manual, self.context = manual, context
         budgets.check_strategies(asked, spec, context=context)
-        self.tools = tools_of(game, asked.notes_tokens)
+        self.tools = Tools(game, asked.notes_tokens)
         self.steps = self.tool_calls = 0
         self.end_reason: EndReason | None = None
         self.game_seconds = 0.0

@@ -50,23 +50,44 @@ class ParsedCall:
     """For `take_notes`, the notes."""
 
 
-class Tools:
-    """The tools of a game: their specs, and `parse`, which reads a call. They do not change, so games share them.
+class _Actions:
+    """The names of a game's actions, in its own order and in the manual's: how a call can name one."""
 
-    `actions` and `numbered` are the names of the game's actions in its order and in the manual's; `notes_tokens` is
-    the cap on notes; without one there is no tool to take them.
-    """
-
-    def __init__(self, actions: Sequence[str], numbered: Sequence[str], notes_tokens: int | None = None) -> None:
-        self._legal = "\n".join(f"{number}. {name}" for number, name in enumerate(numbered, start=1))
+    def __init__(self, actions: Sequence[str], numbered: Sequence[str]) -> None:
+        self.listed = "\n".join(f"{number}. {name}" for number, name in enumerate(numbered, start=1))
+        self.example = json.dumps({"action": numbered[0]}, ensure_ascii=False)
         self._by_name = {_plain(name): index for index, name in enumerate(actions)}
         self._by_number = {number: self._by_name[_plain(name)] for number, name in enumerate(numbered, start=1)}
-        self._example = json.dumps({"action": numbered[0]}, ensure_ascii=False)
+
+    def find(self, sent: str) -> int | None:
+        """Return the index of the action that is meant; None if it is none."""
+        plain = _plain(sent)
+        if plain in self._by_name:
+            return self._by_name[plain]
+        if match := re.fullmatch(r"([0-9]{1,3})(?:\. +(.+))?", plain):
+            action = self._by_number.get(int(match[1]))
+            if action is not None and (match[2] is None or self._by_name.get(_plain(match[2])) == action):
+                return action
+        return None
+
+
+_actions_of = functools.lru_cache(64)(_Actions)
+"""The same for all episodes of a game: they are made of a few dozen names."""
+
+
+class Tools:
+    """The tools of one game: their specs, and `parse`, which reads a call.
+
+    `notes_tokens` is the cap on notes; without one there is no tool to take them.
+    """
+
+    def __init__(self, game: TextGame, notes_tokens: int | None = None) -> None:
+        self._actions = _actions_of(tuple(game.actions), tuple(game.numbered_actions))
         self.game_specs = (
             ToolSpec("observe", "Show the current observation again, without playing.", _parameters()),
             ToolSpec(
                 "act",
-                f"Play one action and show what happens. The actions, by name or number:\n{self._legal}",
+                f"Play one action and show what happens. The actions, by name or number:\n{self._actions.listed}",
                 _parameters(action="The action's name or number, exactly as listed."),
             ),
             ToolSpec("read_manual", "Show the game's manual.", _parameters()),
@@ -102,29 +123,19 @@ class Tools:
         return str(values[argument])
 
     def _action(self, sent: str) -> int:
-        plain = _plain(sent)
-        if plain in self._by_name:
-            return self._by_name[plain]
-        if match := re.fullmatch(r"([0-9]{1,3})(?:\. +(.+))?", plain):
-            action = self._by_number.get(int(match[1]))
-            if action is not None and (match[2] is None or self._by_name.get(_plain(match[2])) == action):
-                return action
-        raise MistakeError("illegal", f"{quote(sent)} is not a legal action. The legal actions are:\n{self._legal}")
+        action = self._actions.find(sent)
+        if action is None:
+            listed = self._actions.listed
+            raise MistakeError("illegal", f"{quote(sent)} is not a legal action. The legal actions are:\n{listed}")
+        return action
 
     def _usage(self, tool: str) -> str:
         if tool == "act":
-            return f"Call act with {self._example}, for example. The legal actions are:\n{self._legal}"
+            actions = self._actions
+            return f"Call act with {actions.example}, for example. The legal actions are:\n{actions.listed}"
         if tool == NOTES_TOOL:
             return 'Call take_notes with {"text": "..."}.'
         return f"Call {tool} without arguments."
-
-
-def tools_of(game: TextGame, notes_tokens: int | None = None) -> Tools:
-    """Return the tools of a game; they are made once for all games with the same actions."""
-    return _made(tuple(game.actions), tuple(game.numbered_actions), notes_tokens)
-
-
-_made = functools.lru_cache(64)(Tools)
 
 
 def notes_spec(cap: int) -> ToolSpec:
@@ -137,7 +148,7 @@ def tool_specs(game: str | GameSpec, **options: Any) -> tuple[ToolSpec, ...]:
     """Return the three tools of a setting, without an episode; `options` are the game's own."""
     made = get_spec(game).make(**options)
     try:
-        return tools_of(made).specs
+        return Tools(made).specs
     finally:
         made.close()
 

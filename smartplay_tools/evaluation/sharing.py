@@ -1,4 +1,4 @@
-"""Work on the records of a run that several processes share, this one included: to replay or to show thousands.
+"""Work on the records of a run, shared by several processes, this one included: to replay or to show thousands.
 
 Another process takes about a second to start, in which this one gets on. What comes of the work does not depend on the
 number of processes, except for its order.
@@ -25,7 +25,7 @@ AHEAD = 3
 """The chunks that each other process has waiting or in work, so that it never waits for the next."""
 
 SHARES = 32
-"""Into how many chunks for each process a few long records are split, so that all end at about the same time."""
+"""The chunks for each process into which fewer records are split, so that all end at about the same time."""
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -33,9 +33,10 @@ R = TypeVar("R")
 
 @contextmanager
 def sharing(work: Callable[[Sequence[T]], R], items: Sequence[T], processes: int) -> Iterator[Iterator[tuple[int, R]]]:
-    """Do the work on chunks of the items; the value is an iterator over the results as they come, each with its number.
+    """Do the work on chunks of the items; the value is an iterator over pairs of a chunk's number and its result.
 
-    The other processes begin at once, this one when the iterator is asked. `work` and the items must be picklable.
+    They come as they are done. The other processes begin at once, this one when the iterator is asked. `work` and the
+    items must be picklable.
     """
     size = max(1, min(LONGEST_CHUNK, len(items) // (SHARES * processes)))
     chunks = [items[first : first + size] for first in range(0, len(items), size)]
@@ -43,8 +44,9 @@ def sharing(work: Callable[[Sequence[T]], R], items: Sequence[T], processes: int
         yield ((number, work(chunk)) for number, chunk in enumerate(chunks))
         return
     with ProcessPoolExecutor(processes - 1, multiprocessing.get_context("spawn")) as pool:
-        shared = _Shared(pool, work, chunks, AHEAD * (processes - 1))
+        shared = _Shared(pool, work, chunks)
         try:
+            shared.begin(AHEAD * (processes - 1))
             yield shared.results()
         finally:
             shared.stop()
@@ -53,32 +55,36 @@ def sharing(work: Callable[[Sequence[T]], R], items: Sequence[T], processes: int
 class _Shared(Generic[T, R]):
     """Chunks that other processes take from the front, each when one of its chunks is done, and this one from the end.
 
-    None is handed over that would have to be taken back: in Python 3.11, a pool in which a process dies fails over a
+    This process never takes back what it has handed over: in Python 3.11, a pool in which a process dies fails over a
     future that was cancelled, and leaves its other processes behind.
     """
 
     def __init__(
-        self, pool: ProcessPoolExecutor, work: Callable[[Sequence[T]], R], chunks: Sequence[Sequence[T]], ahead: int
+        self, pool: ProcessPoolExecutor, work: Callable[[Sequence[T]], R], chunks: Sequence[Sequence[T]]
     ) -> None:
         self._pool, self._work, self._chunks = pool, work, chunks
         self._lock = threading.Lock()
         self._left = deque(range(len(chunks)))
         self._theirs: deque[tuple[int, Future[R]]] = deque()
+
+    def begin(self, ahead: int) -> None:
+        """Hand over the first chunks, so many."""
         for _ in range(ahead):
             self._hand_over()
 
-    def _hand_over(self, _: object = None) -> None:
+    def _hand_over(self, done: Future[R] | None = None) -> None:
         """Hand the next chunk over; called in a thread of the pool when one is done."""
+        if done is not None and (done.cancelled() or isinstance(done.exception(), BrokenProcessPool)):
+            return  # from Python 3.12 on, a pool that is broken holds the lock that it needs to take more
         with self._lock:
             if not self._left:
                 return
-            number = self._left.popleft()
+            number = self._left[0]
             try:
                 future = self._pool.submit(self._work, self._chunks[number])
             except BrokenProcessPool:  # a process has died
-                self._left.appendleft(number)
                 return
-            self._theirs.append((number, future))
+            self._theirs.append((self._left.popleft(), future))
         future.add_done_callback(self._hand_over)
 
     def results(self) -> Iterator[tuple[int, R]]:
@@ -110,11 +116,11 @@ class _Shared(Generic[T, R]):
 def worth(processes: int, records: Iterable[Path], size: int) -> int:
     """Return how many processes these records are worth: one for every `size` bytes, and at most `processes`.
 
-    A record that its run has moved meanwhile counts as empty; it is missed when it is read.
+    A record that its run has moved meanwhile, or that cannot be read, counts as empty; reading it will say so.
     """
     total = 0
     for record in records if processes > 1 else ():
-        with suppress(FileNotFoundError):
+        with suppress(OSError):
             total += record.stat().st_size
     return max(1, min(processes, total // size))
 

@@ -26,7 +26,10 @@ CACHED_TEXTS = 32_768
 """How many texts a `TokenCounter` remembers: more than the longest episode of the benchmark has."""
 
 LONG_TEXT, CACHED_LONG_TEXTS = 1_024, 512
-"""Fewer texts are remembered if they are longer than this, so that memory stays bounded in an endless episode."""
+"""Fewer texts are remembered if they are longer than this: a counter may live as long as its process."""
+
+LONGEST_REMEMBERED = 16_384
+"""Longer texts are counted again whenever they come again; no text of the benchmark's games is as long."""
 
 PRIMING = 3
 """The tokens of a prompt in addition to its messages and tools: the beginning of the reply."""
@@ -46,7 +49,9 @@ def _remembered(count: Callable[[str], int]) -> Callable[[str], int]:
     short, long = functools.lru_cache(CACHED_TEXTS)(count), functools.lru_cache(CACHED_LONG_TEXTS)(count)
 
     def recall(text: str) -> int:
-        return (short if len(text) <= LONG_TEXT else long)(text)
+        if len(text) <= LONG_TEXT:
+            return short(text)
+        return long(text) if len(text) <= LONGEST_REMEMBERED else count(text)
 
     return recall
 
@@ -129,10 +134,10 @@ class TokenCounter:
 
 
 def shared_counter(tokenizer: str | Tokenizer | None = None) -> TokenCounter:
-    """Return the counter of an episode, which all episodes share whose tokenizer is fixed by its name.
+    """Return a counter for an episode: one for all episodes with this tokenizer, if its name says what it counts.
 
-    They have the same heads, tools and manuals. A file of Hugging Face can change, and a tokenizer object of yours may
-    have a name that another one has, too: with those, every episode has a counter of its own.
+    Episodes of a setting repeat the same head, tools and manual. A file of Hugging Face can change, and two tokenizer
+    objects may have the same name: with those, every episode has a counter of its own.
     """
     if tokenizer is None or (isinstance(tokenizer, str) and not tokenizer.startswith(HUGGING_FACE)):
         return _counter_of(DEFAULT_TOKENIZER if tokenizer is None else tokenizer)

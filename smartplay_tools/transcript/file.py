@@ -203,7 +203,7 @@ def parse_json(text: str | bytes) -> Any:
     """Return the value of JSON as `json.loads` does, and raise what it raises, in half the time."""
     try:
         return from_json(text, cache_strings="keys")
-    except ValueError:
+    except (TypeError, ValueError):
         # It is no JSON, or what only `json` reads: half of a surrogate pair, or more than 200 levels.
         return json.loads(text)
 

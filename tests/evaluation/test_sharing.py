@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import time
 from collections.abc import Sequence
 
 import pytest
@@ -15,11 +16,13 @@ def squares(numbers: Sequence[int]) -> list[int]:
     return [number**2 for number in numbers]
 
 
-def squares_unless_elsewhere(numbers: Sequence[int], *, home: int) -> list[int]:
-    """Die in every process but the first."""
-    if os.getpid() != home:
+def slow_at_home(numbers: Sequence[int], *, home: int, dies: bool = False) -> list[tuple[int, int]]:
+    """Return the numbers with the process; slow in the first process, so that the others do most, or die."""
+    if os.getpid() == home:
+        time.sleep(0.02)
+    elif dies:
         os._exit(1)
-    return squares(numbers)
+    return [(number, os.getpid()) for number in numbers]
 
 
 def refuse(numbers: Sequence[int]) -> list[int]:
@@ -35,10 +38,18 @@ def test_every_item_is_done_once_and_its_place_is_told(processes, count):
     assert [square for _, squares in done for square in squares] == [number**2 for number in range(count)]
 
 
+def test_another_process_gets_its_next_chunk_when_one_is_done():
+    with sharing(functools.partial(slow_at_home, home=os.getpid()), range(400), 3) as found:
+        done = [item for _, items in sorted(found) for item in items]
+    assert [number for number, _ in done] == list(range(400))
+    elsewhere = sum(process != os.getpid() for _, process in done)
+    assert elsewhere > 100  # a chunk has six items, and AHEAD chunks for each process are handed over at the beginning
+
+
 def test_when_the_other_processes_die_this_one_does_their_work():
-    with sharing(functools.partial(squares_unless_elsewhere, home=os.getpid()), range(200), 3) as found:
-        done = dict(found)
-    assert [square for number in sorted(done) for square in done[number]] == [number**2 for number in range(200)]
+    with sharing(functools.partial(slow_at_home, home=os.getpid(), dies=True), range(200), 3) as found:
+        done = [item for _, items in sorted(found) for item in items]
+    assert done == [(number, os.getpid()) for number in range(200)]
 
 
 @pytest.mark.parametrize("processes", [1, 2])

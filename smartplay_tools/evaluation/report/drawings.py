@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.arguments import read
 from smartplay_tools.episode.config import EpisodeConfig, Setting
-from smartplay_tools.episode.tools import Tools, tools_of
+from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.games.registry import packages_are_imported
 from smartplay_tools.games.specs import GAMES
@@ -93,7 +93,7 @@ class Drawings:
                 # Numbers of a stranger could ask for a world of any size.
                 raise _NoDrawingError(f"{config.game} has other numbers here; --plugins draws it.")
             game = config.make_game(config.spec)
-            self._made = (cell, game, tools_of(game))
+            self._made = (cell, game, Tools(game))
         return self._made[1], self._made[2]
 
     def _close(self) -> None:

@@ -180,7 +180,7 @@ class _RunPage:
 def _page_of_run(run: ShownRun, *, workers: int, plugins: bool) -> _RunPage:
     with reading(run.sources.episodes, run.letter, workers=workers, plugins=plugins) as read:
         drawn = list(figures(run.path, run.sources.rows))
-        # Intervals are remembered. The run's rows are mostly those of its records, which others are reading.
+        # Computes the intervals while the others read; the summary below finds them remembered.
         summarize_rows(run.sources.rows, ())
         shown = read()
     episodes = [episode.facts for episode in shown]

@@ -21,7 +21,7 @@ from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import read_written
 
 WORTH_A_PROCESS = 300_000
-"""Bytes of records for which another process is started: in Minecraft their replay takes as long as that start."""
+"""Bytes of records for which another process is started: to replay so much of Minecraft takes as long as that start."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
-from smartplay_tools.episode.tools import tools_of
+from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.prices import Price, find_price
 from smartplay_tools.evaluation.run.attempt import secret_values
@@ -102,7 +102,7 @@ def _once(name: str, options: dict[str, Any]) -> dict[str, Any]:
 
 def _prompt() -> Prompt:
     with closing(get_spec(GAME).make()) as game:
-        return Prompt([message.copy() for message in ASKED], tools_of(game).specs, MOST_TOKENS)
+        return Prompt([message.copy() for message in ASKED], Tools(game).specs, MOST_TOKENS)
 
 
 def _judged(name: str, reply: Reply, price: Price | None) -> Probe:
