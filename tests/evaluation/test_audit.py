@@ -101,3 +101,13 @@ def test_a_game_that_only_this_process_knows_is_replayed_by_it_alone(tmp_path, m
     known_for_now(monkeypatch, dataclasses.replace(sp.GAMES["Hanoi3Disk-v0"], id="MyHanoi-v0"))
     own = sp.evaluate(["MyHanoi-v0"], ["rule"], out=tmp_path / "own", trials=3, executor="inline")
     assert [finding.differences for finding in audited(own.folder, 3)] == [()] * 3
+
+
+@pytest.mark.usefixtures("_every_record_is_worth_a_process")
+def test_a_record_that_cannot_be_opened_is_a_finding(run):
+    record = run.folder.transcript(run.rows[0]["key"])
+    record.unlink()
+    record.symlink_to(record)
+    (found,) = [finding for finding in audited(run.folder, 2) if finding.differences]
+    assert found.key == run.rows[0]["key"]
+    assert "cannot be read" in found.differences[0]
