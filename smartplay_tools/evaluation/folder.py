@@ -140,7 +140,7 @@ class RunFolder:
     def finished(self) -> set[str]:
         """Return the keys of the episodes that have the record of a finished attempt."""
         with suppress(FileNotFoundError, NotADirectoryError), os.scandir(self.path / "episodes") as files:
-            return {file.name.removesuffix(".jsonl") for file in files}
+            return {file.name.removesuffix(".jsonl") for file in files if file.name.endswith(".jsonl")}
         return set()
 
     def records(self) -> Iterator[Path]:

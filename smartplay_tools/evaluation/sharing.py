@@ -1,7 +1,7 @@
 """Work on the records of a run, shared by several processes, this one included: to replay or to show thousands.
 
-Another process takes about a second to start, in which this one gets on. What comes of the work does not depend on the
-number of processes, except for its order.
+This process works while the others start. What comes of the work does not depend on the number of processes, except
+for its order.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def sharing(work: Callable[[Sequence[T]], R], items: Sequence[T], processes: int
 class _Shared(Generic[T, R]):
     """Chunks that other processes take from the front, each when one of its chunks is done, and this one from the end.
 
-    This process never takes back what it has handed over: in Python 3.11, a pool in which a process dies fails over a
-    future that was cancelled, and leaves its other processes behind.
+    While it works, this process takes nothing back that it has handed over: in Python 3.11, a pool in which a process
+    dies fails over a future that was cancelled, and leaves its other processes behind.
     """
 
     def __init__(
@@ -113,19 +113,21 @@ class _Shared(Generic[T, R]):
             return number, self._work(self._chunks[number])
 
 
-def worth(processes: int, records: Iterable[Path], size: int) -> int:
+def worth(processes: int, records: Iterable[Path], size: int, *, plugins: bool = True) -> int:
     """Return how many processes these records are worth: one for every `size` bytes, and at most `processes`.
 
-    A record that its run has moved meanwhile, or that cannot be read, counts as empty; reading it will say so.
+    Only this one is if it knows games that others do not; `plugins` says whether those import games of packages. A
+    record that its run has moved meanwhile, or that cannot be read, counts as empty; reading it will say so.
     """
+    if processes == 1 or not _others_know_the_games(plugins):
+        return 1
     total = 0
-    for record in records if processes > 1 else ():
+    for record in records:
         with suppress(OSError):
             total += record.stat().st_size
     return max(1, min(processes, total // size))
 
 
-def others_know_the_games(*, plugins: bool = True) -> bool:
-    """Return whether another process plays the same games as this one; `plugins`: it imports those of packages."""
+def _others_know_the_games(plugins: bool) -> bool:
     added = GAMES.added()
     return not added or (plugins and all(map(GAMES.is_declared, added)))

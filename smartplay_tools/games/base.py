@@ -24,7 +24,7 @@ from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
 from smartplay_tools.games.history import history_text
 from smartplay_tools.games.seeds import check_seed, whole
 from smartplay_tools.games.spaces import Words
-from smartplay_tools.json_text import encoder
+from smartplay_tools.json_text import canonical_text
 
 
 @functools.cache
@@ -208,7 +208,7 @@ class TextGame(gymnasium.Env[str, Any]):
         """The state of the game's random stream as canonical JSON."""
         state = self.np_random.bit_generator.state
         if state["bit_generator"] != "PCG64":
-            return _encode(state)
+            return canonical_text(state)
         pcg, spare = state["state"], f'"has_uint32":{state["has_uint32"]}'
         inner = f'{{"inc":{pcg["inc"]},"state":{pcg["state"]}}}'
         return f'{{"bit_generator":"PCG64",{spare},"state":{inner},"uinteger":{state["uinteger"]}}}'
@@ -224,7 +224,7 @@ class TextGame(gymnasium.Env[str, Any]):
 
 
 def _canonical(value: Any) -> bytes:
-    return _encode(value).encode()
+    return canonical_text(value).encode()
 
 
 def _plain(value: Any) -> str:
@@ -232,7 +232,4 @@ def _plain(value: Any) -> str:
     if value is True or value is False:
         return "true" if value else "false"
     is_plain = type(value) is int or (type(value) is float and math.isfinite(value))
-    return repr(value) if is_plain else _encode(value)
-
-
-_encode = encoder(sort_keys=True, separators=(",", ":"))
+    return repr(value) if is_plain else canonical_text(value)

@@ -29,7 +29,7 @@ LONG_TEXT, CACHED_LONG_TEXTS = 1_024, 512
 """Fewer texts are remembered if they are longer than this: a counter may live as long as its process."""
 
 LONGEST_REMEMBERED = 16_384
-"""Longer texts are counted again whenever they come again; no text of the benchmark's games is as long."""
+"""Longer texts are counted again whenever they come again."""
 
 PRIMING = 3
 """The tokens of a prompt in addition to its messages and tools: the beginning of the reply."""

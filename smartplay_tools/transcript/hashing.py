@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools.arguments import canonical
-from smartplay_tools.json_text import encoder
+from smartplay_tools.json_text import canonical_text, encoder
 from smartplay_tools.messages import Message, calls_of, text_of
 from smartplay_tools.types import ToolSpec
 
@@ -77,10 +77,9 @@ def prompt_sha256(messages: Iterable[bytes], tools: bytes) -> str:
 
 def canonical_json(value: Any) -> bytes:
     """Return JSON with sorted keys and no spaces, in ASCII: one byte string for one value."""
-    return _canonical(value).encode("ascii")
+    return canonical_text(value).encode("ascii")
 
 
-_canonical = encoder(sort_keys=True, separators=(",", ":"))
 _event_text = encoder()
 
 _text: Callable[[str], str] = json.encoder.encode_basestring_ascii

@@ -230,7 +230,7 @@ def _bca(
 
 
 _NORMAL = NormalDist()
-"""The standard normal distribution. SciPy's agrees to about 15 digits, but takes a third of a second to load."""
+"""The standard normal distribution, whose functions need no import of SciPy."""
 
 
 def _resampled_means(data: Sequence[Values], batch: int) -> Iterator[list[Values]]:

@@ -21,7 +21,7 @@ from smartplay_tools.evaluation.report.episodes import episode_data
 from smartplay_tools.evaluation.report.sources import Source
 from smartplay_tools.evaluation.report.summary import rules
 from smartplay_tools.evaluation.rows import COPIED, Row
-from smartplay_tools.evaluation.sharing import others_know_the_games, sharing, worth
+from smartplay_tools.evaluation.sharing import sharing, worth
 from smartplay_tools.games.registry import importing_packages
 from smartplay_tools.json_text import encoder
 from smartplay_tools.transcript.file import read_transcript
@@ -56,9 +56,7 @@ def reading(
     once, this one when the value is called. `plugins` says whether they import games of installed packages; a game
     that only this process knows is not drawn in any other, so it then reads alone.
     """
-    processes = worth(workers, (source.transcript for source in sources), WORTH_A_PROCESS)
-    if not others_know_the_games(plugins=plugins):
-        processes = 1
+    processes = worth(workers, (source.transcript for source in sources), WORTH_A_PROCESS, plugins=plugins)
     with sharing(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes) as found:
         yield lambda: [episode for _, episodes in sorted(found, key=itemgetter(0)) for episode in episodes]
 

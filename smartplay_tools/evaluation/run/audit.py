@@ -15,13 +15,13 @@ from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.folder import RunFolder
 from smartplay_tools.evaluation.rows import Row, row_of
-from smartplay_tools.evaluation.sharing import others_know_the_games, sharing, worth
+from smartplay_tools.evaluation.sharing import sharing, worth
 from smartplay_tools.replays.replay import replay_events
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import read_written
 
 WORTH_A_PROCESS = 300_000
-"""Bytes of records for which another process is started: to replay so much of Minecraft takes as long as that start."""
+"""Bytes of records for which another process is started: fewer are mostly replayed before it is ready."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def audit(
     """
     rows = folder.rows() if rows is None else rows
     records = [(folder.transcript(row["key"]), row) for row in rows]
-    processes = worth(workers, (record for record, _ in records), WORTH_A_PROCESS) if others_know_the_games() else 1
+    processes = worth(workers, (record for record, _ in records), WORTH_A_PROCESS)
     with sharing(functools.partial(_audit_all, tokenizer=tokenizer), records, processes) as found:
         for _, findings in found:
             yield from findings
