@@ -8,13 +8,13 @@ BIN := $(VENV)/bin
 PIP_OPTIONS := --quiet --disable-pip-version-check
 NEW_ENOUGH := import sys; sys.exit("smartplay-tools needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)
 
-.PHONY: demo test test-lowest lint types check board docs experiment benchmarks release clean
+.PHONY: demo test test-lowest coverage constraints changelog lint types check board docs experiment benchmarks release clean
 
-# A marker that is older than pyproject.toml means that the environment has to be made again.
-$(VENV)/.ready: pyproject.toml
+# A marker that is older than its sources means that the environment has to be made again.
+# Versions are those of constraints.txt, so that a new release of somebody else's breaks nothing by itself.
+$(VENV)/.ready: pyproject.toml constraints.txt .ci/install
 	$(PYTHON) -c '$(NEW_ENOUGH)'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install $(PIP_OPTIONS) --editable '.[all,dev,docs]'
+	PYTHON=$(PYTHON) .ci/install $(VENV) --constraint constraints.txt --editable '.[all,dev,docs]'
 	touch $@
 
 # The demo has an environment of its own, small and made fast: today's pip, which chooses among files several times as
@@ -37,6 +37,16 @@ test: $(VENV)/.ready  ## run all tests but the slow ones
 
 test-lowest:  ## the adapter tests with the lowest versions that are declared
 	.ci/lowest
+
+coverage: $(VENV)/.ready  ## the same tests, and which lines they run in their own processes
+	$(BIN)/python -m pytest -n auto -m 'not slow' --cov --cov-report=term:skip-covered
+
+constraints: $(VENV)/.ready  ## renew constraints.txt: the newest versions that pyproject.toml allows
+	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --no-annotate --no-header \
+	    --no-emit-index-url --extra all --extra dev --extra docs pyproject.toml --output-file constraints.txt
+
+changelog:  ## put the fragments of changelog.d into CHANGELOG.md
+	$(PYTHON) .ci/changelog.py collect
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .

@@ -12,7 +12,6 @@ from pathlib import Path
 
 NOT_IN_THE_DEMO = {
     "crafter": "pictures and the reference engine of Crafter",
-    "scipy": "the worlds of Minecraft",
 }
 """What is left out, and what needs it."""
 

@@ -19,6 +19,7 @@ import argparse
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -73,21 +74,21 @@ def environment(install: str, folder: Path) -> None:
         if install.startswith("npm"):
             run(["npm", "install", "--no-audit", "--no-fund", "--silent", *packages], folder)
         else:
-            run([sys.executable, "-m", "venv", "--clear", "venv"], folder)
-            run([*pip_install(folder), *(str(ROOT) if name == OURS else name for name in packages)], folder)
+            shutil.rmtree(folder / "venv", ignore_errors=True)
+            run([*install_into(folder), *(str(ROOT) if name == OURS else name for name in packages)], folder)
         note.write_text(install, encoding="utf-8")
     elif OURS in packages:
-        run([*pip_install(folder), "--no-deps", "--force-reinstall", str(ROOT)], folder)
+        run([*install_into(folder), "--no-deps", "--force-reinstall", str(ROOT)], folder)
 
 
-def pip_install(folder: Path) -> list[str]:
-    """Return the command that installs into an environment."""
-    return [python_of(folder), "-m", "pip", "install", "--quiet", "--no-compile", "--disable-pip-version-check"]
+def install_into(folder: Path) -> list[str]:
+    """Return the command that installs into an environment, and makes it if it is not there."""
+    return ["env", f"PYTHON={sys.executable}", str(ROOT / ".ci" / "install"), str(folder / "venv")]
 
 
 def python_of(folder: Path) -> str:
     """Return the Python of an environment."""
-    return str(folder / "venv" / ("Scripts" if os.name == "nt" else "bin") / "python")
+    return str(folder / "venv" / "bin" / "python")
 
 
 def run(command: list[str], folder: Path, **options: Any) -> str:

@@ -35,10 +35,11 @@ from mcp.server.stdio import stdio_server
 from rich.console import Console
 from rich.table import Table as RichTable
 from smartplay_langchain import SmartPlayToolkit
-from smartplay_mcp import Table, game_server
+from smartplay_mcp import game_server
 
 import smartplay_tools as sp
 from smartplay_tools.games import get_spec
+from smartplay_tools.web import HostedEpisode
 
 GAME = "RockPaperScissorBasic-v0"
 ACT = {"action": "Rock"}
@@ -115,9 +116,9 @@ def langchain_tool(calls: int) -> tuple[float, float, float]:
 
 
 async def mcp_in_memory(calls: int) -> tuple[float, float, float]:
-    table = Table(fresh())
-    ours = await amedian(lambda: table.call("act", ACT), calls)
-    whole = await through_client(game_server(lambda _: table), calls, "act", ACT)
+    hosted = HostedEpisode(fresh())
+    ours = await amedian(lambda: hosted.call("act", ACT), calls)
+    whole = await through_client(game_server(lambda _: hosted), calls, "act", ACT)
     return ours, whole, await through_client(bare_server(), calls, "act", ACT)
 
 

@@ -27,17 +27,14 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.folder import RunFolder
-from smartplay_tools.evaluation.live import LiveRun
-from smartplay_tools.evaluation.progress import RunState
-from smartplay_tools.evaluation.run import Caps, PlayerConfig, make_cells, plan_episodes
-from smartplay_tools.evaluation.run.attempt import Stop, Task, Times
-from smartplay_tools.evaluation.run.executors import Again, Outcome, Take
-from smartplay_tools.evaluation.run.folder import RunWriter
-from smartplay_tools.evaluation.run.limits import Limits
-from smartplay_tools.evaluation.run.plan import player_key
-from smartplay_tools.evaluation.run.scheduler import Scheduler, Setup
-from smartplay_tools.evaluation.run.status_file import status_written
+from smartplay_tools.evaluation.runs import PlayerConfig, make_cells, plan_episodes
+from smartplay_tools.evaluation.runs.attempt import Stop, Task, Times
+from smartplay_tools.evaluation.runs.executors import Again, Outcome, Take
+from smartplay_tools.evaluation.runs.limits import Limits
+from smartplay_tools.evaluation.runs.plan import player_key
+from smartplay_tools.evaluation.runs.progress import following
+from smartplay_tools.evaluation.runs.run_writer import RunWriter
+from smartplay_tools.evaluation.runs.scheduler import Scheduler, Setup
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
 OPERATIONS = ("open", "os.rename", "os.remove", "os.scandir", "os.listdir", "os.mkdir")
@@ -75,13 +72,13 @@ def driven(folder: Path, episodes: int) -> float:
     """Return the seconds that a run of so many simulated episodes takes."""
     plan = plan_episodes(make_cells([GAME], ["rule"], [sp.Budget()]), trials=episodes)
     players = {player_key(cell): PlayerConfig(name="rule") for cell in plan.cells}
-    state = RunState(plan, LiveRun(RunFolder(folder)), Caps())
     began = time.process_time()
     writer = RunWriter(folder)
-    with writer.writing(), status_written(writer, state):
+    with writer.writing():
         writer.write_manifest({**plan.to_json(), "shard": None, "prices": {}})
-        scheduler = Scheduler(writer, plan, Setup(players), state)
-        scheduler.play(Simulated(), plan.episodes)
+        scheduler = Scheduler(writer, plan, Setup(players))
+        with following(writer, lambda snapshot: None):
+            scheduler.play(Simulated(), plan.episodes)
         rows = scheduler.finish()
     seconds = time.process_time() - began
     assert len(rows) == episodes

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run import estimate, make_cells, plan_episodes, run_plan
-from smartplay_tools.evaluation.run.estimate import Range
+from smartplay_tools.evaluation.runs import estimate, make_cells, plan_episodes, run_plan
+from smartplay_tools.evaluation.runs.estimate import Range
 
 TRIALS = 3
 REPLY_TOKENS = 300

@@ -72,7 +72,7 @@ def speed(engine: str) -> Table:
 
 
 _PROBE = """
-import numpy as np, scipy.ndimage, smartplay_tools as sp
+import numpy as np, smartplay_tools as sp
 import smartplay_tools.games.minecraft.game, smartplay_tools.games.minecraft.voxel.engine
 def resident():
     with open("/proc/self/status") as status:

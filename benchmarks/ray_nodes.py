@@ -24,9 +24,9 @@ import ray
 from ray.cluster_utils import Cluster
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run import Progress, Run
-from smartplay_tools.evaluation.spending import run_spending
+from smartplay_tools.evaluation.runs import Progress, Run
 from smartplay_tools.players.rule import RulePlayer
+from smartplay_tools.records.snapshot import run_snapshot
 
 GAME = "Hanoi3Disk-v0"
 BILL = "SMARTPLAY_BENCHMARK_BILL"
@@ -93,7 +93,7 @@ def main() -> None:
         finally:
             machines.close()
         billed = Counter((folder / "bill").read_text(encoding="ascii").splitlines())
-        spent = run_spending(run.folder)
+        spent = run_snapshot(run.folder).spending
         same = (folder / "ray" / "results.jsonl").read_bytes() == (folder / "processes" / "results.jsonl").read_bytes()
         found = {
             "episodes asked for": asked.episodes,

@@ -34,8 +34,8 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run.folder import RunWriter
-from smartplay_tools.replays import sent_prompts
+from smartplay_tools.evaluation.runs.run_writer import RunWriter
+from smartplay_tools.records import sent_prompts
 from smartplay_tools.tokens import get_tokenizer
 from smartplay_tools.transcript.events import Event
 

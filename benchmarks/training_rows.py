@@ -20,8 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation import trial_seed
-from smartplay_tools.exports import RecordedEpisode, read_episode
+from smartplay_tools.records import Record, trial_seed
 
 GAMES = {"Hanoi3Disk-v0": 800, "RockPaperScissorBasic-v0": 1500, "MessengerL2-v0": 1000}
 """The games, and the cap on their prompts."""
@@ -40,7 +39,7 @@ class Rows(NamedTuple):
     """Of the replies: what a training step learns from."""
 
 
-def rows_of(episode: RecordedEpisode) -> Rows:
+def rows_of(episode: Record) -> Rows:
     """Return an episode as rows: a row begins where a prompt does not begin with the last one and its reply."""
     lengths: list[int] = []
     known = None
@@ -65,7 +64,7 @@ def measure(game: str, budget: sp.Budget, trials: int, folder: Path) -> Rows:
             game, seed=trial_seed(0, game, trial), budget=budget, manual="pinned", transcript=record
         ) as episode:
             sp.play(episode, sp.get_player("rule"))
-        found.append(rows_of(read_episode(record)))
+        found.append(rows_of(Record.read(record)))
     return Rows(*(sum(column) / trials for column in zip(*found, strict=True)))
 
 

@@ -25,8 +25,7 @@ with ExitStack() as stack:
     swept = sp.sweep(
         ["BanditTwoArmedHighLowFixed-v0"],
         [player],
-        history=[1, 5, 50],
-        slack=[0, 0.5],
+        vary={"history": [1, 5, 50], "slack": [0, 0.5]},
         budget=sp.Budget(reply_tokens=500),
         trials=4,
         player_options=options,

@@ -27,7 +27,7 @@ from typing import Any
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import (
     MEASURES,
-    Estimate,
+    MeanEstimate,
     WindowComparison,
     by_cell,
     compare_windows,
@@ -35,9 +35,9 @@ from smartplay_tools.evaluation.analysis import (
     paired_difference,
 )
 from smartplay_tools.evaluation.analysis.names import strategy_name
-from smartplay_tools.evaluation.rows import Row
-from smartplay_tools.evaluation.sweeps import Sweep, sweep
+from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep
 from smartplay_tools.games import PAPER_RESULTS
+from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -49,26 +49,34 @@ QUESTIONS: dict[str, dict[str, Any]] = {
     "history": {
         "games": SMALL_GAMES,
         "players": ("rule", CONTROL),
-        "history": (0, 1, 2, 5, 10, 20, 50),
+        "vary": {
+            "history": (0, 1, 2, 5, 10, 20, 50),
+        },
         "trials": 100,
     },
     "prompt-tokens": {
         "games": SMALL_GAMES,
         "players": ("rule",),
-        "prompt_tokens": (500, 600, 800, 1000, 1500, None),
+        "vary": {
+            "prompt_tokens": (500, 600, 800, 1000, 1500, None),
+        },
         "trials": 100,
     },
     "slack": {
         "games": SMALL_GAMES,
         "players": ("rule",),
-        "history": (10,),
-        "slack": (0, 0.1, 0.25, 0.5, 0.75, 1),
+        "vary": {
+            "history": (10,),
+            "slack": (0, 0.1, 0.25, 0.5, 0.75, 1),
+        },
         "trials": 100,
     },
     "crafter": {
         "games": ("Crafter-v0",),
         "players": ("rule", "rule-notes"),
-        "history": (2, 5, 10),
+        "vary": {
+            "history": (2, 5, 10),
+        },
         # With notes the player lives for the paper's 10,000 steps; fewer are enough to show the effect of notes.
         "budget": sp.Budget(tool_calls=1000),
         "trials": 40,
@@ -77,13 +85,17 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         "games": ("MessengerL1-v0", "MessengerL2-v0", "MessengerL3-v0"),
         "players": ("rule", "rule-notes"),
         # The rules use the newest four observations: the latest one and three past ones.
-        "history": (0, 1, 2, 3),
+        "vary": {
+            "history": (0, 1, 2, 3),
+        },
         "trials": 20,
     },
     "minecraft": {
         "games": ("MinedojoCreative0-v0", "MinedojoCreative1-v0"),
         "players": ("rule",),
-        "history": (0, 2, 5),
+        "vary": {
+            "history": (0, 2, 5),
+        },
         "trials": 20,
     },
     "strategies": {
@@ -91,12 +103,14 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         # A memory is written only where a strategy offers a place for it.
         "players": ("rule-notes",),
         "player_options": {"words": False},
-        "history": (10,),
-        "prompt_tokens": (700, 1000),
-        "slack": (0.5,),
-        "beyond_history": ("drop", "mask"),
-        "notes_tokens": (None, 200),
-        "summary_tokens": (None, 100),
+        "vary": {
+            "history": (10,),
+            "prompt_tokens": (700, 1000),
+            "slack": (0.5,),
+            "beyond_history": ("drop", "mask"),
+            "notes_tokens": (None, 200),
+            "summary_tokens": (None, 100),
+        },
         "trials": 20,
     },
     "capabilities": {
@@ -220,7 +234,7 @@ PRICES = {"new": 1.0, "cached": 0.1, "reply": 4.0}
 def _control(played: Sweep) -> list[str]:
     """How often the control scores differently from full context, seed by seed."""
     cells = [(cell, rows) for cell, rows in by_cell(played.rows) if cell.player == CONTROL]
-    widest = max(QUESTIONS["history"]["history"])
+    widest = max(QUESTIONS["history"]["vary"]["history"])
     full = {cell.game: rows for cell, rows in cells if cell.budget["history"] == widest}
     others = [(cell, rows) for cell, rows in cells if cell.budget["history"] != widest]
     pairs = [pair for cell, rows in others for pair in differences(rows, full[cell.game], MEASURES["score"])]
@@ -264,7 +278,7 @@ def _limit(value: float | None) -> str:
     return "none" if value is None else f"{value:,g}"
 
 
-def _interval(found: Estimate | None, sign: str = "-") -> str:
+def _interval(found: MeanEstimate | None, sign: str = "-") -> str:
     if found is None:
         return "no pairs"
     digits = ",.0f" if max(abs(found.mean), abs(found.high or 0)) >= 100 else ",.2f"
@@ -274,11 +288,11 @@ def _interval(found: Estimate | None, sign: str = "-") -> str:
     return f"{mean} [{found.low:{sign}{digits}}, {found.high:{sign}{digits}}]"
 
 
-def _percent(found: Estimate) -> str:
+def _percent(found: MeanEstimate) -> str:
     return f"{100 * found.mean:.1f} %"
 
 
-def _points(found: Estimate | None) -> str:
+def _points(found: MeanEstimate | None) -> str:
     if found is None or found.low is None or found.high is None:
         return ""
     mean, low, high = (f"{100 * share:+.1f}" for share in (found.mean, found.low, found.high))

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.board import build_board
-from smartplay_tools.evaluation.submissions import prepare_submission
+from smartplay_tools.evaluation.board.submissions import prepare_submission
 
 PLAYERS = {
     "rule": "Rules written for each game, which read the prompt and nothing else.",

@@ -23,14 +23,16 @@ if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
     from smartplay_tools.episode.tools import schema
     from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-    from smartplay_tools.evaluation.run.runner import evaluate
-    from smartplay_tools.evaluation.sweeps import sweep
-    from smartplay_tools.games.specs import GAMES, register
+    from smartplay_tools.evaluation.runs.runner import evaluate
+    from smartplay_tools.evaluation.runs.sweeps import sweep
+    from smartplay_tools.games.base import TextGame
+    from smartplay_tools.games.specs import GAMES, GameSpec, register
     from smartplay_tools.messages import Message
+    from smartplay_tools.players.reading import call
     from smartplay_tools.players.registry import get_player
     from smartplay_tools.players.scripted import ScriptedPlayer
-    from smartplay_tools.replays.replay import replay
-    from smartplay_tools.replays.resume import resume
+    from smartplay_tools.records.replays import replay
+    from smartplay_tools.records.resumption import resume
     from smartplay_tools.transcript.file import read_transcript
     from smartplay_tools.types import (
         AsyncPlayer,
@@ -53,6 +55,7 @@ __all__ = [
     "Episode",
     "EpisodeConfig",
     "EpisodeResult",
+    "GameSpec",
     "InvalidArgumentError",
     "Message",
     "Player",
@@ -60,10 +63,12 @@ __all__ = [
     "Reply",
     "ScriptedPlayer",
     "SmartPlayError",
+    "TextGame",
     "ToolResult",
     "ToolSpec",
     "Usage",
     "aplay",
+    "call",
     "evaluate",
     "get_player",
     "play",
@@ -94,17 +99,20 @@ if not TYPE_CHECKING:
                 "InvalidArgumentError",
                 "SmartPlayError",
             ),
-            "evaluation.run.runner": ("evaluate",),
-            "evaluation.sweeps": ("sweep",),
+            "evaluation.runs.runner": ("evaluate",),
+            "evaluation.runs.sweeps": ("sweep",),
+            "games.base": ("TextGame",),
             "games.specs": (
                 "GAMES",
+                "GameSpec",
                 "register",
             ),
             "messages": ("Message",),
+            "players.reading": ("call",),
             "players.registry": ("get_player",),
             "players.scripted": ("ScriptedPlayer",),
-            "replays.replay": ("replay",),
-            "replays.resume": ("resume",),
+            "records.replays": ("replay",),
+            "records.resumption": ("resume",),
             "transcript.file": ("read_transcript",),
             "types": (
                 "AsyncPlayer",

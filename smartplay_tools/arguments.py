@@ -163,3 +163,13 @@ def _text_is_deeper(text: str, limit: int) -> bool:
 _DECODER = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_constant)
 """Created once, because `json.loads` would create one for every call."""
 _encode = encoder(ensure_ascii=False, nan=False)
+
+
+def text_parameters(**descriptions: str) -> Mapping[str, Any]:
+    """Return JSON Schema of an object with these texts, all required, as strict modes want it."""
+    return {
+        "type": "object",
+        "properties": {name: {"type": "string", "description": text} for name, text in descriptions.items()},
+        "required": list(descriptions),
+        "additionalProperties": False,
+    }

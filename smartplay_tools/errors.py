@@ -37,7 +37,7 @@ __all__ = [
 
 
 class SmartPlayError(Exception):
-    """The root of the tree above."""
+    """Base class of all errors that smartplay-tools raises deliberately."""
 
 
 class InvalidArgumentError(SmartPlayError, ValueError):

@@ -35,7 +35,7 @@ from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.games.specs import GAMES, GameSpec, get_spec
 from smartplay_tools.players import get_player
-from smartplay_tools.replays.replay import replay
+from smartplay_tools.records.replays import replay
 from smartplay_tools.transcript.events import Event
 
 __all__ = ["CHECKS", "check_game", "random_walk"]
@@ -144,7 +144,7 @@ def goes_on_alike_after_copy_and_pickle(game: Setting) -> None:
     if made.observation and _is_playing(made):
         walk = random_walk(made, 20, seed=1)
         for name, twin in twins.items():
-            _require(random_walk(twin, 20, seed=1) == walk, f"{name} goes on differently")
+            _require(random_walk(twin, 20, seed=1) == walk, f"{name} continues differently")
 
 
 def refuses_a_step_before_the_reset(game: Setting) -> None:
@@ -180,7 +180,7 @@ def plays_to_its_end(game: TextGame, most_steps: int = LONGEST_EPISODE) -> bool:
 
 
 def refuses_what_is_no_action(game: Setting) -> None:
-    """What is no number of an action raises one sentence and changes nothing."""
+    """What is not the number of an action raises one sentence and changes nothing."""
     made = _begun(game)
     before = made.state_hash(), made.recent()
     numbers = f"whole number from 0 to {len(made.actions) - 1}, not "
@@ -190,7 +190,7 @@ def refuses_what_is_no_action(game: Setting) -> None:
 
 
 def refuses_what_is_no_seed(game: Setting) -> None:
-    """What is no whole number from 0 on raises one sentence and changes nothing."""
+    """What is not a whole number from 0 up raises one sentence and changes nothing."""
     made = _begun(game)
     made.step(0)
     before = made.state_hash()
@@ -222,7 +222,7 @@ def has_a_state_hash_that_changes_with_play(game: Setting) -> None:
     """The state hash is 128 bits, is the same when asked again, and changes with a step."""
     made = _begun(game)
     before = made.state_hash()
-    _require(re.fullmatch("[0-9a-f]{32}", before) is not None, f"{before!r} is no hash of 128 bits")
+    _require(re.fullmatch("[0-9a-f]{32}", before) is not None, f"{before!r} is not a hash of 128 bits")
     _require(made.state_hash() == before, "asking for the state hash changes it")
     made.step(0)
     _require(made.state_hash() != before, "a step does not change the state hash")

@@ -11,13 +11,15 @@ import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Protocol, Self, runtime_checkable
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, Final, Literal, Protocol, Self, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from smartplay_tools.messages import Message, copy_of
 
 __all__ = [
+    "MISTAKES",
     "TOOL_NAMES",
     "AsyncPlayer",
     "BeyondHistory",
@@ -89,7 +91,7 @@ class Budget(Recorded):
     later: ClassVar[frozenset[str]] = frozenset({"beyond_history", "notes_tokens", "summary_tokens"})
 
     history: Count | Literal["game"] | None = "game"
-    """Past steps visible besides the current observation; "game" is the paper's number for the game."""
+    """Past steps visible in addition to the current observation; "game" is the paper's number for the game."""
     prompt_tokens: Cap | None = None
     """Cap on every prompt: head, tool schemas, turns and priming."""
     reply_tokens: Cap | None = None
@@ -117,10 +119,49 @@ class Budget(Recorded):
         """The fields that say what becomes of the past, other than that it is dropped."""
         return tuple(name for name, default in STRATEGIES.items() if getattr(self, name) != default)
 
+    def describe(self, *, beside: Budget | None = None) -> str:
+        """Return the budget in words: `history 5, prompts <= 700`. What `beside` has, too, is left out.
+
+        Without `beside` these are the defaults, so the default budget is an empty text.
+        """
+        beside = beside or Budget()
+        return ", ".join(words for name, words in self.words().items() if getattr(self, name) != getattr(beside, name))
+
+    def words(self) -> dict[str, str]:
+        """Return every field in words, the defaults included; tables, messages and pages take them from here."""
+        return {name: _in_words(name, getattr(self, name)) for name in Budget.model_fields}
+
     @classmethod
     def of(cls, **given: Any) -> Self:
         """Return a budget from options, where None means "not given", as it does on command lines and in forms."""
         return cls(**{name: value for name, value in given.items() if value is not None})
+
+
+_CAPPED = {
+    "prompt_tokens": "prompts",
+    "reply_tokens": "replies",
+    "episode_tokens": "episode",
+    "result_tokens": "results",
+    "tool_calls": "calls",
+    "notes_tokens": "notes",
+    "summary_tokens": "summaries",
+}
+"""What each cap of a budget is a cap on."""
+
+
+def _in_words(name: str, value: Any) -> str:
+    match name:
+        case "history":
+            return f"history {'all' if value is None else value}"
+        case "slack":
+            return f"slack {value:g}"
+        case "beyond_history":
+            return "masking" if value == "mask" else "dropping"
+        case "notes_tokens" | "summary_tokens" if value is None:
+            return f"no {_CAPPED[name]}"
+    if isinstance(value, str):
+        return f"{_CAPPED[name]} {value}"
+    return f"{_CAPPED[name]} unlimited" if value is None else f"{_CAPPED[name]} <= {value:,}"
 
 
 STRATEGIES: Mapping[str, Any] = {name: Budget.model_fields[name].default for name in sorted(Budget.later)}
@@ -184,61 +225,63 @@ class Usage(BaseModel):
         return Usage(**{name: getattr(self, name) + getattr(other, name) for name in Usage.model_fields})
 
 
-class _Shown:
-    """What a prompt shows before its messages are read; no field, so that nobody sees it."""
+class _Messages:
+    """The field `messages` of a prompt: a list is the prompt's own, a tuple is copied when it is first read."""
 
-    __slots__ = ("_shown",)
-    _shown: Sequence[Message]
+    def __get__(self, prompt: Prompt | None, owner: type[Prompt]) -> list[Message]:
+        if prompt is None:
+            raise AttributeError("The messages of a prompt have no default.")
+        messages = prompt.__dict__["_messages"]
+        if isinstance(messages, tuple):
+            messages = prompt.__dict__["_messages"] = list(map(copy_of, messages))
+        own: list[Message] = messages
+        return own
+
+    def __set__(self, prompt: Prompt, messages: Sequence[Message]) -> None:
+        prompt.__dict__["_messages"] = messages
 
 
-@dataclass(frozen=True, slots=True)
-class Prompt(_Shown):
+@dataclass(frozen=True)
+class Prompt:
     """The input of a player: messages in chat form, the tools, and how many tokens the reply may have.
 
-    A conversation's prompts (`Prompt.of`) copy their messages when these are first read: a player that needs only the
-    tools does not pay for a long window.
+    The prompts of a conversation share its messages, as a tuple, until they are first read: a player that needs only
+    the tools does not pay for a long window.
     """
 
-    messages: list[Message]
-    tools: tuple[ToolSpec, ...]
+    messages: _Messages = _Messages()
+    """The messages, which the player may change."""
+    tools: tuple[ToolSpec, ...]  # type: ignore[misc]  # mypy does not see that the descriptor is not a default
     max_tokens: int | None = None
     prefix_messages: int = field(default=0, compare=False)
     """How many messages at the beginning are the same as in the previous prompt: a provider's cache can serve them."""
     purpose: Purpose = "play"
-    """What is asked for. A "summary" is sent with `tool_choice`, below, and its reply is no turn."""
-
-    @classmethod
-    def of(
-        cls,
-        shown: Sequence[Message],
-        tools: tuple[ToolSpec, ...],
-        max_tokens: int | None = None,
-        prefix_messages: int = 0,
-        purpose: Purpose = "play",
-    ) -> Self:
-        """Return the prompt that shows these messages, which must not change; its `messages` are copies of them."""
-        prompt = cls([], tools, max_tokens, prefix_messages, purpose)
-        object.__delattr__(prompt, "messages")
-        object.__setattr__(prompt, "_shown", shown)
-        return prompt
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            # Asked for attributes that are not set, of which `messages` may be one.
-            if name != "messages":
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            messages = list(map(copy_of, self._shown))
-            object.__setattr__(self, "messages", messages)
-            return messages
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Prompt, (self.messages, self.tools, self.max_tokens, self.prefix_messages, self.purpose)
+    """What is asked for. A "summary" is sent with `tool_choice`, below, and its reply is not a turn."""
 
     @property
     def tool_choice(self) -> Literal["auto", "none"]:
         """What a provider is told about tools: a summary is written in words, though the tools are sent with it."""
         return "none" if self.purpose == "summary" else "auto"
+
+    def settings(
+        self, own: Mapping[str, Any] = MappingProxyType({}), *, cap: str = "max_tokens", no_tools: Any = "none"
+    ) -> dict[str, Any]:
+        """Return a caller's own settings of a model with those of this prompt.
+
+        Of two caps on the reply the smaller one applies. The tool choice is the caller's, unless tools must not be
+        called.
+
+        Arguments:
+            own: the caller's settings.
+            cap: the provider's name of the cap on a reply.
+            no_tools: the provider's value of `tool_choice` where tools must not be called.
+        """
+        settings = dict(own)
+        if self.max_tokens is not None:
+            settings[cap] = min(self.max_tokens, own.get(cap) or self.max_tokens)
+        if self.tool_choice == "none":
+            settings["tool_choice"] = no_tools
+        return settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,6 +421,10 @@ class EpisodeResult(Recorded):
             "seed": str(self.seed),
         }
         return facts_as_html(self.game, facts)
+
+
+MISTAKES = ("illegal_actions", "malformed_calls", "idle_replies", "fallback_actions")
+"""The counts of an `EpisodeResult` that are a model's mistakes; the batch policy decides about refused calls."""
 
 
 def facts_as_html(title: str, facts: Mapping[str, str]) -> str:

@@ -26,7 +26,7 @@ NOTICE = re.compile(r"\[-?\d+ tokens cut\]")
 Json = dict[str, Any]
 Count = Callable[[str], int]
 
-# --- What happened (sections 3 and 5) --------------------------------------------------------------------------------
+# --- What happened ---------------------------------------------------------------------------------------------------
 
 
 def turns_of(events: Sequence[Json]) -> list[Json]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import smartplay_tools as sp
 from smartplay_tools.episode.budgets import refused_strategy
-from smartplay_tools.replays import replay
+from smartplay_tools.records import replay
 from tests import checker, scripts
 
 ODD_TEXTS = ["", " ", "\ud800", "\ud83d\ude00", "é\u0301", "x" * 300, "<|endoftext|>", "\x00", "a\u2028b", "{}", "null"]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.context import View
-from smartplay_tools.episode.tools import notes_spec
+from smartplay_tools.context.strategies.notes import notes_spec
 from tests import checker
 
 GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "Hanoi3Disk-v0")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.episode import AsyncGameTools, GameTools, tool_specs
-from smartplay_tools.replays import replay
+from smartplay_tools.records import replay
 from smartplay_tools.transcript import comparable
 from tests import scripts
 
@@ -303,3 +303,20 @@ class TestToolsOfAnEpisode:
 def test_a_budget_of_options_takes_none_for_not_given():
     assert sp.Budget.of(history=None, prompt_tokens=700) == sp.Budget(prompt_tokens=700)
     assert sp.Budget(history=None) != sp.Budget()
+
+
+def test_a_summary_that_is_owed_is_asked_for_before_the_next_reply():
+    budget, purposes = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=25), []
+
+    def send(prompt: sp.Prompt) -> sp.Reply:
+        purposes.append(prompt.purpose)
+        call = {"id": "c", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
+        return sp.Reply({"role": "assistant", "content": "I have looked.", "tool_calls": [call]})
+
+    with sp.Episode("Hanoi3Disk-v0", seed=7, budget=budget) as episode:
+        session = sp.AgentSession(episode, summaries=True)
+        while (reply := session.ask(send)) is not None:
+            for call in session.receive(reply.message):
+                session.answer(call.id)
+    assert purposes.count("summary") == episode.result.summaries > 2
+    assert purposes.count("play") == episode.result.turns == 25

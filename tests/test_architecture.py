@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ast
 import importlib
+import subprocess
+import sys
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -18,8 +21,8 @@ ROOT = Path(__file__).parents[1]
 LAYERS = (
     "lazy",
     "errors",
+    "quantities",
     "registry",
-    "web",
     "json_text",
     "arguments",
     "messages",
@@ -28,11 +31,12 @@ LAYERS = (
     "prompts",
     "games",
     "transcript",
-    "episode",
     "context",
+    "episode",
     "conversation",
-    "replays",
     "players",
+    "records",
+    "web",
     "testing",
     "evaluation",
     "exports",
@@ -40,36 +44,37 @@ LAYERS = (
 )
 """Lowest first. A module imports only from lower ones."""
 
+ROOMS = {"suites": 0, "analysis": 1, "pages": 2, "runs": 3, "board": 3, "__init__": 4}
+"""The rooms of `evaluation` with their heights. A room imports only from lower ones: `runs` and `board` are apart."""
+
 
 def modules() -> list[Path]:
     return [path for path in sorted(PACKAGE.rglob("*.py")) if path.parent != PACKAGE or not path.stem.startswith("__")]
 
 
-def imported(tree: ast.AST, *, when_called: bool = True) -> set[str]:
-    """The modules of this package that a module imports, those for type checkers only left out.
+def imported(tree: ast.AST) -> set[str]:
+    """The modules of this package that a module imports when it is loaded or when its functions are called.
 
-    With `when_called` also those that its functions import.
+    Imports for type checkers only are left out.
     """
-    functions = [] if when_called else [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    guarded = {id(node) for function in functions for node in ast.walk(function)}
-    guarded |= {
+    for_types = {
         id(node)
         for branch in ast.walk(tree)
-        if isinstance(branch, ast.If) and "TYPE_CHECKING" in ast.dump(branch.test)
-        for node in ast.walk(branch)
+        if isinstance(branch, ast.If) and ast.unparse(branch.test).split(".")[-1] == "TYPE_CHECKING"
+        for statement in branch.body
+        for node in ast.walk(statement)
     }
-    found: set[str] = set()
+    names: set[str] = set()
     for node in ast.walk(tree):
-        if (
-            isinstance(node, ast.ImportFrom)
-            and id(node) not in guarded
-            and (node.module or "").split(".")[0] == sp.__name__
-        ):
-            if node.module == sp.__name__:
-                found |= {f"{node.module}.{alias.name}" for alias in node.names}
-            else:
-                found.add(node.module)
-    return found
+        if id(node) in for_types:
+            continue
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, "imports are absolute here"
+            places = (sp.__name__, f"{sp.__name__}.evaluation")  # their rooms are what is imported
+            names |= {f"{node.module}.{alias.name}" for alias in node.names} if node.module in places else {node.module}
+    return {name for name in names if name.split(".")[0] == sp.__name__}
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
@@ -79,38 +84,79 @@ def test_imports_never_point_up(path):
         assert LAYERS.index(module.split(".")[1]) <= layer, f"{path.name} imports {module}"
 
 
-def without_functions(path: Path) -> ast.Module:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return ast.Module([node for node in tree.body if not isinstance(node, ast.FunctionDef | ast.ClassDef)], [])
+@pytest.mark.parametrize("path", sorted((PACKAGE / "evaluation").rglob("*.py")), ids=lambda path: path.stem)
+def test_a_room_of_evaluation_imports_only_lower_ones(path):
+    room = path.relative_to(PACKAGE / "evaluation").parts[0].removesuffix(".py")
+    for module in imported(ast.parse(path.read_text(encoding="utf-8"))):
+        parts = module.split(".")
+        if parts[1] == "evaluation" and parts[2] != room:
+            assert ROOMS[parts[2]] < ROOMS[room], f"{path.name} imports {module}"
 
 
-def reached(start: str) -> set[str]:
-    """The modules that are loaded with a sub-package of `evaluation`; imports in functions are left out."""
-    own = [path for path in modules() if ".".join(path.relative_to(PACKAGE.parent).parts).startswith(start + ".")]
-    found: set[str] = set()
-    waiting = list(own)
-    while waiting:
-        for name in imported(without_functions(waiting.pop())) - found:
-            found.add(name)
-            module = PACKAGE.parent / Path(*name.split("."))
-            waiting += [path for path in (module.with_suffix(".py"), module / "__init__.py") if path.exists()]
-    return found
+DEFERRED = """
+import os
+
+def now(): import smartplay_tools.cli
+
+class Table:
+    async def rows(self):
+        from smartplay_tools import exports
+        from smartplay_tools.evaluation import runs
+
+if TYPE_CHECKING:
+    from smartplay_tools.web import guard
+else:
+    import smartplay_tools.lazy
+"""
 
 
-@pytest.mark.parametrize(
-    ("package", "others"),
-    [
-        ("run", ("analysis", "figures", "report", "sweeps")),
-        ("analysis", ("run", "figures", "report", "sweeps")),
-        ("figures", ("run", "report", "sweeps")),
-        ("report", ("run", "sweeps")),
-        ("submissions", ("run", "figures", "report", "sweeps")),
-    ],
+def test_an_import_in_a_function_or_a_method_counts():
+    names = {
+        "smartplay_tools.cli",
+        "smartplay_tools.exports",
+        "smartplay_tools.evaluation.runs",
+        "smartplay_tools.lazy",
+    }
+    assert imported(ast.parse(DEFERRED)) == names
+
+
+def test_a_run_is_played_without_loading_statistics_or_pages(tmp_path):
+    program = f"""
+        import sys
+        import smartplay_tools as sp
+
+        games, budget = ["Hanoi3Disk-v0"], sp.Budget(tool_calls=1)
+        run = sp.evaluate(games, ["rule"], out={str(tmp_path)!r}, trials=1, budgets=budget, executor="inline")
+        assert run.complete and run.status.finished == 1 and run.spending.total.tokens
+        rooms = ("smartplay_tools.evaluation.analysis", "smartplay_tools.evaluation.pages")
+        print([name for name in sys.modules if name.startswith(rooms)])
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr
+
+
+KINDS_ARE_TESTED_BY = (
+    "records",
+    "transcript",
+    "episode/stats.py",
+    "context/turns.py",
+    "conversation/paper.py",
+    "evaluation/pages/report/episodes.py",
 )
-def test_playing_a_run_and_drawing_it_do_not_need_each_other(package, others):
-    for name in reached(f"smartplay_tools.evaluation.{package}"):
-        parts = name.split(".")
-        assert parts[1] != "evaluation" or len(parts) < 3 or parts[2] not in others, f"{package} comes to {name}"
+"""What takes events apart: records, the counters and turns of a game under way, and the page that shows every event."""
+
+
+def test_only_records_tell_events_apart():
+    """Everything else asks a `Record`, so a new kind of event is a type, a case of `Record` and a row of the docs."""
+    for path in modules():
+        where = path.relative_to(PACKAGE).as_posix()
+        if where.startswith(KINDS_ARE_TESTED_BY):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            tested = node.left if isinstance(node, ast.Compare) else getattr(node, "subject", None)
+            assert tested is None or not ast.unparse(tested).endswith(("['event']", ".get('event')")), (
+                f"{where}:{node.lineno} tests the kind of an event; ask a Record"
+            )
 
 
 def test_nothing_is_keyed_by_identity():
@@ -169,6 +215,17 @@ def test_what_users_import_is_public():
             if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == sp.__name__:
                 hidden = {alias.name for alias in node.names} - set(public_names(node.module or ""))
                 assert not hidden, f"{name} imports {', '.join(hidden)} from {node.module}"
+
+
+def test_no_adapter_imports_another():
+    for path in sorted((ROOT / "adapters").rglob("*.py")):
+        own = path.relative_to(ROOT / "adapters").parts[0]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                package = name.split(".")[0]
+                assert not package.startswith("smartplay_") or package in (own, sp.__name__), f"{path} imports {name}"
 
 
 def test_every_package_says_what_it_offers():

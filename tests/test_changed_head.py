@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.replays.prompts import sent_prompts
+from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.tokens import TokenCounter
 from tests.adapters.conformance import act, calling
 

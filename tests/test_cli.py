@@ -230,8 +230,8 @@ def test_a_class_in_a_file_plays_runs_in_worker_processes(players, tmp_path):
         ("mine.py:Nobody", "has no class 'Nobody'"),
         ("theirs.py:Stubborn", "There is no file"),
         ("broken.py:Stubborn", "cannot be imported: ZeroDivisionError"),
-        ("mine.py:Nameless", "has no `name`"),
-        ("mine.py:Idle", "has no method `reply(prompt)`"),
+        ("mine.py:Nameless", "needs a `name` attribute"),
+        ("mine.py:Idle", "needs a method `reply(prompt)`"),
     ],
 )
 @pytest.mark.parametrize("command", ["play", "eval"])

@@ -13,7 +13,7 @@ import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
 from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.errors import PromptOverflowError
-from smartplay_tools.replays.prompts import recorded_turns, sent_prompts
+from smartplay_tools.records.prompts import recorded_turns, sent_prompts
 from smartplay_tools.tokens import get_tokenizer
 from tests import checker, scripts
 

@@ -280,7 +280,7 @@ def test_play_drives_an_asynchronous_player_too_also_inside_a_running_loop():
 
 @pytest.mark.parametrize("thing", [3, "rule", object()])
 def test_what_is_no_player_is_one_sentence(thing):
-    with sp.Episode(HANOI, seed=0) as episode, pytest.raises(sp.InvalidArgumentError, match="is no player"):
+    with sp.Episode(HANOI, seed=0) as episode, pytest.raises(sp.InvalidArgumentError, match="is not a player"):
         sp.play(episode, thing)
 
 

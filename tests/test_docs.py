@@ -50,7 +50,15 @@ def forget_what_a_page_registers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sp.GAMES, "_specs", dict(sp.GAMES._specs))
 
 
-@pytest.mark.parametrize(("page", "code"), blocks("python"), ids=lambda value: getattr(value, "name", ""))
+COMPILED = "rl.md"
+"""The page whose Python compiles the engine of Crafter, in `make test` for the second time."""
+PYTHON = [
+    pytest.param(page, code, id=page.name, marks=pytest.mark.slow if page.name == COMPILED else ())
+    for page, code in blocks("python")
+]
+
+
+@pytest.mark.parametrize(("page", "code"), PYTHON)
 def test_the_python_runs_as_printed(page, code, tmp_path, monkeypatch):
     if page.name in ELSEWHERE:
         pytest.importorskip(ELSEWHERE[page.name], reason="`.ci/run` has an environment with it")

@@ -10,21 +10,25 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app, checkup
-from smartplay_tools.cli.checkup import Finding, Requirement, check_modules
+from smartplay_tools.cli.checkup import PartCheck, check_modules
 from smartplay_tools.games.minecraft.engines import ENGINES
 
 ROOT = Path(sp.__file__).parents[1]
 
 
-def package(folder: Path, name: str, version: str, code: str) -> None:
-    """An installed distribution of one module."""
-    (folder / f"{name}.py").write_text(code)
-    (folder / f"{name}-{version}.dist-info").mkdir()
-    (folder / f"{name}-{version}.dist-info" / "METADATA").write_text(f"Name: {name}\nVersion: {version}\n")
+def package(folder: Path, name: str, version: str, code: str, *, module: str | None = None) -> None:
+    """An installed distribution of one module, which by default has the same name."""
+    file = f"{module or name}.py"
+    (folder / file).write_text(code)
+    information = folder / f"{name.replace('-', '_')}-{version}.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text(f"Name: {name}\nVersion: {version}\n")
+    (information / "RECORD").write_text(f"{file},,\n")
 
 
 @pytest.fixture
@@ -36,42 +40,61 @@ def site(tmp_path, monkeypatch):
 
 
 def test_requirements_are_those_of_the_installed_package():
-    needed = checkup.requirements()
-    assert len(needed) == len(metadata.requires("smartplay-tools"))
-    assert {need.distribution for need in needed if need.extra is None} >= {"numpy", "tiktoken", "typer"}
-    assert Requirement("gymnasium", "1.0", None) in needed
-    (agents,) = (need for need in needed if need.extra == "agents" and need.distribution == "openai-agents")
-    assert agents.module == "agents"
+    assert {need.name for need in checkup.requirements()} >= {"numpy", "tiktoken", "typer"}
+    assert Requirement("gymnasium>=1.1") in checkup.requirements()
+    agents = {need.name: str(need.specifier) for need in checkup.requirements("agents")}
+    assert agents["openai-agents"].startswith(">=")
+    assert "openai" in agents
+    assert "numpy" not in agents
+
+
+def test_a_requirement_for_another_system_is_not_missing_here(monkeypatch):
+    declared = ['mapmaker>=2; extra == "maps"', 'map-of-nowhere; sys_platform == "nowhere" and extra == "maps"']
+    monkeypatch.setattr(metadata, "requires", lambda package: declared)
+    assert [need.name for need in checkup.requirements("maps")] == ["mapmaker"]
+
+
+def test_extras_for_developers_are_not_listed(monkeypatch):
+    monkeypatch.setattr(checkup, "check_modules", lambda kind, name, needed: PartCheck(kind, name, True, ""))
+    listed = {finding.name for finding in checkup.check_extras()}
+    assert "docs" not in listed
+    assert listed == set(metadata.metadata("smartplay-tools").get_all("Provides-Extra")) - checkup.NOT_FEATURES
+
+
+def test_a_module_may_have_another_name_than_its_distribution(site):
+    package(site, "Map-Maker-Slim", "2.1", "", module="mapmaker")
+    package(site, "compass_api", "0.3", "raise RuntimeError('no north')", module="compass")
+    assert check_modules("extra", "maps", [Requirement("map-maker-slim>=2")]).works
+    finding = check_modules("extra", "maps", [Requirement("map-maker-slim>=2"), Requirement("compass-api")])
+    assert finding.detail.startswith("compass: RuntimeError: no north;")
 
 
 def test_an_extra_that_is_there_works_and_shows_its_versions(site):
     package(site, "mapmaker", "2.1", "")
     package(site, "compass", "0.3", "")
-    needed = [Requirement("mapmaker", "2.0", "maps"), Requirement("compass", None, "maps")]
-    assert check_modules("extra", "maps", needed) == Finding("extra", "maps", True, "mapmaker 2.1, compass 0.3")
+    needed = [Requirement("mapmaker>=2.0"), Requirement("compass")]
+    assert check_modules("extra", "maps", needed) == PartCheck("extra", "maps", True, "mapmaker 2.1, compass 0.3")
 
 
 def test_the_adapter_that_an_extra_is_for_has_to_work_too(site):
     package(site, "mapmaker", "2.1", "")
     (site / "smartplay_maps.py").write_text("from mapmaker import Atlas")
-    finding = check_modules("extra", "maps", [Requirement("mapmaker", "2.0", "maps")])
+    finding = check_modules("extra", "maps", [Requirement("mapmaker>=2.0")])
     assert not finding.works
     assert finding.detail.startswith("smartplay_maps: ImportError: cannot import name 'Atlas' from 'mapmaker'")
 
 
 def test_what_is_not_installed_is_named_with_the_remedy():
-    finding = check_modules("extra", "maps", [Requirement("mapmaker-of-nowhere", None, "maps")])
+    finding = check_modules("extra", "maps", [Requirement("mapmaker-of-nowhere")])
     assert not finding.works
     assert finding.detail == "mapmaker-of-nowhere is not installed; pip install 'smartplay-tools[maps]'"
 
 
 def test_a_version_that_is_too_old_does_not_work(site):
     package(site, "mapmaker", "1.9.2", "")
-    works = {
-        least: check_modules("extra", "maps", [Requirement("mapmaker", least, "maps")]) for least in ("1.9", "1.10")
-    }
-    assert works["1.9"].works
-    assert works["1.10"].detail.startswith("mapmaker is 1.9.2, and 1.10 or newer is needed; pip install")
+    assert check_modules("extra", "maps", [Requirement("mapmaker>=1.9")]).works
+    finding = check_modules("extra", "maps", [Requirement("mapmaker>=1.10")])
+    assert finding.detail.startswith("mapmaker is 1.9.2, but >=1.10 is needed; pip install")
 
 
 @pytest.mark.parametrize(
@@ -87,7 +110,7 @@ def test_being_installed_is_not_enough(code, wrong, site, monkeypatch):
     if "takes longer" in wrong:
         monkeypatch.setattr(checkup, "IMPORT_SECONDS", 1)
     package(site, "mapmaker", "2.0", code)
-    finding = check_modules("extra", "maps", [Requirement("mapmaker", "1.0", "maps")])
+    finding = check_modules("extra", "maps", [Requirement("mapmaker>=1.0")])
     assert not finding.works
     assert finding.detail == f"{wrong}; pip install 'smartplay-tools[maps]'"
 
@@ -118,8 +141,6 @@ def test_the_command_tells_of_everything_and_fails_for_nothing_optional():
     assert all(row["works"] for (kind, _), row in rows.items() if kind == "core")
     assert rows["engine", "voxel"]["works"]
     assert not rows["engine", "minedojo"]["works"]
-    extras = {name for kind, name in rows if kind == "extra"}
-    assert extras == set(metadata.metadata("smartplay-tools").get_all("Provides-Extra")) - checkup.NOT_FEATURES
     assert all(row["detail"] for row in rows.values())
 
 

@@ -14,7 +14,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError, UnknownNameError
 from smartplay_tools.games import TextGame
-from smartplay_tools.replays import sent_prompts
+from smartplay_tools.records import sent_prompts
 
 RPS, HANOI = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 WEB = sp.ToolSpec("web", "Search.", {"type": "object", "properties": {"query": {"type": "string", "description": "q"}}})

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from smartplay_tools.evaluation.sweeps import sweep
-from smartplay_tools.types import STRATEGIES
+from smartplay_tools.evaluation.runs.sweeps import sweep
 
 ROOT = Path(__file__).parents[1]
 SCRIPT, PAGE = ROOT / "experiments" / "context.py", ROOT / "docs" / "experiments.md"
@@ -39,8 +38,8 @@ def test_every_question_has_its_table_in_the_page(experiment):
         rows = [line for line in published(name) if line.startswith("| `")]
         players = set(question["players"]) - ({experiment.CONTROL} if name == "history" else set())
         cells = len(players) * len(question["games"])
-        for field in ("history", "prompt_tokens", "slack", *STRATEGIES):
-            cells *= len(question.get(field, [None]))
+        for values in question.get("vary", {}).values():
+            cells *= len(values)
         assert len(rows) == cells, name
         assert {row.split(" | ")[3] for row in rows} == {str(question["trials"])}, name
 
@@ -57,7 +56,7 @@ def test_the_page_says_what_is_played(experiment, tmp_path):
     question = experiment.QUESTIONS["history"] | {
         "games": ["BanditTwoArmedHighLowFixed-v0"],
         "players": ["rule"],
-        "history": (1, 50),
+        "vary": {"history": (1, 50)},
     }
     played = sweep(**question, out=tmp_path, executor="inline")
     rows = [line for line in experiment.table("history", played).splitlines() if line.startswith("| `")]
@@ -72,6 +71,6 @@ def test_the_same_questions_go_to_another_player(experiment, tmp_path, monkeypat
     monkeypatch.setattr(sys, "argv", asked)
     experiment.main()
     shown = capsys.readouterr().out
-    assert shown.count("| random |") == 2 * len(experiment.QUESTIONS["slack"]["slack"])
+    assert shown.count("| random |") == 2 * len(experiment.QUESTIONS["slack"]["vary"]["slack"])
     assert (tmp_path / "slack" / "figures" / "effects-of-slack.svg").exists()
     assert (tmp_path / "tables.md").read_text(encoding="utf-8").strip() in shown

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.exports import export, read_episode
-from smartplay_tools.replays import sent_prompts
+from smartplay_tools.exports import export
+from smartplay_tools.records import Record, sent_prompts
 
 BUDGET = sp.Budget(prompt_tokens=700)
 
@@ -34,7 +34,7 @@ def test_a_row_of_sft_is_what_the_model_saw_and_what_it_said(run, tmp_path):
     assert found.counts == {"episodes": 3, "rows": len(written)}
     records = sorted((run / "episodes").glob("*.jsonl"))
     sent = {(record.stem, s.turn): s for record in records for s in sent_prompts(sp.read_transcript(record))}
-    first = read_episode(next(r for r in records if (r.stem, 0) in sent and read_episode(r).player == "rule"))
+    first = Record.read(next(r for r in records if (r.stem, 0) in sent and Record.read(r).player == "rule"))
     own = [row for row in written if (row["game"], row["seed"]) == (first.result.game, first.result.seed)]
     for row in own:
         shown = sent[first.name, row["turn"]].prompt.messages
@@ -113,7 +113,7 @@ def test_an_unfinished_episode_is_not_exported(tmp_path):
 
 
 def test_a_record_that_was_changed_is_refused_and_leaves_nothing(run, tmp_path):
-    episode = next(p for p in (run / "episodes").glob("*.jsonl") if read_episode(p).config.player == "rule")
+    episode = next(p for p in (run / "episodes").glob("*.jsonl") if Record.read(p).config.player == "rule")
     changed = tmp_path / "records" / "one.jsonl"
     changed.parent.mkdir()
     changed.write_text(episode.read_text(encoding="utf-8").replace("You’re a player", "You are a player"))
@@ -143,7 +143,7 @@ def test_the_papers_protocol_has_rows_for_replies_only(tmp_path):
     export(record, tmp_path / "data")
     (first, *_), count = rows(tmp_path / "data"), len(rows(tmp_path / "data"))
     assert "tools" not in first
-    assert count == read_episode(record).result.turns
+    assert count == Record.read(record).result.turns
     for other in ("sft-episodes", "atif"):
         with pytest.raises(sp.InvalidArgumentError, match="export it as sft"):
             export(record, tmp_path / "episodes", other)

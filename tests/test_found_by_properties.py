@@ -11,7 +11,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
 from smartplay_tools.context.turns import Item, Turn
-from smartplay_tools.replays.prompts import sent_prompts
+from smartplay_tools.records.prompts import sent_prompts
 from tests import scripts
 
 GAME = "BanditTwoArmedHighLowFixed-v0"

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from smartplay_tools.json_text import encoder
-from smartplay_tools.transcript.file import parse_json
+from smartplay_tools.transcript.lines import parse_json
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(st.characters(codec=None)),

@@ -75,7 +75,7 @@ class Mine(HANOI.load()):
 
 
 sp.register(dataclasses.replace(HANOI, id="MyHanoi-v0", entry_point=Mine))
-swept = sp.sweep(["MyHanoi-v0"], ["rule"], out="sweep", history=[1, 5], trials=1)
+swept = sp.sweep(["MyHanoi-v0"], ["rule"], out="sweep", vary={"history": [1, 5]}, trials=1)
 assert len(swept.rows) == 2, swept.failures
 try:
     sp.evaluate(["MyHanoi-v0"], out="refused", trials=1, executor="processes")

@@ -14,7 +14,7 @@ import smartplay_tools as sp
 from smartplay_tools.conversation.paper import PaperConversation, chosen_action
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.history import history_text
-from smartplay_tools.replays.prompts import sent_prompts
+from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.tokens import TokenCounter
 
 DATA = Path(__file__).parent / "data"

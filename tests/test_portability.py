@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run.lock import only_writer
+from smartplay_tools.evaluation.runs.lock import only_writer
 
 IMPORT_EVERYTHING = """
 import importlib, pkgutil, sys
@@ -52,7 +52,7 @@ assert import_everything() == known > 100
 PLAY = """
 import warnings
 import smartplay_tools as sp
-from smartplay_tools.evaluation import RunFolder
+from smartplay_tools.records import RunFolder
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of filelock, which has neither Unix nor Windows here
@@ -86,7 +86,7 @@ def test_without_unix_s_modules_everything_imports_and_a_run_is_played(tmp_path)
 HOLD = """
 import sys
 from pathlib import Path
-from smartplay_tools.evaluation.run.lock import only_writer
+from smartplay_tools.evaluation.runs.lock import only_writer
 
 with only_writer(Path(sys.argv[2])):
     print("held", flush=True)

@@ -116,6 +116,37 @@ def test_a_release_without_its_date_is_refused_with_the_remedy(tmp_path, heading
     assert said in " ".join(release(tmp_path, heading, **settings))
 
 
+def test_fragments_become_lines_of_the_changelog(tmp_path):
+    release(tmp_path, "Unreleased")
+    (tmp_path / "changelog.d").mkdir()
+    (tmp_path / "changelog.d" / "merge-codes.fixed.md").write_text("- `merge` exits with 1.\n")
+    (tmp_path / "changelog.d" / "a-game.added.md").write_text("- A game.\n")
+    script("changelog").collect(tmp_path)
+    changelog = (tmp_path / "CHANGELOG.md").read_text()
+    assert "### Added\n\n- Everything.\n- A game.\n\n### Fixed\n\n- `merge` exits with 1.\n\n## 0.1.0" in changelog
+    assert list((tmp_path / "changelog.d").iterdir()) == []
+
+
+def test_a_release_waits_for_its_fragments(tmp_path):
+    (tmp_path / "changelog.d").mkdir()
+    (tmp_path / "changelog.d" / "a-game.added.md").write_text("- A game.\n")
+    assert "make changelog" in " ".join(release(tmp_path, "0.2.0 - 2026-03-01"))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("a-game.md", "- A game."), ("a-game.new.md", "- A game."), ("a-game.added.md", "A game.")]
+)
+def test_a_fragment_with_another_form_is_refused(tmp_path, name, text):
+    (tmp_path / "changelog.d").mkdir()
+    (tmp_path / "changelog.d" / name).write_text(text)
+    with pytest.raises(ValueError, match=name):
+        script("changelog").fragments(tmp_path)
+
+
+def test_the_fragments_here_have_the_form():
+    script("changelog").fragments(ROOT)
+
+
 def test_every_section_of_the_changelog_is_a_version_with_a_date_but_the_first():
     headings = script("changelog").HEADING.finditer((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"))
     sections = [(match["title"], match["date"]) for match in headings]
@@ -194,6 +225,7 @@ SCHEMAS = {
     ".github/ISSUE_TEMPLATE/bug.yml": "vendor.github-issue-forms",
     ".github/ISSUE_TEMPLATE/feature.yml": "vendor.github-issue-forms",
     ".github/ISSUE_TEMPLATE/fidelity.yml": "vendor.github-issue-forms",
+    ".github/dependabot.yml": "vendor.dependabot",
     ".github/workflows/checks.yml": "vendor.github-workflows",
 }
 
@@ -240,6 +272,21 @@ def test_the_workflow_calls_what_a_contributor_calls_and_tests_what_the_package_
     assert all(f'"{version}"' in workflow for version in claimed)
     for system in ("ubuntu", "macos", "windows"):
         assert f"{system}-latest" in workflow
+
+
+def test_actions_are_named_by_their_commit():
+    workflow = (ROOT / ".github/workflows/checks.yml").read_text(encoding="utf-8")
+    used = re.findall(r"uses: (\S+)", workflow)
+    assert used
+    assert [action for action in used if not re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", action)] == []
+
+
+def test_the_development_environment_is_fixed_by_versions_alone():
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if not re.fullmatch(r"[\w.-]+==[\w.]+( ; [\w .'<>=!()*]+)?", line)] == []
+    fixed = {line.partition("==")[0] for line in lines}
+    assert {name.lower() for name in names(PYPROJECT["project"]["dependencies"])} <= fixed
+    assert {"mypy", "pytest", "ruff"} <= fixed
 
 
 # Nothing is invented.

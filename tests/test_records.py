@@ -15,7 +15,8 @@ import smartplay_tools as sp
 from smartplay_tools.context import TurnBuilder
 from smartplay_tools.episode import EpisodeStats
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.transcript import EVENTS, FORMAT, scan
+from smartplay_tools.records import Record
+from smartplay_tools.transcript import EVENTS, FORMAT, TranscriptWriter
 from tests import scripts
 
 RPS, HANOI = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
@@ -156,9 +157,37 @@ def test_there_is_a_record_of_the_format_that_is_written():
     assert FORMATS[-1].stem == f"format-{FORMAT}"
 
 
-def test_scan_reads_some_kinds_of_events_only(recorded, tmp_path):
-    path = write(tmp_path / "some.jsonl", recorded)
-    assert [event["event"] for event in scan(path, "start", "end")] == ["start", "end"]
+def test_a_new_kind_of_event_needs_no_reader_to_know_it(recorded, tmp_path):
+    """What is read from a record stays the same if there are events of a kind that nothing has been taught."""
+    plain = Record.read(write(tmp_path / "plain.jsonl", recorded))
+    writer = TranscriptWriter(tmp_path / "new.jsonl")
+    for event in recorded:
+        if event["event"] == "end":
+            writer.append({"event": "applause", "turn": 0})
+        writer.append({name: value for name, value in event.items() if name != "chain"})
+    writer.close()
+    whole, head, followed = (read(tmp_path / "new.jsonl") for read in (Record.read, Record.head, Record.follow))
+    for record in (whole, head, followed):
+        assert (record.outcome, record.result, record.config) == (plain.outcome, plain.result, plain.config)
+        assert (record.totals, record.steps, record.calls) == (plain.totals, plain.steps, plain.calls)
+        assert record.replies == plain.replies
+        assert [sent.sha256 for sent in record.prompts] == [sent.sha256 for sent in plain.prompts]
+
+
+def test_a_record_is_followed_while_it_grows(recorded, tmp_path):
+    path = tmp_path / "growing.jsonl"
+    record = Record.follow(path)
+    assert not record.exists
+    lines = write(tmp_path / "whole.jsonl", recorded).read_bytes().splitlines(keepends=True)
+    with path.open("wb", buffering=0) as file:
+        for line in lines:
+            file.write(line[:-5])
+            assert record.refresh().ending is None
+            file.write(line[-5:])
+            record.refresh()
+    whole = Record.read(path)
+    assert (record.totals, record.steps, record.result) == (whole.totals, whole.steps, whole.result)
+    assert whole.totals.replies == len(whole.replies)
 
 
 class TestResume:

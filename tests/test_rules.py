@@ -9,7 +9,7 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.cli.episode_options import BUDGET
 from smartplay_tools.episode.config import RULES, Rules
-from smartplay_tools.evaluation.run.run_file import read_run_file
+from smartplay_tools.evaluation.runs.run_file import read_run_file
 
 HANOI = "Hanoi3Disk-v0"
 OWN = {"manual": "pinned", "batch": "first_act", "protocol": "paper"}

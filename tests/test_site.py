@@ -36,9 +36,13 @@ ELSEWHERE = {
 """Adapters with an environment of their own, and their pages."""
 
 OF_SUB_PACKAGES = (
-    *("evaluation.analysis.summarize", "evaluation.analysis.compare", "evaluation.Price", "evaluation.run.estimate"),
-    *("evaluation.figures.frontier", "evaluation.figures.write_figures", "evaluation.report.write_report"),
-    *("replays.sent_prompts", "testing.CHECKS", "players.Reading"),
+    *("evaluation.analysis.summarize", "evaluation.analysis.compare", "records.Price", "evaluation.runs.estimate"),
+    *(
+        "evaluation.analysis.figures.frontier",
+        "evaluation.analysis.figures.write_figures",
+        "evaluation.pages.report.write_report",
+    ),
+    *("records.sent_prompts", "testing.CHECKS", "players.Reading"),
 )
 """Some names that are not the root's."""
 

@@ -69,8 +69,8 @@ class TestWhatIsNotImported:
     def test_by_an_mcp_server_that_says_what_it_is(self):
         code = (
             "import asyncio\n"
-            "from smartplay_mcp import HostedEpisode\n"
-            "from smartplay_mcp.protocol import respond\n"
+            "from smartplay_tools.web import HostedEpisode\n"
+            "from smartplay_tools.web.mcp import respond\n"
             "asked = {'jsonrpc': '2.0', 'id': 1, 'method': 'initialize', 'params': {'protocolVersion': '2025-11-25'}}\n"
             "assert 'result' in asyncio.run(respond(HostedEpisode(lambda: 1 / 0), asked))"
         )

@@ -8,8 +8,10 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
-from smartplay_tools.replays import sent_prompts
+from smartplay_tools.context.strategies import KINDS
+from smartplay_tools.records import sent_prompts
 from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.types import STRATEGIES
 from tests import checker, scripts
 from tests.test_conversation import acting, calling, saying
 
@@ -332,6 +334,19 @@ def test_at_their_defaults_nothing_is_written_of_them():
     assert not any(name in text for name in ("beyond_history", "notes", "summar", "purpose", "oldest"))
 
 
+def test_every_field_that_asks_for_a_strategy_has_its_class():
+    assert sorted(kind.name for kind in KINDS) == sorted(STRATEGIES)
+    assert all(kind.option_help for kind in KINDS)
+
+
+def test_an_episode_has_strategies_of_its_own():
+    budget = sp.Budget(prompt_tokens=900, slack=0.5, notes_tokens=9, summary_tokens=9)
+    first, second = (sp.Episode(RPS, seed=1, budget=budget).strategies for _ in range(2))
+    assert first.summaries is not second.summaries
+    assert [tool.spec.name for tool in first.tools] == ["take_notes"]
+    assert first.reserve > 9
+
+
 def test_auto_caps_are_those_of_plain_dropping():
     plain = sp.Episode(RPS, seed=1, budget=sp.Budget(prompt_tokens=900)).budget
     noted = sp.Episode(RPS, seed=1, budget=sp.Budget(prompt_tokens=900, notes_tokens=99)).budget
@@ -341,7 +356,7 @@ def test_auto_caps_are_those_of_plain_dropping():
 @pytest.mark.parametrize("strategy", [{}, {"beyond_history": "mask"}, {"notes_tokens": 9}, {"summary_tokens": 30}])
 @pytest.mark.parametrize("slack", [0.0, 0.5])
 def test_the_sums_that_decide_a_view_grow_with_the_logarithm_only(monkeypatch, strategy, slack):
-    from smartplay_tools.context.moment import Moment
+    from smartplay_tools.context.window_state import WindowState
 
     if "summary_tokens" in strategy and slack == 0:
         return
@@ -352,14 +367,14 @@ def test_the_sums_that_decide_a_view_grow_with_the_logarithm_only(monkeypatch, s
     conversation.receive(acting())
     conversation.prompt()
     sums = 0
-    tokens = Moment.tokens
+    tokens = WindowState.tokens
 
-    def counted(moment: Moment, first: int) -> int:
+    def counted(state: WindowState, first: int) -> int:
         nonlocal sums
         sums += 1
-        return tokens(moment, first)
+        return tokens(state, first)
 
-    monkeypatch.setattr(Moment, "tokens", counted)
+    monkeypatch.setattr(WindowState, "tokens", counted)
     window = ContextWindow(episode.head, episode.tools, episode.budget, counter)
     most = 0
     for number in range(3_000):

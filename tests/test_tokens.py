@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools import tokens
-from smartplay_tools.errors import UnknownNameError
+from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.tokens import TokenCounter, get_tokenizer
 from smartplay_tools.tokens.counter import well_formed
 from smartplay_tools.tokens.o200k import o200k_base
@@ -264,7 +264,7 @@ OFFLINE = {"HTTPS_PROXY": "http://127.0.0.1:9", "HTTP_PROXY": "http://127.0.0.1:
     ("name", "sentence"),
     [
         ("cl100k_base", "The vocabulary of cl100k_base could not be downloaded"),
-        ("hf:gpt2", "hf:gpt2 is no file and no folder here, and its tokenizer.json could not be downloaded"),
+        ("hf:gpt2", "hf:gpt2 is neither a file nor a folder here, and its tokenizer.json could not be downloaded"),
     ],
 )
 def test_offline_a_missing_vocabulary_is_one_sentence_before_the_episode_begins(name, sentence, tmp_path):
@@ -279,3 +279,45 @@ def test_the_shipped_vocabulary_loads_with_the_first_text():
     script = "import sys, smartplay_tools as sp; sp.Episode('Hanoi3Disk-v0', seed=1); print('tiktoken' in sys.modules)"
     shown = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert shown.stdout == "False\n"
+
+
+SCHEMAS = st.recursive(
+    st.booleans()
+    | st.fixed_dictionaries(
+        {},
+        optional={
+            "type": st.sampled_from(["string", "integer", ["string", "null"]]),
+            "description": st.none() | st.text(max_size=20),
+            "enum": st.lists(st.none() | st.integers() | st.text(max_size=5), min_size=1, max_size=3),
+            "$ref": st.just("#"),
+        },
+    ),
+    lambda inner: st.fixed_dictionaries(
+        {"type": st.just("object")},
+        optional={"properties": st.dictionaries(st.text(max_size=5), inner, max_size=3), "items": inner, "not": inner},
+    ),
+    max_leaves=6,
+)
+"""JSON Schemas as tools of other people have them: nested, recursive, true and false."""
+
+
+@given(st.dictionaries(st.text(max_size=5), SCHEMAS, max_size=4), st.text(max_size=20))
+def test_any_json_schema_is_counted(properties, description):
+    plain = sp.ToolSpec("tool", description, {"type": "object"})
+    tool = sp.ToolSpec("tool", description, {"type": "object", "properties": properties})
+    assert WORDS.tools([tool]) >= WORDS.tools([plain]) + (3 + 3 * len(properties) if properties else 0)
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"properties": ["x"]},
+        {"properties": {"x": "string"}},
+        {"properties": {"x": {"description": 5}}},
+        {"properties": {"x": {"enum": "abc"}}},
+        ["x"],
+    ],
+)
+def test_what_is_not_a_schema_is_refused_in_a_sentence(parameters):
+    with pytest.raises(InvalidArgumentError, match=r"the tool 'tool' (is|are) not a JSON Schema"):
+        WORDS.tools([sp.ToolSpec("tool", "", parameters)])

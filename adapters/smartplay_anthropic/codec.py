@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
@@ -29,9 +30,12 @@ NOTHING = "..."
 """Replaces an empty message, which the interface refuses."""
 
 
-def request(prompt: Prompt, *, limit: int = LIMIT, cache: bool = False) -> dict[str, Any]:
+def request(
+    prompt: Prompt, *, limit: int = LIMIT, cache: bool = False, own: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Any]:
     """Return the keyword arguments of `client.messages.create`, except the model.
 
+    `own` are further arguments, of which a cap on the reply applies where it is smaller than the prompt's.
     `cache` marks the end of the part that is unchanged since the previous prompt, so that the provider caches it. Only
     a part that has been stable once is marked, so that no cache write is paid for without need.
     """
@@ -50,13 +54,12 @@ def request(prompt: Prompt, *, limit: int = LIMIT, cache: bool = False) -> dict[
                 _add_to_user(messages, {"type": "text", "text": text_of(message) or NOTHING})
         if number + 1 == prompt.prefix_messages:
             stable = sum(len(sent["content"]) for sent in messages)
-    arguments: dict[str, Any] = {"messages": messages, "max_tokens": prompt.max_tokens or limit}
+    arguments: dict[str, Any] = {"messages": messages, "max_tokens": limit}
     if system:
         arguments["system"] = "\n\n".join(system)
     if prompt.tools:
         arguments["tools"] = [schema(tool, "anthropic") for tool in prompt.tools]
-        if prompt.tool_choice != "auto":
-            arguments["tool_choice"] = {"type": prompt.tool_choice}
+    arguments |= prompt.settings(own, no_tools={"type": "none"})
     # The system text comes first in a request; if a part of it is new, nothing after it is stable.
     if cache and not any(m["role"] in ("system", "developer") for m in prompt.messages[prompt.prefix_messages :]):
         _mark(messages, stable)

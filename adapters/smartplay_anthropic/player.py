@@ -33,7 +33,8 @@ class AnthropicPlayer(ModelPlayer):
         cache: mark the part that is unchanged since the previous prompt, so that the provider caches it; it saves money
             if prompts share a long beginning (`Budget.slack`) and costs nothing if they do not.
         timeout: seconds that an attempt may take without a byte from the server.
-        parameters: further arguments of every request, such as `{"temperature": 0}`.
+        parameters: further arguments of every request, such as `{"temperature": 0}`; a cap on the reply among them
+            applies where it is smaller than the budget's.
         options: those of `ModelPlayer`: `seed`, `retries`, `pause`, `at_once`.
     """
 
@@ -79,7 +80,7 @@ class AnthropicPlayer(ModelPlayer):
 
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the arguments of the request for a prompt."""
-        return {**codec.request(prompt, limit=self._limit, cache=self._cache), **self._always}
+        return codec.request(prompt, limit=self._limit, cache=self._cache, own=self._always)
 
     def new_client(self) -> anthropic.Anthropic:
         """Return a synchronous client."""

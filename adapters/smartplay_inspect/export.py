@@ -37,10 +37,10 @@ from inspect_ai.scorer import Score
 from smartplay_inspect.messages import Chat, tool_infos
 from smartplay_inspect.scorer import score_of
 from smartplay_tools import ToolSpec
-from smartplay_tools.exports import RecordedEpisode
+from smartplay_tools.records import Record
 
 
-def write_logs(episodes: Iterable[RecordedEpisode], folder: Path) -> dict[str, int]:
+def write_logs(episodes: Iterable[Record], folder: Path) -> dict[str, int]:
     """Write a log for every game, player and budget; return the number of episodes and logs."""
     groups: dict[str, list[EvalSample]] = {}
     for episode in episodes:
@@ -73,7 +73,7 @@ def _log(name: str, samples: list[EvalSample]) -> EvalLog:
     )
 
 
-def _sample(episode: RecordedEpisode) -> EvalSample:
+def _sample(episode: Record) -> EvalSample:
     chat, tools = Chat(_model(episode.player)), tool_infos(ToolSpec(**tool["function"]) for tool in episode.tools)
     events = []
     for sent in episode.prompts:
@@ -101,7 +101,7 @@ def _sample(episode: RecordedEpisode) -> EvalSample:
     )
 
 
-def _output(episode: RecordedEpisode, chat: Chat, turn: int) -> ModelOutput:
+def _output(episode: Record, chat: Chat, turn: int) -> ModelOutput:
     (message,) = chat.write([episode.turns[turn].assistant])
     assert isinstance(message, ChatMessageAssistant)
     usage = episode.usage[turn]

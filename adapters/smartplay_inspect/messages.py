@@ -1,6 +1,6 @@
 """Conversion of messages between Inspect's classes and the canonical chat form.
 
-Inspect keeps the arguments of a call as an object. Arguments that are no object are `{}` with the text in an error
+Inspect keeps the arguments of a call as an object. Arguments that are not an object are `{}` with the text in an error
 message; the text is taken out of it here, so that a malformed call is counted as one. A reply's reasoning is recorded,
 and goes back to the model with its turn, as the parts of Inspect's own message.
 """

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import anyio.to_thread
 from inspect_ai.model import GenerateConfig, Model, get_model
+from inspect_ai.model._generate_config import active_generate_config
 from inspect_ai.solver import Generate, Solver, TaskState, solver
 from inspect_ai.util import LimitExceededError, StoreModel, sample_limits, store_as
 from pydantic import Field
@@ -88,12 +89,12 @@ async def _play(state: TaskState, episode: Episode) -> None:
 async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
     conversation = await _in_thread(lambda: Conversation(episode, player=f"inspect:{model}"))
     chat, tools = Chat(str(model)), tool_infos(episode.tools)
+    own_cap = model.config.merge(active_generate_config()).max_tokens
     state.messages = chat.write(episode.head)
     while (prompt := await _in_thread(conversation.prompt)) is not None:
-        # A cap of ours takes the place of the evaluation's; without one the evaluation's applies.
-        config = GenerateConfig() if prompt.max_tokens is None else GenerateConfig(max_tokens=prompt.max_tokens)
-        # Not `prompt.tool_choice`: with "none", which a summary asks for, Inspect would leave out the tools we count.
-        output = await model.generate(chat.write(prompt.messages), tools, config=config)
+        # Not the tool choice: with "none", which a summary asks for, Inspect would leave out the tools we count.
+        cap = prompt.settings({"max_tokens": own_cap}).get("max_tokens")
+        output = await model.generate(chat.write(prompt.messages), tools, config=GenerateConfig(max_tokens=cap))
         reply = from_output(output)
         await _in_thread(lambda reply=reply: conversation.receive(reply.message, reply.usage))  # type: ignore[misc]
         state.output = output

@@ -18,8 +18,8 @@ from smartplay_inspect.solver import smartplay_agent
 from smartplay_tools import GAMES, Budget, EpisodeConfig, InvalidArgumentError
 from smartplay_tools.episode import cell_config
 from smartplay_tools.errors import in_one_line
-from smartplay_tools.evaluation import trial_seed
 from smartplay_tools.games import PAPER_RESULTS
+from smartplay_tools.records import trial_seed
 from smartplay_tools.tokens import TokenCounter
 
 VERSION = "1"
@@ -39,7 +39,7 @@ def smartplay(
 
     `game` is the id of a setting, or several, as a list or with commas. `trials` is the number of episodes of every
     game, the paper's number for it if not given; their seeds follow from `seed`. `rules` are fields of a `Budget`, for
-    which the word "none" is no limit, rules of the episode (`manual`, `batch`) and the game's own options.
+    which the word "none" means no limit, rules of the episode (`manual`, `batch`) and the game's own options.
     """
     games = game.split(",") if isinstance(game, str) else list(game)
     asked = {name: value for name, value in rules.items() if name in Budget.model_fields}
@@ -88,7 +88,7 @@ def _sample(trial: int, config: EpisodeConfig) -> Sample:
 
 
 def _budget(asked: dict[str, Any]) -> Budget:
-    """The budget of a task's arguments, where None is "not given" and the word "none" is no limit."""
+    """The budget of a task's arguments, where None is "not given" and the word "none" means no limit."""
     given: dict[str, Any] = {
         name: None if value == "none" else value for name, value in asked.items() if value is not None
     }

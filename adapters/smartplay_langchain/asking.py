@@ -33,21 +33,21 @@ ToolChoice = str | Mapping[str, Any]
 
 @dataclass(frozen=True)
 class PromptSettings:
-    """What a model is told of a prompt besides its messages, in the words of the model's provider."""
+    """What a model is told about a prompt apart from its messages, in the words of the model's provider."""
 
     limit_field: str = "max_tokens"
     """The name of the model's parameter for the cap on a reply."""
     summary_tool_choice: ToolChoice = "none"
     """The model's `tool_choice` where it must not call a tool."""
 
-    def of(self, prompt: Prompt, settings: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
-        """Return a model's own settings with those of a prompt; of two caps the smaller one holds."""
-        told, cap = dict(settings), prompt.max_tokens
-        if cap is not None:
-            told[self.limit_field] = min(cap, settings.get(self.limit_field) or cap)
-        if prompt.tool_choice == "none":
-            told["tool_choice"] = self.summary_tool_choice
-        return told
+    def of(
+        self, prompt: Prompt, model: BaseChatModel, settings: Mapping[str, Any] = MappingProxyType({})
+    ) -> dict[str, Any]:
+        """Return the settings of a request with those of a prompt; a cap that the model was made with counts, too."""
+        own = dict(settings)
+        if self.limit_field in model.model_fields_set:
+            own.setdefault(self.limit_field, getattr(model, self.limit_field))
+        return prompt.settings(own, cap=self.limit_field, no_tools=self.summary_tool_choice)
 
 
 @dataclass
@@ -120,7 +120,7 @@ class WindowedModel:
         state: the messages in the state.
         make: makes the prompt.
         summarise: takes the reply to a prompt for a summary.
-        prompt_settings: what the model is told of a prompt besides its messages.
+        prompt_settings: what the model is told about a prompt apart from its messages.
     """
 
     def __init__(
@@ -201,7 +201,7 @@ class _Request(Runnable[LanguageModelInput, AIMessage]):
         return prompt
 
     def _bound(self, prompt: Prompt) -> Runnable[LanguageModelInput, AIMessage]:
-        settings = self._stand_in._prompt_settings.of(prompt, self._settings)
+        settings = self._stand_in._prompt_settings.of(prompt, self._stand_in._model, self._settings)
         return bind(self._stand_in._model, self._tools, settings, prompt)
 
 

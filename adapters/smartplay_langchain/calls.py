@@ -216,7 +216,7 @@ TURN = "smartplay_turn"
 
 
 def turn_of(message: BaseMessage) -> int | None:
-    """Return the number of the turn that a reply began; None for a message that is no reply of an episode's model."""
+    """Return the number of the turn that a reply began; None for any other message."""
     turn = message.response_metadata.get(TURN) if message.type == "ai" else None
     return turn if isinstance(turn, int) else None
 

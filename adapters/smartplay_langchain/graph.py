@@ -75,8 +75,8 @@ class GraphSession(CallPlayer):
     def ask(self, model: BaseChatModel, messages: Sequence[BaseMessage]) -> list[AnyMessage]:
         """Call the model with the next prompt and return the messages for the state.
 
-        Where the window owes a summary, the model is called for it first; that reply is taken here and is no message of
-        the state. When the episode is over, nothing is asked. A reply that the record already has, because the process
+        Where the window owes a summary, the model is called for it first; that reply is taken here and not added to the
+        state. When the episode is over, nothing is asked. A reply that the record already has, because the process
         ended before the graph's checkpoint was written, is returned again without calling the model. If the model
         raises, the episode does not change, and you may ask again; a summary that was taken stays.
         """
@@ -223,7 +223,7 @@ class GraphSession(CallPlayer):
                 self.session.add(from_langchain(message))
 
     def _binding(self, model: BaseChatModel, tools: Tools) -> Bound:
-        return lambda prompt: bind(model, tools, self.prompt_settings.of(prompt), prompt)
+        return lambda prompt: bind(model, tools, self.prompt_settings.of(prompt, model), prompt)
 
     def _for_state(self, reply: AIMessage) -> list[AnyMessage]:
         assert self.session is not None
@@ -265,7 +265,7 @@ class GraphSession(CallPlayer):
         return changed
 
     def _close(self, call: Call) -> ToolMessage:
-        """Answer a call that no tool node has run: in the game's words if its arguments are no JSON object."""
+        """Answer a call that no tool node has run: in the game's words if its arguments are not a JSON object."""
         assert self.session is not None
         if not self._is_own(call.id):
             self.session.add({"role": "tool", "tool_call_id": call.id, "content": NOT_RUN})

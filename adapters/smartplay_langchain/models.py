@@ -55,7 +55,7 @@ class LangChainPlayer(ModelPlayer):
 
     def request(self, prompt: Prompt) -> tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]:
         """Return the model, bound to tools, cap and tool choice, and the messages for it."""
-        settings, tools = self._settings.of(prompt), [schema(tool, "openai") for tool in prompt.tools]
+        settings, tools = self._settings.of(prompt, self._model), [schema(tool, "openai") for tool in prompt.tools]
         bound = self._model.bind_tools(tools, **settings) if tools else self._model.bind(**settings)
         return bound, to_langchain(prompt.messages)
 

@@ -15,19 +15,13 @@ from typing import TYPE_CHECKING
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_mcp.hosted import HostedEpisode
     from smartplay_mcp.http import HttpServer, http_app
-    from smartplay_mcp.protocol import CALL_KEY, MANUAL
-    from smartplay_mcp.server import game_server
+    from smartplay_mcp.server import CALL_KEY, MANUAL, game_server
     from smartplay_mcp.stdio import open_episode, serve_stdio
-    from smartplay_mcp.store import EpisodeStore, FullError
 
 __all__ = [
     "CALL_KEY",
     "MANUAL",
-    "EpisodeStore",
-    "FullError",
-    "HostedEpisode",
     "HttpServer",
     "game_server",
     "http_app",
@@ -40,11 +34,8 @@ if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(
         __name__,
         {
-            "hosted": ("HostedEpisode",),
             "http": ("HttpServer", "http_app"),
-            "protocol": ("CALL_KEY", "MANUAL"),
-            "server": ("game_server",),
+            "server": ("CALL_KEY", "MANUAL", "game_server"),
             "stdio": ("open_episode", "serve_stdio"),
-            "store": ("EpisodeStore", "FullError"),
         },
     )

@@ -12,7 +12,6 @@ connections.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from smartplay_tools.errors import MissingExtraError
 
@@ -21,17 +20,13 @@ try:
     from starlette.applications import Starlette
     from starlette.requests import Request
     from starlette.responses import PlainTextResponse, Response
-    from starlette.routing import Route
     from starlette.types import ASGIApp
 except ModuleNotFoundError as error:
     raise MissingExtraError("smartplay_mcp.http", "mcp") from error
 
-from smartplay_mcp.guard import carries, check_address, guarded
-from smartplay_mcp.messages import HOSTED, play
 from smartplay_mcp.operator import operator_routes
-from smartplay_mcp.requests import UNAUTHORIZED, asked
-from smartplay_mcp.store import EpisodeStore, Store
-from smartplay_tools.web import Server
+from smartplay_tools.web import UNAUTHORIZED, EpisodeStore, Server, carries, check_address, guarded
+from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 
 
 def http_app(
@@ -61,22 +56,10 @@ def http_app(
             return PlainTextResponse("Not found", 404)
         if token is not None and not carries(request, token):
             return UNAUTHORIZED
-        return await bound(request, store)
+        return await bind_episode(request, store)
 
-    routes = [Route("/mcp", play, methods=["POST"]), *operator_routes(store)]
+    routes = [mcp_route(), *operator_routes(store)]
     return guarded(Starlette(routes=routes), admit, hosts=hosts, origins=origins)
-
-
-async def bound(request: Request, store: Store[Any]) -> Response | None:
-    """Bind a request to the episode that it names, for `play`; or say why there is none."""
-    handle = request.url.path.lstrip("/").partition("/")[2]
-    handle = handle or request.query_params.get("episode") or request.headers.get("x-episode") or ""
-    found = store.opened(handle) or await asked(store.find, handle)
-    if isinstance(found, Response):
-        return found
-    request.scope[HOSTED] = found
-    request.scope["path"] = "/mcp"
-    return None
 
 
 class HttpServer(Server):

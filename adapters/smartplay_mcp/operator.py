@@ -10,9 +10,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
-from smartplay_mcp.requests import TOO_LARGE, asked, read_body
-from smartplay_mcp.store import EpisodeStore, FullError
 from smartplay_tools import Budget, InvalidArgumentError, SmartPlayError
+from smartplay_tools.web import TOO_LARGE, EpisodeStore, FullError, asked, read_body
 
 
 def operator_routes(store: EpisodeStore) -> list[Route]:

@@ -1,7 +1,7 @@
 """The MCP server as an object of the official package `mcp`, for programs that host it in their own process.
 
 The Claude Agent SDK takes such an object, as does every program that runs a `Server` on its own streams. It passes on
-the answers of `protocol`: the schemas are unchanged, and only the episode validates arguments.
+the answers of `smartplay_tools.web.mcp`: the schemas are unchanged, and only the episode validates arguments.
 """
 
 from __future__ import annotations
@@ -9,12 +9,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from smartplay_mcp import protocol
-from smartplay_mcp.hosted import HostedEpisode
 from smartplay_tools import InvalidArgumentError
+from smartplay_tools.web import HostedEpisode
+from smartplay_tools.web.mcp import (
+    CALL_KEY,
+    INSTRUCTIONS,
+    MANUAL,
+    SERVER_INFO,
+    STATELESS_VERSIONS,
+    ProtocolError,
+    result_of,
+    stateless_result,
+)
 
 if TYPE_CHECKING:
     from mcp.server.lowlevel import Server
+
+__all__ = ["CALL_KEY", "MANUAL", "game_server"]
 
 Find = Callable[[Any], HostedEpisode]
 """Returns the episode of a request, from the package's request context; raises `MCPError` if there is none."""
@@ -45,17 +56,16 @@ def game_server(find: Find) -> Server[Any]:
             # Unchanged, because the types of the package would drop unknown fields.
             sent = {**(context.params or {}), "_meta": context.meta or {}}
             try:
-                result = await protocol.result_of(find(context), method, sent)
-            except protocol.ProtocolError as error:
+                result = await result_of(find(context), method, sent)
+            except ProtocolError as error:
                 raise MCPError(code=error.code, message=str(error), data=error.data) from error
-            is_stateless = context.protocol_version in protocol.STATELESS_VERSIONS
-            return protocol.stateless_result(method, result) if is_stateless else result
+            is_stateless = context.protocol_version in STATELESS_VERSIONS
+            return stateless_result(method, result) if is_stateless else result
 
         return handle
 
-    info = protocol.SERVER_INFO
     server: Server[Any] = Server(
-        info["name"], version=info["version"], title=info["title"], instructions=protocol.INSTRUCTIONS
+        SERVER_INFO["name"], version=SERVER_INFO["version"], title=SERVER_INFO["title"], instructions=INSTRUCTIONS
     )
     for method, parameters in PARAMETERS.items():
         server.add_request_handler(method, getattr(types, parameters), handler(method))

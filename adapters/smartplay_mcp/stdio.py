@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from smartplay_mcp.hosted import HostedEpisode
-from smartplay_mcp.protocol import PARSE_ERROR, ProtocolError, respond
+from smartplay_tools.web import HostedEpisode
+from smartplay_tools.web.mcp import PARSE_ERROR, ProtocolError, respond
 
 if TYPE_CHECKING:
     from smartplay_tools import Episode
@@ -35,7 +35,7 @@ async def serve_stdio(
     has_answered = asyncio.Event()
     asyncio.get_running_loop().call_later(MOMENT, has_answered.set)
     making = asyncio.ensure_future(_made(hosted, has_answered))
-    # What cannot be made ends the server, whether or not somebody is writing.
+    # What cannot be made ends the server, whether or not a client is writing.
     making.add_done_callback(lambda made: lines.put_nowait(None) if made.exception() else None)
     while (line := await lines.get()) is not None:
         if line.strip():

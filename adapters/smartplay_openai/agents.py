@@ -20,7 +20,7 @@ import itertools
 from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolSpec, Usage
+from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.messages import text_of
 
@@ -47,6 +47,13 @@ OVER = "smartplay_over"
 """The id of the message that ends a run."""
 
 AWAITS_APPROVAL = "Error: An earlier call of this message awaits approval, so this one was not played."
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class _Answer(Reply):
+    """A reply and the response of the model that it was read from."""
+
+    response: ModelResponse
 
 
 class SmartPlayModel(Model):
@@ -96,21 +103,23 @@ class SmartPlayModel(Model):
         items = [{"role": "user", "content": input}] if isinstance(input, str) else input
         await asyncio.to_thread(self._prepare, system_instructions, items, self._foreign(tools, handoffs))
         assert self.session is not None
-        usage = AgentsUsage()
-        while (prompt := await self.session.aprompt()) is not None:
-            settings = _told(model_settings, prompt)
+        session, usage = self.session, AgentsUsage()
+
+        async def send(prompt: Prompt) -> _Answer:
+            own = {"max_tokens": model_settings.max_tokens, "tool_choice": model_settings.tool_choice}
+            settings = dataclasses.replace(model_settings, **prompt.settings(own))
             try:
                 response = await self._model.get_response(
                     None, _input(prompt), settings, tools, output_schema, list(handoffs), *arguments, **options
                 )
             except Exception as error:
-                self.session.fail(error)
+                session.fail(error)
                 raise
             usage.add(response.usage)
-            if prompt.purpose == "summary":
-                await asyncio.to_thread(self.session.receive, _read(response), _usage(response.usage))
-                continue
-            response = await asyncio.to_thread(self._receive, response)
+            return _Answer(_read(response), _usage(response.usage), response=response)
+
+        while (answer := await session.aask(send)) is not None:
+            response = await asyncio.to_thread(self._receive, answer)
             if any(isinstance(item, ResponseFunctionToolCall) for item in response.output):
                 return dataclasses.replace(response, usage=usage)
         return ModelResponse(output=[_OVER], usage=usage, response_id=None)
@@ -183,10 +192,11 @@ class SmartPlayModel(Model):
             self.session.add({"role": "user", "content": _text(item["content"])})
         self._words = max(self._words, len(words))
 
-    def _receive(self, response: ModelResponse) -> ModelResponse:
-        """Take a reply; return it with the call ids of the session."""
+    def _receive(self, answer: _Answer) -> ModelResponse:
+        """Take a reply; return the model's response with the call ids of the session."""
         assert self.session is not None
-        ids = iter([call.id for call in self.session.receive(_read(response), _usage(response.usage))])
+        response = answer.response
+        ids = iter([call.id for call in self.session.receive(answer.message, answer.usage)])
         self._words = 0
         output = [
             item.model_copy(update={"call_id": next(ids)}) if isinstance(item, ResponseFunctionToolCall) else item
@@ -240,14 +250,6 @@ def _check(output_schema: Any, options: Mapping[str, Any]) -> None:
             )
 
 
-def _told(settings: ModelSettings, prompt: Prompt) -> ModelSettings:
-    """The settings with a prompt's cap on the reply, and its tool choice where no tool may be called."""
-    cap = prompt.max_tokens
-    if cap is not None:
-        settings = dataclasses.replace(settings, max_tokens=min(cap, settings.max_tokens or cap))
-    return dataclasses.replace(settings, tool_choice="none") if prompt.tool_choice == "none" else settings
-
-
 def _before_the_game(items: Sequence[Item], ours: set[str]) -> list[Message]:
     """The messages that a run begins with; an earlier episode in the same session of the SDK is left out."""
     begin = 0
@@ -286,7 +288,7 @@ def _read(response: ModelResponse) -> Message:
 
 
 def _text(content: Any) -> str:
-    """The text of a tool's output or of a message; parts that are no text are an `InvalidArgumentError`."""
+    """The text of a tool's output or of a message; parts that are not text are an `InvalidArgumentError`."""
     return content if isinstance(content, str) else text_of({"content": content})
 
 

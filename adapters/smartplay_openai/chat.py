@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from openai.resources.chat.completions import Completions
@@ -37,16 +38,14 @@ class ChatCompletions(Interface):
     required = {"messages": ()}  # noqa: RUF012 - read only
     stream_options = {"stream": True, "stream_options": {"include_usage": True}}  # noqa: RUF012 - read only
 
-    def request(self, prompt: Prompt, *, limit_field: str | None = None) -> dict[str, Any]:
+    def request(
+        self, prompt: Prompt, *, limit_field: str | None = None, own: Mapping[str, Any] = MappingProxyType({})
+    ) -> dict[str, Any]:
         """Return the arguments of `client.chat.completions.create`; older servers know `max_tokens` only."""
         arguments: dict[str, Any] = {"messages": [*map(_sent, acceptable(prompt.messages))]}
         if prompt.tools:
             arguments["tools"] = [schema(tool, "openai") for tool in prompt.tools]
-            if prompt.tool_choice != "auto":
-                arguments["tool_choice"] = prompt.tool_choice
-        if prompt.max_tokens is not None:
-            arguments[limit_field or self.limit_field] = prompt.max_tokens
-        return arguments
+        return arguments | prompt.settings(own, cap=limit_field or self.limit_field)
 
     def create(self, client: Any) -> Callable[..., Any]:
         """Return `client.chat.completions.create`."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 from smartplay_openai.tool_choice import ToolChoice
@@ -40,10 +41,13 @@ class Interface(ABC):
     # The client's side.
 
     @abstractmethod
-    def request(self, prompt: Prompt, *, limit_field: str | None = None) -> dict[str, Any]:
+    def request(
+        self, prompt: Prompt, *, limit_field: str | None = None, own: Mapping[str, Any] = MappingProxyType({})
+    ) -> dict[str, Any]:
         """Return the keyword arguments of the client's `create`, except the model.
 
-        `limit_field` is the name of the cap on the reply, if the server has another one.
+        `limit_field` is the name of the cap on the reply, if the server has another one; `own` are further fields, of
+        which a cap applies where it is smaller than the prompt's.
         """
 
     @abstractmethod

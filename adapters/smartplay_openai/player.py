@@ -40,7 +40,8 @@ class OpenAIPlayer(ModelPlayer):
         api_key: the key; by default the environment's `OPENAI_API_KEY`. A server on this machine needs none.
         stream: receive replies as streams, for which some servers and proxies have longer timeouts.
         timeout: seconds that an attempt may take without a byte from the server.
-        parameters: further fields of every request, such as `{"temperature": 0}`.
+        parameters: further fields of every request, such as `{"temperature": 0}`; a cap on the reply among them applies
+            where it is smaller than the budget's.
         limit_field: the server's name of the cap on the reply; by default `max_completion_tokens` for OpenAI,
             `max_tokens` for other servers.
         typed: pass the fields that the client knows as arguments, so that tracers and other wrappers of the client see
@@ -87,7 +88,7 @@ class OpenAIPlayer(ModelPlayer):
 
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the body of the request for a prompt."""
-        return {**self._interface.request(prompt, limit_field=self._limit_field), **self._always}
+        return self._interface.request(prompt, limit_field=self._limit_field, own=self._always)
 
     def new_client(self) -> openai.OpenAI:
         """Return a synchronous client."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from openai.resources.responses import Responses as ClientResponses
@@ -42,16 +43,18 @@ class Responses(Interface):
     arguments = arguments_of(ClientResponses.create)
     stream_options = {"stream": True}  # noqa: RUF012 - read only
 
-    def request(self, prompt: Prompt, *, limit_field: str | None = None) -> dict[str, Any]:
+    def request(
+        self, prompt: Prompt, *, limit_field: str | None = None, own: Mapping[str, Any] = MappingProxyType({})
+    ) -> dict[str, Any]:
         """Return the arguments of `client.responses.create`."""
         items = [item for message in acceptable(prompt.messages) for item in _items(message)]
         arguments: dict[str, Any] = {"input": items, "store": False, "include": ["reasoning.encrypted_content"]}
         if prompt.tools:
             arguments["tools"] = [schema(tool, "responses") for tool in prompt.tools]
-            if prompt.tool_choice != "auto":
-                arguments["tool_choice"] = prompt.tool_choice
+        field = limit_field or self.limit_field
+        arguments |= prompt.settings(own, cap=field)
         if prompt.max_tokens is not None:
-            arguments[limit_field or self.limit_field] = max(prompt.max_tokens, LEAST_LIMIT)
+            arguments[field] = max(arguments[field], LEAST_LIMIT)
         return arguments
 
     def create(self, client: Any) -> Callable[..., Any]:

@@ -28,8 +28,8 @@ from openenv.core.env_server.types import EnvironmentMetadata, Observation, Stat
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError, ToolSpec
 from smartplay_tools.episode import RewardName, reward_of
-from smartplay_tools.evaluation import trial_seed
 from smartplay_tools.messages import text_of
+from smartplay_tools.records import trial_seed
 
 
 class Split(NamedTuple):
@@ -43,7 +43,7 @@ SPLITS: Mapping[str, Split] = {"train": Split(run_seed=1, tasks=1_000_000), "tes
 """The splits by name. The test tasks are the worlds that an evaluation plays by default."""
 
 PREVIEW = 100
-"""So many tasks of a split are listed; each has its number."""
+"""The most tasks of a split that are listed; each has its number."""
 
 
 class SmartPlayState(State):

@@ -159,11 +159,7 @@ class _Rollout:
         )
 
     def _turn(self, prompt: Prompt) -> None:
-        sampling = dict(self._limits.sampling)
-        if prompt.max_tokens is not None:
-            sampling["max_tokens"] = prompt.max_tokens
-        if prompt.tool_choice == "none":
-            sampling["tool_choice"] = "none"
+        sampling = prompt.settings(self._limits.sampling)
         step = self._model_step([dict(message) for message in prompt.messages], self._tools, sampling)
         calls = self._agent.receive(cast(Message, step.response.to_message_dict()))
         if prompt.purpose == "play":

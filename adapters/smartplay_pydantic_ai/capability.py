@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from typing import Any
+from typing import Any, cast
 
 from pydantic_ai import RunContext
 from pydantic_ai.capabilities import AbstractCapability, WrapModelRequestHandler
@@ -85,11 +85,8 @@ class SmartPlay(AbstractCapability[Any]):
         prompt = await self._begun.aprompt()
         assert prompt is not None, "the episode is over, and yet the model is asked"
         self._purpose = prompt.purpose
-        settings: ModelSettings = {**(request_context.model_settings or {})}
-        if prompt.tool_choice == "none":
-            settings["tool_choice"] = "none"
-        if prompt.max_tokens is not None:
-            settings["max_tokens"] = prompt.max_tokens
+        own = {**(request_context.model.settings or {}), **(request_context.model_settings or {})}
+        settings = cast(ModelSettings, prompt.settings(own))
         # The head has the agent's instructions.
         parameters = dataclasses.replace(request_context.model_request_parameters, instruction_parts=[])
         return dataclasses.replace(

@@ -11,10 +11,10 @@ import asyncio
 from typing import Any
 
 import verifiers.v1 as vf
-from smartplay_openai import OpenAIPlayer
 
-from smartplay_tools import Conversation, Episode, EpisodeConfig, EpisodeResult
+from smartplay_tools import Conversation, Episode, EpisodeConfig, EpisodeResult, get_player
 from smartplay_tools.episode import reward_of
+from smartplay_tools.players import ModelPlayer
 from smartplay_tools.transcript import Event
 from smartplay_verifiers.tasks import INFO, SmartPlayData
 
@@ -50,8 +50,10 @@ class SmartPlayHarness(vf.Harness[SmartPlayHarnessConfig]):
         assert isinstance(task, SmartPlayData), "this harness plays the tasks of SmartPlayTaskset only"
         events: list[Event] = []
         episode = await asyncio.to_thread(self.new_episode, task, events)
+        own = {} if ctx.sampling.max_tokens is None else {"max_tokens": ctx.sampling.max_tokens}
         # One attempt for each call: verifiers retries what fails at the model's provider.
-        player = OpenAIPlayer(ctx.model, base_url=endpoint, api_key=secret, retries=0)
+        player = get_player(f"openai:{ctx.model}", base_url=endpoint, api_key=secret, retries=0, parameters=own)
+        assert isinstance(player, ModelPlayer)
         with episode:
             async with player:
                 await _play(episode, player, trace)
@@ -64,7 +66,7 @@ class SmartPlayHarness(vf.Harness[SmartPlayHarnessConfig]):
         return _program_result(episode.result)
 
 
-async def _play(episode: Episode, player: OpenAIPlayer, trace: vf.Trace[Any, Any]) -> None:
+async def _play(episode: Episode, player: ModelPlayer, trace: vf.Trace[Any, Any]) -> None:
     conversation = Conversation(episode, player=f"verifiers:{player.name.partition(':')[2]}")
     while (prompt := await conversation.aprompt()) is not None:
         try:

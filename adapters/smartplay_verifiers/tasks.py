@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError
 from smartplay_tools import Budget, Episode, EpisodeConfig, InvalidArgumentError
 from smartplay_tools.episode import RewardName, cell_config, reward_of
 from smartplay_tools.errors import in_one_line
-from smartplay_tools.evaluation import trial_seed
+from smartplay_tools.records import trial_seed
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import BeyondHistory
 
@@ -52,7 +52,7 @@ class SmartPlayTask(vf.Task[SmartPlayData, vf.State, vf.TaskConfig]):
 
 
 class BudgetConfig(vf.BaseConfig):
-    """Fields of a `Budget`. One that is not given has its default; the word "none" is no limit."""
+    """Fields of a `Budget`. One that is not given has its default; the word "none" means no limit."""
 
     history: int | Literal["none"] | None = None
     prompt_tokens: int | Literal["none"] | None = None

@@ -145,11 +145,15 @@ def _inherited(thing: type) -> str:
 
 
 def _words_under(package: str, name: str) -> list[str]:
-    """The string that stands under a constant, in whichever module of the package defines it."""
-    for module in sorted(known for known in sys.modules if known.startswith(package)):
-        words = ModuleAnalyzer.for_module(module).find_attr_docs().get(("", name))
-        if words:
-            return words
+    """The string that stands under a constant, in whichever module of ours defines it."""
+    value = getattr(sys.modules[package], name)
+    ours = sorted(module for module in sys.modules if module.startswith("smartplay_"))
+    # A name may mean something else in another package; the module that defines this one has the same object.
+    for module in sorted(ours, key=lambda module: not module.startswith(package)):
+        if vars(sys.modules[module]).get(name) is value:
+            words = ModuleAnalyzer.for_module(module).find_attr_docs().get(("", name))
+            if words:
+                return words
     raise ValueError(f"{package}.{name} has no words under it.")
 
 

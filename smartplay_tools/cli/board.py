@@ -26,8 +26,8 @@ def board(
     Example: smartplay-tools board bundles --out site
     """
     from smartplay_tools.evaluation.board import build_board
-    from smartplay_tools.evaluation.submissions import Checked, Limits
-    from smartplay_tools.evaluation.submissions.findings import printable
+    from smartplay_tools.evaluation.board.submissions import Checked, Limits
+    from smartplay_tools.evaluation.board.submissions.findings import printable
 
     def say(checked: Checked) -> None:
         said = "verified" if checked.verified else f"not verified ({len(checked.errors)} errors)"

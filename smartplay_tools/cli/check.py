@@ -14,10 +14,10 @@ from rich.markup import escape
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.prices import Price
-from smartplay_tools.evaluation.run import PlayerConfig
-from smartplay_tools.evaluation.run.probe import Probe, probe
-from smartplay_tools.evaluation.run.run_file import RunFile, read_run_file
+from smartplay_tools.evaluation.runs import PlayerConfig
+from smartplay_tools.evaluation.runs.probe import Probe, probe
+from smartplay_tools.evaluation.runs.run_file import RunFile, read_run_file
+from smartplay_tools.records.prices import Price
 
 
 def check(

@@ -2,7 +2,8 @@
 
 There are three kinds of parts. The core has to work everywhere. Engines are programs behind a game, of which the
 default is part of the core. Extras are optional dependencies; their requirements are read from the metadata of the
-installed package and imported in a separate process, so that a library that crashes or hangs does no harm.
+installed package, and the modules that meet them are imported in a separate process, so that a library that crashes or
+hangs does no harm.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import contextlib
 import json
 import os
 import platform
-import re
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -22,6 +22,9 @@ from importlib.util import find_spec
 from types import MappingProxyType
 from typing import Literal
 
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
 from smartplay_tools import tokens
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.games.minecraft.doctor import check_engines
@@ -29,11 +32,8 @@ from smartplay_tools.games.specs import GAMES
 
 PACKAGE = "smartplay-tools"
 
-NOT_FEATURES = frozenset({"all", "benchmarks", "dev"})
+NOT_FEATURES = frozenset({"all", "benchmarks", "dev", "docs"})
 """Extras that are not listed: the one with everything, and those for developers."""
-
-MODULES: Mapping[str, str] = MappingProxyType({"openai-agents": "agents"})
-"""Distributions whose module has a different name."""
 
 IMPORT_SECONDS = 120.0
 
@@ -48,16 +48,12 @@ for name in json.loads(sys.argv[1]):
         sys.exit(f"{name}: {type(error).__name__}: {error}")
 """
 
-_REQUIREMENT = re.compile(
-    r"(?P<name>[\w.-]+)[^;>]*(>=(?P<least>[\d.]+))?[^;]*(;.*extra == ['\"](?P<extra>[\w-]+)['\"])?"
-)
-
 
 Kind = Literal["core", "engine", "extra"]
 
 
 @dataclass(frozen=True)
-class Finding:
+class PartCheck:
     """The result of checking one part."""
 
     kind: Kind
@@ -67,72 +63,55 @@ class Finding:
     """Versions, or the problem and its remedy."""
 
 
-@dataclass(frozen=True)
-class Requirement:
-    """A distribution that the package needs, for an extra or (None) always."""
-
-    distribution: str
-    least: str | None
-    extra: str | None
-
-    @property
-    def module(self) -> str:
-        """The module that is imported from it."""
-        return MODULES.get(self.distribution, self.distribution.replace("-", "_"))
-
-
-def check_core() -> list[Finding]:
+def check_core() -> list[PartCheck]:
     """Check the parts that have to work everywhere."""
     return [
-        Finding("core", PACKAGE, True, f"{metadata.version(PACKAGE)} on Python {platform.python_version()}"),
-        check_modules("core", "dependencies", [need for need in requirements() if need.extra is None]),
+        PartCheck("core", PACKAGE, True, f"{metadata.version(PACKAGE)} on Python {platform.python_version()}"),
+        check_modules("core", "dependencies", requirements()),
         check_vocabulary(),
         check_games(),
     ]
 
 
-def check_all_engines() -> list[Finding]:
+def check_all_engines() -> list[PartCheck]:
     """Make a world on every engine."""
-    return [Finding("engine", check.engine, check.works, check.detail) for check in check_engines()]
+    return [PartCheck("engine", check.engine, check.works, check.detail) for check in check_engines()]
 
 
-def check_extras() -> list[Finding]:
+def check_extras() -> list[PartCheck]:
     """Import the requirements of every extra, and its adapter."""
-    by_extra: dict[str, list[Requirement]] = {}
-    for need in requirements():
-        if need.extra and need.extra not in NOT_FEATURES:
-            by_extra.setdefault(need.extra, []).append(need)
+    extras = sorted(set(metadata.metadata(PACKAGE).get_all("Provides-Extra") or ()) - NOT_FEATURES)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(lambda item: check_modules("extra", *item), sorted(by_extra.items())))
+        return list(pool.map(lambda extra: check_modules("extra", extra, requirements(extra)), extras))
 
 
-def requirements() -> list[Requirement]:
-    """The requirements of the installed package, from its metadata."""
-    found = [_REQUIREMENT.match(line) for line in metadata.requires(PACKAGE) or []]
-    return [Requirement(match["name"], match["least"], match["extra"]) for match in found if match]
+def requirements(extra: str | None = None) -> list[Requirement]:
+    """Return what the installed package needs on this machine: always or, if an extra is given, for that extra."""
+    declared = [Requirement(line) for line in metadata.requires(PACKAGE) or []]
+    return [need for need in declared if _applies(need, extra)]
 
 
-def check_modules(kind: Kind, name: str, needed: list[Requirement]) -> Finding:
-    """Import the modules of these requirements in a separate process, and compare their versions."""
-    wrong = _missing(needed) or _broken([need.module for need in needed] + _adapters(name))
+def check_modules(kind: Kind, name: str, needed: list[Requirement]) -> PartCheck:
+    """Compare the installed versions with these requirements, and import their modules in a separate process."""
+    wrong = _missing(needed) or _broken([*_modules(needed), *_adapters(name)])
     if wrong:
         package = f"{PACKAGE}[{name}]" if kind == "extra" else PACKAGE
-        return Finding(kind, name, False, f"{wrong}; pip install '{package}'")
-    return Finding(kind, name, True, ", ".join(f"{need.distribution} {_version(need)}" for need in needed))
+        return PartCheck(kind, name, False, f"{wrong}; pip install '{package}'")
+    return PartCheck(kind, name, True, ", ".join(f"{need.name} {_version(need)}" for need in needed))
 
 
-def check_vocabulary() -> Finding:
+def check_vocabulary() -> PartCheck:
     """Compare the tokenizer's vocabulary with its digest, and count with it."""
     try:
         tokens.vocabulary()
     except SmartPlayError as error:
-        return Finding("core", "tokenizer", False, str(error))
+        return PartCheck("core", "tokenizer", False, str(error))
     if (count := tokens.get_tokenizer().count("Move North")) != 2:
-        return Finding("core", "tokenizer", False, f"two tokens are counted as {count}; pip install -U tiktoken")
-    return Finding("core", "tokenizer", True, f"{tokens.DEFAULT_TOKENIZER}, its vocabulary is intact")
+        return PartCheck("core", "tokenizer", False, f"two tokens are counted as {count}; pip install -U tiktoken")
+    return PartCheck("core", "tokenizer", True, f"{tokens.DEFAULT_TOKENIZER}, its vocabulary is intact")
 
 
-def check_games() -> Finding:
+def check_games() -> PartCheck:
     """Play a step of a setting of every family."""
     families = {spec.family: spec for spec in GAMES.values()}
     for spec in families.values():
@@ -142,34 +121,47 @@ def check_games() -> Finding:
                 game.step(0)
         except Exception as error:  # any error is a result of the check
             detail = f"{spec.id}: {type(error).__name__}: {error}; pip install --force-reinstall {PACKAGE}"
-            return Finding("core", "games", False, detail)
-    return Finding("core", "games", True, f"{len(GAMES)} settings of {len(families)} games")
+            return PartCheck("core", "games", False, detail)
+    return PartCheck("core", "games", True, f"{len(GAMES)} settings of {len(families)} games")
+
+
+def _applies(need: Requirement, extra: str | None) -> bool:
+    """Whether a requirement holds for the extra and not without it; for None, whether it always holds."""
+    always = need.marker is None or need.marker.evaluate({"extra": ""})
+    if extra is None or always:
+        return extra is None and always
+    return need.marker is not None and need.marker.evaluate({"extra": extra})
 
 
 def _missing(needed: list[Requirement]) -> str:
     for need in needed:
         version = _version(need)
         if version is None:
-            return f"{need.distribution} is not installed"
-        if need.least is not None and _numbers(version) < _numbers(need.least):
-            return f"{need.distribution} is {version}, and {need.least} or newer is needed"
+            return f"{need.name} is not installed"
+        if not need.specifier.contains(version, prereleases=True):
+            return f"{need.name} is {version}, but {need.specifier} is needed"
     return ""
 
 
 def _version(need: Requirement) -> str | None:
     try:
-        return metadata.version(need.distribution)
+        return metadata.version(need.name)
     except metadata.PackageNotFoundError:
         return None
 
 
-def _numbers(version: str) -> list[int]:
-    """The release as numbers, for the comparison with a lower bound."""
-    return [int(part) for part in re.findall(r"\d+", version.partition("+")[0])]
+def _modules(needed: list[Requirement]) -> list[str]:
+    """Return the public top-level modules of the distributions, whose names can differ from theirs."""
+    wanted = {canonicalize_name(need.name) for need in needed}
+    return sorted(
+        module
+        for module, distributions in metadata.packages_distributions().items()
+        if not module.startswith("_") and module.isidentifier() and wanted & set(map(canonicalize_name, distributions))
+    )
 
 
 def _adapters(extra: str) -> list[str]:
-    module = f"smartplay_{extra}"
+    module = f"smartplay_{extra.replace('-', '_')}"
     return [module] if find_spec(module) else []
 
 
@@ -185,7 +177,7 @@ def _broken(modules: list[str]) -> str:
     return lines[-1] if lines else f"importing {', '.join(modules)} ends with code {done.returncode}"
 
 
-CHECKS: Mapping[Kind, Callable[[], list[Finding]]] = MappingProxyType(
+CHECKS: Mapping[Kind, Callable[[], list[PartCheck]]] = MappingProxyType(
     {"core": check_core, "engine": check_all_engines, "extra": check_extras}
 )
 """The check for each kind of part, in the order of the report."""

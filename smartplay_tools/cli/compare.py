@@ -19,7 +19,7 @@ from smartplay_tools.evaluation.analysis.comparison import compare as compare_ru
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.formats import to_latex, to_markdown
 from smartplay_tools.evaluation.analysis.tables import plain
-from smartplay_tools.evaluation.folder import RunFolder
+from smartplay_tools.records.run_folder import RunFolder
 
 
 class Format(StrEnum):

@@ -22,7 +22,7 @@ from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.players.rule import RulePlayer
-from smartplay_tools.replays.replay import replay
+from smartplay_tools.records.replays import replay
 from smartplay_tools.transcript.file import comparable, read_transcript
 from smartplay_tools.types import Budget, EpisodeResult, Player
 
@@ -51,10 +51,11 @@ def demo(
             table = compact_table("game", "score", "human", "prompts", "dropped", "tokens", "replay")
             table.title = f"played by {player.name}"
             for game, cap in GAMES.items():
-                console.rule(f"{game}, {player.name}, prompts of at most {cap} tokens", align="left")
+                budget = Budget(prompt_tokens=cap)
+                console.rule(f"{game}, {player.name}, {budget.describe()}", align="left")
                 watch = _Watch(console)
                 path = _record(folder, game, player)
-                with Episode(game, seed=seed, budget=Budget(prompt_tokens=cap), transcript=path) as episode:
+                with Episode(game, seed=seed, budget=budget, transcript=path) as episode:
                     result = loop.play(episode, player, on_turn=watch)
                 found = replay(path)
                 failures += found.differences[:1]

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from smartplay_tools.cli import options
-from smartplay_tools.cli.checkup import CHECKS, Finding
+from smartplay_tools.cli.checkup import CHECKS, PartCheck
 from smartplay_tools.errors import InvalidArgumentError
 
 NAMES = {"core": "the core", "engine": "the engines", "extra": "the extras"}
@@ -35,7 +35,7 @@ def doctor(
     kinds = [kind for kind in CHECKS if not only or kind in only]
     if unknown := set(only or ()) - set(CHECKS):
         raise InvalidArgumentError(f"--only {min(unknown)}: known are {', '.join(CHECKS)}.")
-    findings: list[Finding] = []
+    findings: list[PartCheck] = []
     with Console(stderr=True).status("") as status:
         for kind in kinds:
             status.update(f"trying {NAMES[kind]}")
@@ -48,7 +48,7 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _table(findings: list[Finding]) -> Table:
+def _table(findings: list[PartCheck]) -> Table:
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
     for heading in ("", "name", "works", "versions, or what to do"):
         table.add_column(heading, overflow="fold")

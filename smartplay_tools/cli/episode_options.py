@@ -8,18 +8,21 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import typer
 from pydantic import ValidationError
 
-from smartplay_tools.cli.options import key_values
+from smartplay_tools.cli.options import key_values, names
+from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types import Budget
+from smartplay_tools.types import STRATEGIES, Budget
 
 _PANEL = "Episode options"
+GRID = "The grid: lists separated by commas"
+"""The panel of the options that are lists of values."""
 
 
 def _number(value: str) -> int | str | None:
@@ -45,9 +48,12 @@ BUDGET: Mapping[str, tuple[Any, Any]] = {
     "result_tokens": (_limit("Cap on one tool result: a number, auto or none."), "auto"),
     "tool_calls": (_limit("Cap on tool calls: a number, game (4 x rollout + 16) or none."), "game"),
     "slack": (_option(float, "Share of the window that is dropped at once when it is full."), 0.0),
-    "beyond_history": (_option(str, "Turns older than --history: drop, or mask (kept, without observations)."), "drop"),
-    "notes_tokens": (_limit("Cap on notes, which the agent takes with a tool; none: no such tool."), "none"),
-    "summary_tokens": (_limit("Cap on summaries of the turns that leave; none: not asked for."), "none"),
+    **{
+        kind.name: (_limit(kind.option_help), "none")
+        if STRATEGIES[kind.name] is None
+        else (_option(str, kind.option_help), STRATEGIES[kind.name])
+        for kind in KINDS
+    },
 }
 """The fields of `Budget`: the option and its default."""
 
@@ -82,6 +88,8 @@ class EpisodeOptions:
     tokenizer: str | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     """The game's own options."""
+    vary: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    """The options that are lists of values."""
 
     @property
     def budget(self) -> Budget:
@@ -89,23 +97,31 @@ class EpisodeOptions:
         return read_budget(**self.budget_fields)
 
 
-def with_episode_options(*, without: Collection[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def with_episode_options(
+    *, without: Collection[str] = (), vary: Collection[str] = ()
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Add the options of an episode to a command; the command's argument `episode` gets their values.
 
-    `without` names options that the command does not have, or defines in its own way.
+    `without` names options that the command does not have; the options in `vary` are lists of values.
     """
-    added = {name: value for name, value in {**BUDGET, **RULES, **OTHERS}.items() if name not in without}
+    added = {
+        name: _list_of(*value) if name in vary else value
+        for name, value in {**BUDGET, **RULES, **OTHERS}.items()
+        if name not in without
+    }
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(command)
         def wrapped(**given: Any) -> None:
             asked = {name: given.pop(name) for name in added}
+            lists = {name: _values(name, asked.pop(name)) for name in added if name in vary}
             episode = EpisodeOptions(
                 {name: asked[name] for name in BUDGET if name in asked},
                 {name: asked[name] for name in RULES if name in asked},
                 asked.get("engine"),
                 asked.get("tokenizer"),
                 key_values(asked.get("option")),
+                lists,
             )
             command(**given, episode=episode)
 
@@ -121,6 +137,27 @@ def with_episode_options(*, without: Collection[str] = ()) -> Callable[[Callable
         return wrapped
 
     return decorate
+
+
+def listed(option: str, text: str) -> list[str]:
+    """Return the values of a list separated by commas; an empty one is an `InvalidArgumentError`."""
+    values = names(text)
+    if not values:
+        raise InvalidArgumentError(f"{option} is empty; give values separated by commas.")
+    return values
+
+
+def _list_of(annotation: Any, default: Any) -> tuple[Any, str]:
+    """The same option as a list of values."""
+    text = annotation.__metadata__[0].help
+    return Annotated[str, typer.Option(metavar="LIST", help=text, rich_help_panel=GRID)], str(default)
+
+
+def _values(name: str, text: str) -> list[Any]:
+    values = listed("--" + name.replace("_", "-"), text)
+    return (
+        [getattr(read_budget(**{name: _number(value)}), name) for value in values] if name in BUDGET else list(values)
+    )
 
 
 def read_budget(**fields: Any) -> Budget:

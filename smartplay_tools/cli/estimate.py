@@ -14,12 +14,11 @@ from rich.markup import escape
 
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.episode.config import RULES, CellConfig
-from smartplay_tools.evaluation.analysis.names import strategy_name
-from smartplay_tools.evaluation.analysis.numbers import short
-from smartplay_tools.evaluation.prices import Price, find_price
-from smartplay_tools.evaluation.run import Caps, Estimate, Plan, PlayerConfig, cell_name, estimate, player_of
-from smartplay_tools.evaluation.run.estimate import SECONDS_A_CALL, TOKENS_A_SECOND, Range
-from smartplay_tools.evaluation.run.executors import WAITING_AT_ONCE
+from smartplay_tools.evaluation.runs import Caps, Estimate, Plan, PlayerConfig, cell_name, estimate, player_of
+from smartplay_tools.evaluation.runs.estimate import SECONDS_A_CALL, TOKENS_A_SECOND, Range
+from smartplay_tools.evaluation.runs.executors import WAITING_AT_ONCE
+from smartplay_tools.quantities import short
+from smartplay_tools.records.prices import Price, find_price
 
 CUT_SHARE = 0.05
 """The share of cut tool results from which on a warning is printed."""
@@ -27,10 +26,7 @@ CUT_SHARE = 0.05
 AXES: tuple[tuple[str, Callable[[CellConfig], Any]], ...] = (
     ("game", lambda cell: cell.game),
     ("player", lambda cell: player_of(cell)),
-    ("history", lambda cell: cell.budget.history),
-    ("prompt", lambda cell: cell.budget.prompt_tokens),
-    ("slack", lambda cell: cell.budget.slack),
-    ("strategy", lambda cell: strategy_name(dict(cell.budget))),
+    ("budget", lambda cell: cell.budget.describe() or "default"),
     *((rule, attrgetter(rule)) for rule in RULES),
 )
 """The fields in which cells can differ; each gets a column if they do."""

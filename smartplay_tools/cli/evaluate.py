@@ -15,10 +15,10 @@ from smartplay_tools.cli.results import print_next, print_summary
 from smartplay_tools.cli.show import table_console
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import summary_json
-from smartplay_tools.evaluation.rows import unplayed
-from smartplay_tools.evaluation.run import Caps, Plan, PlayerConfig, Run, make_cells, plan_episodes, plan_suite
-from smartplay_tools.evaluation.run.run_file import RunFile, read_run_file
+from smartplay_tools.evaluation.runs import Caps, Plan, PlayerConfig, Run, make_cells, plan_episodes, plan_suite
+from smartplay_tools.evaluation.runs.run_file import RunFile, read_run_file
 from smartplay_tools.evaluation.suites import get_suite, suite_games
+from smartplay_tools.records.rows import unplayed
 from smartplay_tools.types import Budget
 
 
@@ -118,7 +118,7 @@ class _Asked:
         return from_file if from_file and name not in self._given else options.names(self._values[name])
 
     def beside_suite(self) -> set[str]:
-        """Return what is asked for besides a suite, budgets by their common name."""
+        """Return what is asked for in addition to a suite, budgets by their common name."""
         given = self._given | {name for name in self.file.model_fields_set if getattr(self.file, name)}
         given |= self.file.rules.keys()
         return given | ({"budgets"} if given & set(Budget.model_fields) else set())

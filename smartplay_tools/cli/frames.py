@@ -74,7 +74,7 @@ def text_picture(text: str, step: int) -> Image:
 
 
 def _wrapped(line: str, font: Any, width: int) -> list[str]:
-    """Return a line in parts that are no wider than there is room, broken at spaces, and within longer words."""
+    """Return a line in parts that fit the width, broken at spaces, and within longer words."""
     parts, rest = [], line
     while font.getlength(rest) > width:
         fits = next(n for n in range(len(rest) - 1, 0, -1) if n == 1 or font.getlength(rest[:n]) <= width)

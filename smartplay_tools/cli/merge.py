@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from smartplay_tools.evaluation.run.merge import merge as merge_parts
+from smartplay_tools.evaluation.runs.merge import merge as merge_parts
 
 
 def merge(
@@ -17,8 +17,12 @@ def merge(
 ) -> None:
     """Merge the shards of a run.
 
+    It exits with code 1 if planned episodes are missing.
+
     Example: smartplay-tools merge runs/part1 runs/part2 --out runs/whole
     """
     whole = merge_parts(parts, out)
     finished, planned = len(whole.rows()), len(whole.manifest()["episodes"])
     Console().print(f"{out}: {finished} of {planned} episodes are finished.", highlight=False, soft_wrap=True)
+    if finished < planned:
+        raise typer.Exit(1)

@@ -37,13 +37,13 @@ def play(
     ] = "rule",
     base_url: Annotated[str | None, typer.Option(help="Base URL of the server of openai:MODEL.")] = None,
     seed: options.Seed = 0,
-    steps: Annotated[int | None, typer.Option(min=1, help="End the game after so many steps.")] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Stop after N steps.")] = None,
     transcript: options.TranscriptFile = None,
     frames: Annotated[Path | None, typer.Option(help="Write a PNG picture of every step into this folder.")] = None,
     watch: Annotated[
         bool, typer.Option("--watch", help="Show the episode live in a browser; Ctrl-C ends that.")
     ] = False,
-    pace: Annotated[float, typer.Option(min=0, help="Seconds to wait after every turn, for who watches.")] = 0.0,
+    pace: Annotated[float, typer.Option(min=0, help="Seconds to wait after every turn, for those who watch.")] = 0.0,
     open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the page of --watch.")] = True,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print the result only.")] = False,
     as_json: options.Json = False,

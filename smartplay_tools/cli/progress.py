@@ -1,15 +1,16 @@
 """The progress display of a run: live bars on a terminal, lines with times in a log, nothing with `--quiet`.
 
-The figures are those of `evaluation.progress`. On a terminal of 80x24 everything fits: games that have no room share a
-line.
+Both show snapshots of the run. On a terminal of 80x24 everything fits: games that have no room share a line.
 """
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import reduce
+from operator import add
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -17,85 +18,78 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from smartplay_tools.evaluation.progress import RunState, facts, together
-from smartplay_tools.evaluation.run import Progress, cell_name
-from smartplay_tools.evaluation.run.scheduler import OnProgress
+from smartplay_tools.evaluation.runs.progress import OnSnapshot
+from smartplay_tools.records.snapshot import RunSnapshot
 
 LOG_SECONDS = 60.0
-"""Seconds after which a log gets another line, if anything has changed."""
-
-REFRESHES_A_SECOND = 2
+"""Seconds after which a log gets another line."""
 
 OTHER_LINES = 6
 """Lines of the live display apart from those of games, including some free ones."""
 
 
 @contextmanager
-def showing(console: Console, state: RunState) -> Iterator[OnProgress | None]:
+def showing(console: Console) -> Iterator[OnSnapshot]:
     """Show the progress of a run on a terminal as bars, elsewhere as lines."""
     if console.is_terminal:
-        with Live(get_renderable=lambda: _Screen(state), console=console, refresh_per_second=REFRESHES_A_SECOND):
-            yield None
+        with Live(console=console, auto_refresh=False) as live:
+            yield lambda snapshot: live.update(_Screen(snapshot), refresh=True)
     else:
-        with _logging(console, state) as on_progress:
-            yield on_progress
+        yield _Log(console)
 
 
 class _Screen:
-    """The live display, drawn for the current size of the terminal."""
+    """A snapshot as bars, drawn for the current size of the terminal."""
 
-    def __init__(self, state: RunState) -> None:
-        self._state = state
+    def __init__(self, snapshot: RunSnapshot) -> None:
+        self._snapshot = snapshot
 
     def __rich__(self) -> RenderableType:
-        console = Console(stderr=True)
-        now = self._state.now()
-        room = max(1, console.size.height - OTHER_LINES)
-        games = list(self._state.games.items())
+        room = max(1, Console(stderr=True).size.height - OTHER_LINES)
+        games = self._snapshot.games
+        if len(games) > room:
+            games = [*games[: room - 1], replace(reduce(add, games[room - 1 :]), game="other games")]
         table = Table(box=None, padding=(0, 1, 0, 0), show_header=False)
         table.add_column(overflow="ellipsis", no_wrap=True)
         table.add_column(width=12)
         table.add_column(justify="right", no_wrap=True)
         table.add_column(no_wrap=True)
-        shown = games if len(games) <= room else [*games[: room - 1], ("other games", together(games[room - 1 :]))]
-        for game, sums in shown:
-            told = f"score {sums.score / sums.episodes:.2f}" if sums.episodes else ""
-            told += f"  [red]{sums.failed} failed[/]" if sums.failed else ""
-            bar = ProgressBar(total=sums.planned, completed=sums.episodes, width=12)
-            table.add_row(game, bar, f"{sums.episodes}/{sums.planned}", told)
-        lines = [Text(", ".join(facts(now, self._state.caps)))]
-        if now.latest_error:
-            lines.append(Text(f"latest failure: {now.latest_error}", style="red", no_wrap=True, overflow="ellipsis"))
+        for game in games:
+            words = f"score {game.score / game.finished:.2f}" if game.finished else ""
+            words += f"  [red]{game.failed_attempts} failed[/]" if game.failed_attempts else ""
+            bar = ProgressBar(total=game.planned, completed=game.finished, width=12)
+            table.add_row(game.game, bar, f"{game.finished}/{game.planned}", words)
+        lines = [Text(self._snapshot.describe())]
+        if error := self._snapshot.latest_error:
+            lines.append(Text(f"latest failure: {error}", style="red", no_wrap=True, overflow="ellipsis"))
         return Group(table, *lines)
 
 
-@contextmanager
-def _logging(console: Console, state: RunState) -> Iterator[OnProgress]:
-    """Log a line with the time at the start, at every tenth, every minute and the end, and one for every failure."""
-    over, said = threading.Event(), [-1]
+class _Log:
+    """Lines with the time: at the start, at every tenth, every minute and the end, and one for every failure."""
 
-    def say(text: str) -> None:
-        clock = time.strftime("%H:%M:%S")
-        console.print(f"{clock} {text}", highlight=False, markup=False, soft_wrap=True)
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._tenth, self._last, self._words = -1, 0.0, ""
+        self._failures: set[tuple[str, int]] | None = None
 
-    def tick() -> None:
-        while not over.wait(LOG_SECONDS):
-            say(", ".join(facts(state.now(), state.caps)))
+    def __call__(self, snapshot: RunSnapshot) -> None:
+        """Log what has changed since the last snapshot."""
+        self._log_failures(snapshot)
+        tenth = 10 * snapshot.finished // max(1, snapshot.planned)
+        is_due = time.monotonic() - self._last >= LOG_SECONDS
+        if tenth > self._tenth or is_due or (not snapshot.running and snapshot.describe() != self._words):
+            self._tenth, self._last, self._words = tenth, time.monotonic(), snapshot.describe()
+            self._say(self._words)
 
-    def on_progress(progress: Progress) -> None:
-        if progress.episode is not None and progress.row is None:
-            say(f"failed: {progress.episode.key} ({cell_name(progress.episode.cell)}): {progress.error}")
-        tenth = 10 * progress.finished // max(1, progress.planned)
-        if tenth > said[0]:
-            said[0] = tenth
-            say(", ".join(facts(state.now(), state.caps)))
+    def _log_failures(self, snapshot: RunSnapshot) -> None:
+        before = self._failures
+        self._failures = {(row["key"], row["attempt"]) for row in snapshot.failed_attempts}
+        if before is not None:
+            for row in snapshot.failed_attempts:
+                if (row["key"], row["attempt"]) not in before:
+                    name = ", ".join(filter(None, (row["game"], row["player"])))
+                    self._say(f"failed: {row['key']} ({name}): {row['error'] or row['end_reason']}")
 
-    ticker = threading.Thread(target=tick, daemon=True)
-    ticker.start()
-    try:
-        yield on_progress
-    finally:
-        over.set()
-        ticker.join()
-        if state.has_begun:
-            say(", ".join(facts(state.now(), state.caps)))
+    def _say(self, words: str) -> None:
+        self._console.print(f"{time.strftime('%H:%M:%S')} {words}", highlight=False, markup=False, soft_wrap=True)

@@ -13,11 +13,10 @@ from rich.console import Console
 from rich.progress import track
 
 from smartplay_tools.cli import options
-from smartplay_tools.evaluation.folder import RunFolder
-from smartplay_tools.evaluation.rows import Row
-from smartplay_tools.evaluation.run.audit import Finding, audit
-from smartplay_tools.evaluation.status import run_status
-from smartplay_tools.replays.replay import replay as run_again
+from smartplay_tools.evaluation.runs.audit import EpisodeAudit, audit
+from smartplay_tools.records.replays import replay as run_again
+from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.records.snapshot import run_snapshot
 
 SHOWN_DIFFERENCES = 3
 """The most differences printed per episode; the first matters, the others mostly follow from it."""
@@ -75,20 +74,19 @@ def _replay_run(path: Path, workers: int | None, tokenizer: str | None, *, as_js
         print(json.dumps([asdict(finding) for finding in findings], indent=2))
     else:
         _print_findings(path, total, differing)
-        _print_unfinished(folder, rows)
+        _print_unfinished(folder)
     return not differing
 
 
-def _print_unfinished(folder: RunFolder, rows: list[Row]) -> None:
+def _print_unfinished(folder: RunFolder) -> None:
     """List the episodes that have no result yet, which are not replayed."""
-    status = run_status(folder, rows)
-    for cell in status.cells:
+    for cell in run_snapshot(folder).cells:
         if cell.paused or cell.running:
             said = f"{cell.game}, {cell.player}: {cell.paused} paused, {cell.running} running; not replayed"
             Console().print(said, highlight=False, soft_wrap=True, markup=False)
 
 
-def _print_findings(path: Path, total: int, differing: list[Finding]) -> None:
+def _print_findings(path: Path, total: int, differing: list[EpisodeAudit]) -> None:
     if not differing:
         Console().print(f"[green]identical[/]: all {total} episodes of {path}", highlight=False, soft_wrap=True)
         return

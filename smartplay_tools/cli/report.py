@@ -43,7 +43,7 @@ def report(
     Example: smartplay-tools report runs/first --out first.html
     """
     # Reading records and drawing games needs imports that no other command needs.
-    from smartplay_tools.evaluation.report import write_report
+    from smartplay_tools.evaluation.pages.report import write_report
 
     processes = workers or os.cpu_count() or 1
     path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes)

@@ -19,12 +19,11 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
-from smartplay_tools.evaluation.analysis.summary import Summary, summarize
+from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import summary_json, write_csv, write_parquet
-from smartplay_tools.evaluation.folder import RunFolder
-from smartplay_tools.evaluation.rows import Row, unplayed
-from smartplay_tools.evaluation.spending import Spending, run_spending
-from smartplay_tools.evaluation.status import Status, run_status
+from smartplay_tools.records.rows import Row, unplayed
+from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.records.snapshot import RunSnapshot, run_snapshot
 
 
 @dataclass(frozen=True)
@@ -33,9 +32,8 @@ class _Shown:
 
     folder: Path
     rows: list[Row]
-    status: Status
-    summary: Summary
-    spending: Spending
+    snapshot: RunSnapshot
+    summary: RunSummary
 
 
 def results(
@@ -67,7 +65,7 @@ def results(
     print_next(console, folders, everything=everything)
 
 
-def print_summary(console: Console, summary: Summary, *, everything: bool = False) -> None:
+def print_summary(console: Console, summary: RunSummary, *, everything: bool = False) -> None:
     """Print a run's headline and its failures, or all of its tables."""
     if summary.cells:
         print_table(console, headline(summary))
@@ -103,7 +101,7 @@ def _read(folder: Path, weights: str) -> _Shown:
     run = RunFolder(folder)
     rows, failures = run.rows(), run.failures()
     summary = summarize(rows, failures, weights=cast(Any, weights))
-    return _Shown(folder, list(rows), run_status(run, rows, failures), summary, run_spending(run))
+    return _Shown(folder, list(rows), run_snapshot(run), summary)
 
 
 def _write_files(shown: Sequence[_Shown], csv: Path | None, parquet: Path | None) -> None:
@@ -119,22 +117,22 @@ def _write_files(shown: Sequence[_Shown], csv: Path | None, parquet: Path | None
 
 
 def _counts(run: _Shown) -> dict[str, Any]:
-    now = run.status
-    counts = {name: getattr(now, name) for name in ("planned", "finished", "running", "paused", "failed_attempts")}
-    more = {"spending": run.spending.to_json(), "warnings": unplayed(run.rows)}
-    moment = RunFolder(run.folder).moment()
-    return {"folder": str(run.folder), **counts, **({} if moment is None else {"now": asdict(moment)}), **more}
+    now = run.snapshot
+    counts = {name: getattr(now, name) for name in ("planned", "finished", "running", "paused")}
+    figures = {"now": asdict(now.figures())} if now.is_live else {}
+    more = {"spending": now.spending.to_json(), "warnings": unplayed(run.rows)}
+    return {"folder": str(run.folder), **counts, "failed_attempts": now.failed, **figures, **more}
 
 
 def _show(console: Console, run: _Shown, *, everything: bool) -> None:
-    now = run.status
-    counted = {"running": now.running, "paused by a cap": now.paused, "failed attempts": now.failed_attempts}
+    now = run.snapshot
+    counted = {"running": now.running, "paused by a cap": now.paused, "failed attempts": now.failed}
     others = "".join(f", {count} {what}" for what, count in counted.items() if count)
     said = f"{run.folder}: {now.finished} of {now.planned} episodes finished{others}\n"
     console.print(said, highlight=False, markup=False, soft_wrap=True)
     if now.finished < now.planned:
-        print_running(console, RunFolder(run.folder), now)
+        print_running(console, now)
     print_summary(console, run.summary, everything=everything)
-    print_spending(console, run.spending)
+    print_spending(console, now.spending)
     for warning in unplayed(run.rows):
         console.print(warning, highlight=False, markup=False, soft_wrap=True)

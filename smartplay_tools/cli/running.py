@@ -8,23 +8,19 @@ from rich.console import Console
 
 from smartplay_tools.cli.show import print_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
-from smartplay_tools.evaluation.analysis.numbers import short
-from smartplay_tools.evaluation.folder import RunFolder
-from smartplay_tools.evaluation.live import LiveEpisode, LiveRun
-from smartplay_tools.evaluation.progress import facts
-from smartplay_tools.evaluation.run.limits import Caps
-from smartplay_tools.evaluation.spending import Spending
-from smartplay_tools.evaluation.status import Status
+from smartplay_tools.quantities import short
+from smartplay_tools.records.record import Record
+from smartplay_tools.records.snapshot import RunSnapshot, Spending
 
 SHOWN_EPISODES = 10
 """The most running episodes that are listed; the others are counted."""
 
 
-def status_table(status: Status) -> TextTable:
+def status_table(snapshot: RunSnapshot) -> TextTable:
     """Return the progress of each cell of a run."""
-    names = [(cell.game, ", ".join(filter(None, (cell.player, cell.asked)))) for cell in status.cells]
+    names = [(cell.game, ", ".join(filter(None, (cell.player, cell.asked)))) for cell in snapshot.cells]
     rows: list[tuple[str, ...]] = []
-    for at, (cell, (game, player)) in enumerate(zip(status.cells, names, strict=True)):
+    for at, (cell, (game, player)) in enumerate(zip(snapshot.cells, names, strict=True)):
         if at == 0 or names[at - 1][0] != game:
             rows.append((game,))
         numbers = (cell.finished, cell.planned, cell.running, cell.paused, cell.failed_attempts)
@@ -34,20 +30,20 @@ def status_table(status: Status) -> TextTable:
     return TextTable("progress", columns, tuple(rows))
 
 
-def live_table(episodes: Sequence[LiveEpisode]) -> TextTable:
+def live_table(records: Sequence[Record]) -> TextTable:
     """Return the progress of running episodes, those without an event for the longest time first."""
     rows = tuple(
         (
-            one.game or one.key,
-            one.player,
-            str(one.steps),
-            str(one.calls),
-            short(one.tokens),
-            f"{one.silent_seconds:.0f} s",
+            record.game or record.key,
+            record.player,
+            str(record.steps),
+            str(record.totals.replies),
+            short(record.totals.tokens),
+            f"{record.silent_seconds:.0f} s",
         )
-        for one in episodes[:SHOWN_EPISODES]
+        for record in records[:SHOWN_EPISODES]
     )
-    left = len(episodes) - SHOWN_EPISODES
+    left = len(records) - SHOWN_EPISODES
     columns = (
         *(Column(heading, words=True) for heading in ("game", "player")),
         *map(Column, ("step", "calls", "tokens", "silent")),
@@ -55,16 +51,13 @@ def live_table(episodes: Sequence[LiveEpisode]) -> TextTable:
     return TextTable("being played", columns, rows, (f"and {left} more",) if left > 0 else ())
 
 
-def print_running(console: Console, folder: RunFolder, status: Status) -> None:
+def print_running(console: Console, snapshot: RunSnapshot) -> None:
     """Print the progress of an incomplete run."""
-    print_table(console, status_table(status))
-    if (now := folder.moment()) is not None:
-        caps = Caps(**{name: (folder.manifest().get("caps") or {}).get(name) for name in ("tokens", "cost")})
-        said = f"Now: {', '.join(facts(now, caps))}.\n"
-        console.print(said, highlight=False, markup=False, soft_wrap=True)
-    episodes = LiveRun(folder).episodes()
-    if episodes:
-        print_table(console, live_table(episodes))
+    print_table(console, status_table(snapshot))
+    if snapshot.is_live:
+        console.print(f"Now: {snapshot.describe()}.\n", highlight=False, markup=False, soft_wrap=True)
+    if snapshot.playing:
+        print_table(console, live_table(snapshot.playing))
 
 
 def spending_sentence(spending: Spending) -> str:

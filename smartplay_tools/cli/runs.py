@@ -14,11 +14,11 @@ from smartplay_tools.cli import options
 from smartplay_tools.cli.progress import showing
 from smartplay_tools.cli.running import print_spending
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.prices import Price
-from smartplay_tools.evaluation.rows import unplayed
-from smartplay_tools.evaluation.run import Caps, Plan, PlayerConfig, Run, player_of, run_plan
-from smartplay_tools.evaluation.run.runner import not_shown
+from smartplay_tools.evaluation.runs import Caps, Plan, PlayerConfig, Run, player_of, run_plan
+from smartplay_tools.evaluation.runs.progress import not_shown
 from smartplay_tools.players import is_interactive, is_model
+from smartplay_tools.records.prices import Price
+from smartplay_tools.records.rows import unplayed
 
 _RUN = "The run"
 

@@ -13,10 +13,11 @@ import typer
 from smartplay_tools.cli import options
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.types import STRATEGIES
 
 NOT_ENFORCED = (
     *("prompt_tokens", "reply_tokens", "episode_tokens", "slack", "batch", "protocol"),
-    *("beyond_history", "notes_tokens", "summary_tokens"),
+    *STRATEGIES,
 )
 """Options that cannot be enforced where the host decides what the model sees."""
 
@@ -29,7 +30,7 @@ def mcp(
     game: options.Game,
     seed: options.Seed = 0,
     transcript: Annotated[
-        Path | None, typer.Option(help="On stdio: the file of the record. If there is one, its episode goes on.")
+        Path | None, typer.Option(help="On stdio: the file of the record. If it exists, its episode is continued.")
     ] = None,
     http: Annotated[bool, typer.Option("--http", help="Serve many episodes over HTTP, not one on stdio.")] = False,
     host: options.Host = "127.0.0.1",
@@ -69,7 +70,9 @@ def mcp(
         if transcript is None:
             opened.close()  # otherwise the record stays open, and the next start continues it
         return
-    store = adapter.EpisodeStore(folder=out, most=most, idle=idle)
+    from smartplay_tools.web import EpisodeStore
+
+    store = EpisodeStore(folder=out, most=most, idle=idle)
     names = {"hosts": allow_host or (), "origins": allow_origin or ()}
     server = adapter.HttpServer(store, host=host, port=port, token=token, operator_token=operator_token, **names)
     from rich.console import Console

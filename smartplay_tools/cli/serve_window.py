@@ -21,7 +21,7 @@ def window(
     player: Annotated[str, typer.Option(help="Who plays: openai:MODEL, anthropic:MODEL, rule, ...")] = "rule",
     base_url: options.BaseUrl = None,
     seed: options.Seed = 0,
-    episodes: Annotated[int, typer.Option(help="Open so many episodes, seeds counting up.", min=0)] = 1,
+    episodes: Annotated[int, typer.Option(help="Open N episodes, with consecutive seeds.", min=0)] = 1,
     host: options.Host = "127.0.0.1",
     port: options.Port = 8000,
     allow_host: options.AllowHost = None,
@@ -30,10 +30,10 @@ def window(
         str | None, typer.Option(help="The API key that agents send.", envvar="SMARTPLAY_WINDOW_TOKEN")
     ] = None,
     closing: Annotated[
-        str, typer.Option(help="A tool by which an agent's framework wants its run closed.")
+        str, typer.Option(help="The tool with which an agent's framework closes a run.")
     ] = "final_answer",
     most: Annotated[int, typer.Option(help="How many episodes may be open.", min=1)] = 1000,
-    idle: Annotated[float, typer.Option(help="Close an episode after so many seconds without a request.")] = 1800.0,
+    idle: Annotated[float, typer.Option(help="Close an episode after N seconds without a request.")] = 1800.0,
     out: Annotated[
         Path | None, typer.Option(help="A folder for the transcripts; episodes then outlive a restart.")
     ] = None,

@@ -43,7 +43,7 @@ def prepare(
 
     Example: smartplay-tools submit prepare runs/mine --name "My agent 1.0" --suite tools-v1 -o mine.zip
     """
-    from smartplay_tools.evaluation.submissions import prepare_submission
+    from smartplay_tools.evaluation.board.submissions import prepare_submission
 
     facts = _read_facts(metadata)
     if notes is not None:
@@ -97,7 +97,7 @@ def check(
 
     Example: smartplay-tools submit check mine.zip --seeds seeds.jsonl --report mine.json
     """
-    from smartplay_tools.evaluation.submissions import Allowed, Limits, check_submission, report_json, report_text
+    from smartplay_tools.evaluation.board.submissions import Allowed, Limits, check_submission, report_json, report_text
 
     checked = check_submission(
         bundle,
@@ -130,7 +130,7 @@ def seed(
 
     Example: smartplay-tools submit seed --name "My agent 1.0" --suite tools-v1
     """
-    from smartplay_tools.evaluation.submissions import issue_seed
+    from smartplay_tools.evaluation.board.submissions import issue_seed
     from smartplay_tools.evaluation.suites import get_suite
 
     if suite is not None:

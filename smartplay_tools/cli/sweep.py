@@ -4,41 +4,28 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 
 from smartplay_tools.cli import options, runs
-from smartplay_tools.cli.episode_options import EpisodeOptions, read_budget, with_episode_options
+from smartplay_tools.cli.episode_options import GRID, EpisodeOptions, listed, with_episode_options
 from smartplay_tools.cli.estimate import print_estimate
 from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import print_table, table_console
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
-from smartplay_tools.evaluation.run import Caps, plan_episodes
-from smartplay_tools.evaluation.sweeps import Sweep, grid
-
-AXES = ("history", "prompt_tokens", "slack", "beyond_history", "notes_tokens", "summary_tokens", "manual")
-"""Options that are lists here: the axes of the grid."""
-
-_GRID = "The grid: lists separated by commas"
+from smartplay_tools.evaluation.runs import Caps, plan_episodes
+from smartplay_tools.evaluation.runs.sweeps import AXES, Sweep, grid
 
 
 def _listed(name: str, text: str) -> Any:
-    return typer.Option(name, metavar="LIST", help=text, rich_help_panel=_GRID)
+    return typer.Option(name, metavar="LIST", help=text, rich_help_panel=GRID)
 
 
-@with_episode_options(without=AXES)
+@with_episode_options(vary=AXES)
 def sweep(
     games: Annotated[str, _listed("--games", "Ids of settings.")],
     players: Annotated[str, _listed("--players", "Names of players.")] = "rule",
-    history: Annotated[str, _listed("--history", "Past steps visible: numbers, game or none (all).")] = "game",
-    prompt_tokens: Annotated[str, _listed("--prompt-tokens", "Caps on every prompt: numbers, or none.")] = "none",
-    slack: Annotated[str, _listed("--slack", "Shares of the window that are dropped at once when it is full.")] = "0",
-    beyond_history: Annotated[str, _listed("--beyond-history", "Turns older than the history: drop, mask.")] = "drop",
-    notes_tokens: Annotated[str, _listed("--notes-tokens", "Caps on the agent's notes: numbers, or none.")] = "none",
-    summary_tokens: Annotated[str, _listed("--summary-tokens", "Caps on summaries: numbers, or none.")] = "none",
-    manual: Annotated[str, _listed("--manual", "tool, pinned, none.")] = "tool",
     out: runs.Out = Path("sweep"),
     trials: runs.Trials = None,
     seed: options.Seed = 0,
@@ -61,18 +48,11 @@ def sweep(
 
     Example: smartplay-tools sweep --games BanditTwoArmedHighLowFixed-v0 --history 1,5,50 --trials 20 --out runs/sweep
     """
-    configs = runs.player_configs(_named("--players", players), base_url, player_option)
+    configs = runs.player_configs(listed("--players", players), base_url, player_option)
     found = grid(
-        _named("--games", games),
+        listed("--games", games),
         configs,
-        history=_limits("history", history),
-        prompt_tokens=_limits("prompt_tokens", prompt_tokens),
-        slack=_shares(slack),
-        beyond_history=_limits("beyond_history", beyond_history),
-        notes_tokens=_limits("notes_tokens", notes_tokens),
-        summary_tokens=_limits("summary_tokens", summary_tokens),
-        manual=cast(Any, _named("--manual", manual)),
-        budget=episode.budget,
+        vary=episode.vary,
         engine=episode.engine,
         tokenizer=episode.tokenizer,
         options=episode.options,
@@ -106,33 +86,6 @@ def sweep(
     )
     _show(Sweep(run, found.left_out), as_json=as_json)
     runs.conclude(run, quiet=as_json)
-
-
-def _named(option: str, text: str) -> list[str]:
-    found = options.names(text)
-    if not found:
-        raise InvalidArgumentError(f"{option} is empty; give values separated by commas.")
-    return found
-
-
-def _limits(field: str, text: str) -> list[Any]:
-    """Numbers, None for "none", or another word, which the budget validates."""
-    named = _named("--" + field.replace("_", "-"), text)
-    found = [None if name == "none" else int(name) if name.isdigit() else name for name in named]
-    for value in found:
-        read_budget(**{field: value})  # an error message has the option's name
-    return found
-
-
-def _shares(text: str) -> list[float]:
-    found = []
-    for name in _named("--slack", text):
-        try:
-            found.append(float(name))
-        except ValueError:
-            raise InvalidArgumentError(f"--slack {name} is not a number between 0 and 1.") from None
-        read_budget(slack=found[-1])
-    return found
 
 
 def _show(sweep: Sweep, *, as_json: bool) -> None:

@@ -14,7 +14,7 @@ from smartplay_tools.cli.episode_options import BUDGET, OTHERS, RULES, EpisodeOp
 from smartplay_tools.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from smartplay_tools.evaluation.view import BrowserPlay
+    from smartplay_tools.evaluation.runs import BrowserPlay
 
 _PLAY = "Play in the browser"
 ONLY_FOR_PLAY = (*BUDGET, *RULES, *OTHERS, "out", "seed", "pictures")
@@ -61,7 +61,7 @@ def view(
 
     Example: smartplay-tools view runs
     """
-    from smartplay_tools.evaluation.view import SiteRun, ViewServer, find_runs
+    from smartplay_tools.evaluation.pages.view import SiteRun, ViewServer, find_runs
 
     playing = None if play is None else _play(play, out, seed, episode, pictures=pictures)
     if playing is None:
@@ -82,7 +82,7 @@ def view(
 
 
 def _play(game: str, out: Path, seed: int, episode: EpisodeOptions, *, pictures: bool) -> BrowserPlay:
-    from smartplay_tools.evaluation.view import BrowserPlay
+    from smartplay_tools.evaluation.runs import BrowserPlay
 
     return BrowserPlay(
         game,

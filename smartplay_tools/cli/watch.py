@@ -18,8 +18,8 @@ def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[Path]:
 
     Without a `transcript` the record is a temporary file.
     """
-    from smartplay_tools.evaluation.view import SiteRecord, ViewServer
-    from smartplay_tools.evaluation.view.record import PLAYING
+    from smartplay_tools.evaluation.pages.view import SiteRecord, ViewServer
+    from smartplay_tools.evaluation.pages.view.record import PLAYING
 
     console = Console(stderr=True)
     with tempfile.TemporaryDirectory() as folder:

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import takewhile
 
-from smartplay_tools.context.moment import Moment
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Selection
+from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.messages import Message
 from smartplay_tools.tokens import PRIMING, TokenCounter
 
-Side = tuple[Moment, Selection]
+Side = tuple[WindowState, Selection]
 
 
 def common_tokens(
@@ -38,14 +38,14 @@ def common_tokens(
 
 def _common_turns(before: Side, now: Side, counter: TokenCounter) -> int:
     """The tokens of the turns, and of the messages of the first turn that differs, that both views begin with."""
-    (moment, chosen), (_, chosen_before) = now, before
+    (state, chosen), (_, chosen_before) = now, before
     shared = 0
     # Pinned turns are compared one by one; past them both views are runs of neighbours.
     for place in range(max(len(chosen.pinned), len(chosen_before.pinned))):
         index, was = _at(chosen, place), _at(chosen_before, place)
         if index is None or index != was:
             return shared
-        turn = moment.ledger.turns[index]
+        turn = state.index.turns[index]
         tokens, is_whole = _common_messages(turn, chosen_before.oldest_of(turn), chosen.oldest_of(turn), counter)
         shared += tokens
         if not is_whole:
@@ -59,17 +59,17 @@ def _common_turns(before: Side, now: Side, counter: TokenCounter) -> int:
 
 def _common_run(before: Side, now: Side, first: int, counter: TokenCounter) -> int:
     """The tokens that two runs from the same turn have in common, up to the first result that is newly masked."""
-    (moment, chosen), (moment_before, chosen_before) = now, before
+    (state, chosen), (state_before, chosen_before) = now, before
     stop = chosen_before.last + 1
     if chosen.oldest == chosen_before.oldest:
-        return moment.run(first, stop)
-    changed = moment.ledger.first_showing(max(first, moment_before.boundary), stop)
+        return state.run(first, stop)
+    changed = state.index.first_showing(max(first, state_before.boundary), stop)
     if changed is None:
-        return moment.run(first, stop)
-    turn = moment.ledger.turns[changed]
+        return state.run(first, stop)
+    turn = state.index.turns[changed]
     tokens, is_whole = _common_messages(turn, chosen_before.oldest, chosen.oldest, counter)
     # Before the changed turn everything is masked in both views.
-    return moment.run(first, stop) if is_whole else moment.run(first, changed) + tokens
+    return state.run(first, stop) if is_whole else state.run(first, changed) + tokens
 
 
 def _common_messages(turn: Turn, oldest_before: int, oldest: int, counter: TokenCounter) -> tuple[int, bool]:

@@ -45,7 +45,7 @@ class Item:
 class Turn:
     """An assistant message and its items: the results in the order of its calls, then everything else.
 
-    A turn is not changed once it is made. It is no frozen class, because those take three times as long to make.
+    A turn is not changed once it is made. It is not a frozen class, because those take three times as long to make.
     """
 
     number: int

@@ -5,11 +5,12 @@ latest that shows the newest observation, that with the notes) and older turns, 
 are not too old. Two rules are absolute: no view is longer than `prompt_tokens`, and no observation in it is older than
 `history` steps. `docs/budgets.md` and `docs/strategies.md` are the exact definition.
 
-Deciding a view takes a few bisections (`context.ledger`), at turn 10,000 as at turn 10. The tokens of a view fall as
-its first turn moves on, except where the run takes in the notes: they are masked whole before it and by age inside, and
-a marker can be longer than what it replaces. The search for the first turn is made in two halves around them.
+Deciding a view takes a few bisections (`context.token_index`), at turn 10,000 as at turn 10. The tokens of a view fall
+as its first turn moves on, except where the run takes in the notes: they are masked whole before it and by age inside,
+and a marker can be longer than what it replaces. The search for the first turn is made in two halves around them.
 
-With `summary_tokens`, a window that has to move is first owed a summary: `request` is the prompt that asks for it, and
+What is too old, what is pinned and what is kept free is decided by the strategies (`context.strategies`). Where one of
+them asks for summaries, a window that has to move is first owed one: `request` is the prompt that asks for it, and
 `summarise` takes the answer. Neither the question nor the longest answer can overflow a prompt, because a window that
 moves leaves room for both.
 """
@@ -21,13 +22,12 @@ from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from smartplay_tools.context.ledger import Ledger
-from smartplay_tools.context.moment import Moment
 from smartplay_tools.context.prefix import common_tokens
+from smartplay_tools.context.strategies import Strategies, Summary, share_kept
+from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Head, Selection, View, with_manual
-from smartplay_tools.episode.budgets import share_kept
-from smartplay_tools.episode.summaries import Summary, SummaryForm
+from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.errors import PromptOverflowError
 from smartplay_tools.messages import Message
 from smartplay_tools.tokens import PRIMING, TokenCounter
@@ -37,9 +37,9 @@ from smartplay_tools.types import Purpose, ResolvedBudget, ToolSpec
 
 @dataclass(slots=True)
 class Contents:
-    """What a prompt holds: a selection of the turns of a moment, the summary, and the question for another."""
+    """What a prompt holds: a selection of the turns of a state, the summary, and the question for another."""
 
-    moment: Moment
+    state: WindowState
     selection: Selection
     summary: Summary | None
     question: Message | None = None
@@ -49,21 +49,29 @@ class ContextWindow:
     """Selects turns for prompts: `append` adds a turn, `view` returns what the model may see."""
 
     def __init__(
-        self, head: Sequence[Message], tools: Sequence[ToolSpec], budget: ResolvedBudget, counter: TokenCounter
+        self,
+        head: Sequence[Message],
+        tools: Sequence[ToolSpec],
+        budget: ResolvedBudget,
+        counter: TokenCounter,
+        strategies: Strategies | None = None,
     ) -> None:
+        """`strategies` are the episode's own; by default they are made from the budget."""
+        self._strategies = strategies or Strategies(budget, counter)
+        self._reserve = self._strategies.reserve
+        self._ageing, self._form = self._strategies.ageing, self._strategies.summaries
         self.budget = budget
         self._counter = counter
         self._tools = tuple(tools)
         self._tools_tokens = counter.tools(tools)
         self._share = share_kept(budget.slack)
-        self._form = None if budget.summary_tokens is None else SummaryForm(budget.summary_tokens, counter)
         self._plain_head = list(head)
         self._heads: dict[str | None, Head] = {}
-        self._ledger = Ledger(counter)
+        self._index = TokenIndex(counter)
         self._newest: int | None = None
         self._overflows = False
-        moment = Moment.after(self._ledger, 0, None, self._head(None))
-        self._now = Contents(moment, moment.selected(0), None)
+        state = WindowState.after(self._index, 0, None, self._head(None))
+        self._now = Contents(state, state.selected(0), None)
         self._before: Contents | None = None
         self._leaving: Contents | None = None
         """What asks for a summary, while the window is owed one."""
@@ -88,36 +96,36 @@ class ContextWindow:
     def append(self, turn: Turn) -> None:
         """Add a complete turn and decide what is shown after it, and whether a summary is asked for first."""
         self._before, self._leaving = self._now, None
-        self._ledger.append(turn)
+        self._index.append(turn)
         if turn.shows and turn.shows[-1] == turn.step:
-            self._newest = len(self._ledger.turns) - 1
+            self._newest = len(self._index.turns) - 1
         summary, was_first = self._now.summary, self._now.selection.first
-        moment = self._pin_notes(
-            Moment.after(self._ledger, self._oldest(turn.step), self._newest, self._head(turn.manual)), turn.notes
-        )
-        first = self._first(moment, was_first, 0 if summary is None else summary.tokens)
-        self._now = Contents(moment, moment.selected(first), summary)
+        oldest = self._ageing.oldest(turn.step, self.budget.history, self._now.state.oldest)
+        state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual))
+        state = self._pin(state, self._strategies.pinned(turn))
+        first = self._first(state, was_first, 0 if summary is None else summary.tokens)
+        self._now = Contents(state, state.selected(first), summary)
         if self._form is not None and first > was_first and not self._overflows:
             leaving = replace(self._before.selection, last=first - 1)
-            self._leaving = Contents(self._before.moment, leaving, summary, self._form.question)
+            self._leaving = Contents(self._before.state, leaving, summary, self._form.question)
 
     def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:
         """Begin all further views with another head and other tools, from the next appended turn on."""
         self._tools, self._tools_tokens = tuple(tools), self._counter.tools(tools)
         self._plain_head, self._heads = list(head), {}
-        if not self._ledger.turns:
-            moment = Moment.after(self._ledger, 0, None, self._head(None))
-            self._now = Contents(moment, moment.selected(0), None)
+        if not self._index.turns:
+            state = WindowState.after(self._index, 0, None, self._head(None))
+            self._now = Contents(state, state.selected(0), None)
 
     @property
     def turns(self) -> Sequence[Turn]:
         """Every turn that was appended."""
-        return self._ledger.turns
+        return self._index.turns
 
     @property
     def head(self) -> Head:
         """The first messages of the next view."""
-        return self._now.moment.head
+        return self._now.state.head
 
     @property
     def first(self) -> int:
@@ -133,16 +141,16 @@ class ContextWindow:
         """Return the contents of the next prompt to play; `PromptOverflowError` if the pinned parts do not fit."""
         contents = self._now
         if self._overflows:
-            tokens = contents.moment.tokens(contents.moment.last) + self._reserve
+            tokens = contents.state.tokens(contents.state.last) + self._reserve
             raise PromptOverflowError(f"The pinned parts of the prompt take {tokens} tokens.")
-        tokens = contents.moment.selection_tokens(contents.selection)
+        tokens = contents.state.selection_tokens(contents.selection)
         tokens += 0 if contents.summary is None else contents.summary.tokens
         prefix = 0
         if self._before is not None:
             before = self._before
             summaries = (_message_of(before.summary), _message_of(contents.summary))
-            moments = ((before.moment, before.selection), (contents.moment, contents.selection))
-            prefix = common_tokens(*moments, *summaries, self._tools_tokens, self._counter)
+            states = ((before.state, before.selection), (contents.state, contents.selection))
+            prefix = common_tokens(*states, *summaries, self._tools_tokens, self._counter)
         return self._view_of(contents, "play", tokens, prefix)
 
     def request(self) -> View:
@@ -150,14 +158,14 @@ class ContextWindow:
         contents, form = self._leaving, self._form
         assert contents is not None
         assert form is not None
-        shared = contents.moment.selection_tokens(contents.selection) - PRIMING
+        shared = contents.state.selection_tokens(contents.selection) - PRIMING
         shared += 0 if contents.summary is None else contents.summary.tokens
         return self._view_of(contents, "summary", shared + form.question_tokens + PRIMING, shared)
 
     def summarise(self, said: str) -> tuple[Summary | None, bool, bool]:
         """Take the answer to `request`; return the summary that is shown now, and whether the answer was cut, or empty.
 
-        An answer of which nothing is left to show leaves the earlier summary as it is; the turns leave all the same.
+        An answer of which nothing is left to show leaves the earlier summary as it is; the turns still leave.
         """
         assert self._leaving is not None
         assert self._form is not None
@@ -171,51 +179,36 @@ class ContextWindow:
         """Return the canonical JSON of a prompt's messages, of which its sha256 is made."""
         contents = self._now if purpose == "play" else self._leaving
         assert contents is not None
-        lines = contents.moment.head.canonical.copy()
+        lines = contents.state.head.canonical.copy()
         if contents.summary is not None:
             lines.append(head_bytes(contents.summary.message))
-        lines += contents.moment.lines(contents.selection)
+        lines += contents.state.lines(contents.selection)
         if contents.question is not None:
             lines.append(head_bytes(contents.question))
         return lines
 
     def _view_of(self, contents: Contents, purpose: Purpose, tokens: int, prefix: int) -> View:
-        moment, chosen = contents.moment, contents.selection
-        shown = list(moment.head.messages)
+        state, chosen = contents.state, contents.selection
+        shown = list(state.head.messages)
         if contents.summary is not None:
             shown.append(contents.summary.message)
-        shown += moment.messages(chosen)
+        shown += state.messages(chosen)
         if contents.question is not None:
             shown.append(contents.question)
         return View(
             tools=self._tools,
             tokens=tokens,
-            shown_steps=moment.visible(chosen),
-            dropped_turns=moment.turns - len(chosen),
+            shown_steps=state.visible(chosen),
+            dropped_turns=state.turns - len(chosen),
             prefix_tokens=prefix,
             selection=chosen,
             shown=tuple(shown),
-            turns=self._ledger.turns,
+            turns=self._index.turns,
             purpose=purpose,
             summaries=self.summaries,
         )
 
     # Facts that follow from the turns.
-
-    @property
-    def _reserve(self) -> int:
-        """R: what a window that moves leaves free."""
-        return 0 if self._form is None else self._form.reserve
-
-    def _oldest(self, step: int) -> int:
-        """b, the oldest observation that is not masked: with masking and slack it moves in blocks, as a window does."""
-        history = self.budget.history
-        if history is None:
-            return 0
-        if self.budget.beyond_history == "mask" and self._share != 1:
-            before = self._now.moment.oldest
-            return before if step - before <= history else step - math.ceil(self._share * history)
-        return max(0, step - history)
 
     def _head(self, manual: str | None) -> Head:
         if manual not in self._heads:
@@ -224,50 +217,50 @@ class ContextWindow:
             self._heads[manual] = Head(tuple(messages), tokens, self._tools)
         return self._heads[manual]
 
-    def _pin_notes(self, moment: Moment, notes: int | None) -> Moment:
+    def _pin(self, state: WindowState, notes: int | None) -> WindowState:
         """Pin the notes if they fit beside the other pinned parts; the newest turn and the current one are pinned."""
-        if notes is None or notes in (moment.last, moment.newest):
-            return moment
-        cap, pinned = self.budget.prompt_tokens, moment.with_notes(notes)
-        return pinned if cap is None or pinned.tokens(moment.last) + self._reserve <= cap else moment
+        if notes is None or notes in (state.last, state.newest):
+            return state
+        cap, pinned = self.budget.prompt_tokens, state.with_notes(notes)
+        return pinned if cap is None or pinned.tokens(state.last) + self._reserve <= cap else state
 
     # Selection of the turns to keep.
 
-    def _first(self, moment: Moment, before: int, summary: int) -> int:
+    def _first(self, state: WindowState, before: int, summary: int) -> int:
         """The first turn to keep, given the one before this turn: with slack it stays while the limits hold."""
-        if self._share != 1 and self._holds(moment, before, summary):
+        if self._share != 1 and self._holds(state, before, summary):
             self._overflows = False
             return before
         cap = self.budget.prompt_tokens
-        self._overflows = cap is not None and moment.tokens(moment.last) + self._reserve > cap
-        return moment.last if self._overflows else self._fill(moment)
+        self._overflows = cap is not None and state.tokens(state.last) + self._reserve > cap
+        return state.last if self._overflows else self._fill(state)
 
-    def _holds(self, moment: Moment, first: int, summary: int) -> bool:
+    def _holds(self, state: WindowState, first: int, summary: int) -> bool:
         """Whether the view that begins at `first` is within the limits, and leaves room to ask for another summary."""
         cap, question = self.budget.prompt_tokens, 0 if self._form is None else self._form.question_tokens
-        if self.budget.beyond_history == "drop" and first < moment.boundary:
+        if self._ageing.drops and first < state.boundary:
             return False
-        return cap is None or moment.tokens(first) + question + summary <= cap
+        return cap is None or state.tokens(first) + question + summary <= cap
 
-    def _fill(self, moment: Moment) -> int:
+    def _fill(self, state: WindowState) -> int:
         """Return the first turn to keep when unpinned turns may take a share of the room and of the history."""
-        history, cap, last, low = self.budget.history, self.budget.prompt_tokens, moment.last, 0
-        if history is not None and self.budget.beyond_history == "drop":
-            low = min(last, self._ledger.first_from(moment.step - math.ceil(self._share * history)))
+        history, cap, last, low = self.budget.history, self.budget.prompt_tokens, state.last, 0
+        if history is not None and self._ageing.drops:
+            low = min(last, self._index.first_from(state.step - math.ceil(self._share * history)))
         if cap is None:
             return low
-        pins = moment.tokens(last)
+        pins = state.tokens(last)
         most = pins + math.floor(self._share * (cap - self._reserve - pins))
 
         def first_that_fits(low: int, high: int) -> int:
             """From `high` back the total only grows: bisect for where it passes the room."""
-            return low + bisect_left(range(low, high), x=True, key=lambda at: moment.tokens(at) <= most)
+            return low + bisect_left(range(low, high), x=True, key=lambda at: state.tokens(at) <= most)
 
-        notes = moment.notes
+        notes = state.notes
         if notes is None or notes < low:
             return first_that_fits(low, last)
         first = first_that_fits(notes + 1, last)
-        if first > notes + 1 or moment.tokens(notes) > most:
+        if first > notes + 1 or state.tokens(notes) > most:
             return first
         return first_that_fits(low, notes)
 

@@ -2,8 +2,8 @@
 
 `prompt` checks the budgets before the model is called; a reply is validated, recorded and charged before anything is
 played. The protocol decides what a prompt shows and what a reply does: tool calls in `AgentSession` and
-`Conversation`, the paper's two questions in `PaperConversation`. A conversation does no I/O; the caller sends the
-prompts and receives the replies.
+`Conversation`, the paper's two questions in `PaperConversation`. A conversation never calls a model; the caller
+sends the prompts and receives the replies.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ class Pending:
     prefix_messages: int
 
     def prompt(self) -> Prompt:
-        """Return the prompt; its messages are copies of its own."""
+        """Return the prompt, which copies the window's messages when they are first read."""
         view = self.view
-        return Prompt.of(view.shown, view.tools, self.max_tokens, self.prefix_messages, view.purpose)
+        return Prompt(view.shown, view.tools, self.max_tokens, self.prefix_messages, view.purpose)
 
     def cost(self, reply: int) -> dict[str, Any]:
         """Our count of the prompt and its reply, as fields of a `usage` event."""
@@ -146,8 +146,8 @@ class BaseConversation(ABC):
     def prompt(self) -> Prompt | None:
         """Return the next prompt, or None when the episode is over; a spent budget ends the episode here.
 
-        Where the budget has `summary_tokens`, a prompt's `purpose` may be "summary". It is answered as any other, with
-        `receive`; that reply is no turn, and the prompt to play comes next.
+        Where the budget asks for summaries, a prompt's `purpose` may be "summary". It is answered as any other, with
+        `receive`; that reply is not a turn, and the prompt to play comes next.
 
         Two calls without a reply in between return the same prompt. The messages are copies, which you may change.
         """

@@ -102,10 +102,10 @@ def check_player(player: object) -> None:
     if isinstance(player, type):
         raise InvalidArgumentError(f"{kind} is a class, not a player; make one of it: {kind}().")
     if not any(callable(getattr(player, method, None)) for method in ("reply", "areply")):
-        raise InvalidArgumentError(f"{kind} is no player: it has no method `reply(prompt)` and no `areply(prompt)`.")
+        raise InvalidArgumentError(f"{kind} is not a player: it needs a method `reply(prompt)` or `areply(prompt)`.")
     if not isinstance(getattr(player, "name", None), str):
         raise InvalidArgumentError(
-            f"{kind} is no player yet: it has no `name`, which records and tables call it by; "
+            f"{kind} needs a `name` attribute, used in records and tables; "
             f'write name = "{kind.lower()}" into the class.'
         )
 
@@ -135,7 +135,7 @@ def _next_prompt(conversation: AnyConversation, on_prompt: OnPrompt | None) -> P
 
 
 def _checked(reply: Reply) -> CheckedReply:
-    """Return a player's reply in canonical form. If it is no reply, the error counts as the player's."""
+    """Return a player's reply in canonical form. If it is not a reply, the error counts as the player's."""
     if not isinstance(reply, Reply):
         raise InvalidArgumentError(f"A player replies with a `Reply`, not with {type(reply).__name__}.")
     return CheckedReply.of(reply.message, reply.usage)

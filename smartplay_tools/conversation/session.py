@@ -7,8 +7,8 @@ playing, `answer` plays one call. A `Conversation` plays all calls of a reply at
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from smartplay_tools.arguments import read
 from smartplay_tools.conversation.base import CheckedReply
@@ -16,7 +16,9 @@ from smartplay_tools.conversation.tool_calls import ToolConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Call
-from smartplay_tools.types import ToolResult, ToolSpec, Usage
+from smartplay_tools.types import Prompt, Reply, ToolResult, ToolSpec, Usage
+
+R = TypeVar("R", bound=Reply)
 
 NOT_RUN = "Error: The host's agent did not run this call."
 """The answer to a call that is still open when the next prompt is asked for."""
@@ -32,7 +34,7 @@ class AgentSession(ToolConversation):
         foreign_tools: other tools of the host's agent. They are counted and shown; their calls are left to the host,
             which gives their results to `add`.
         summaries: whether the host makes another model call where a prompt's `purpose` is "summary". Without it, a
-            budget with `summary_tokens` is refused.
+            budget that asks for summaries is refused.
     """
 
     def __init__(
@@ -44,21 +46,43 @@ class AgentSession(ToolConversation):
         foreign_tools: Sequence[ToolSpec] = (),
         summaries: bool = False,
     ) -> None:
-        if episode.budget.summary_tokens is not None and not summaries:
+        if (asking := episode.strategies.summaries) is not None and not summaries:
             raise InvalidArgumentError(
-                "summary_tokens takes model calls of its own, which this host does not make; leave it out here."
+                f"{asking.name} takes model calls of its own, which this host does not make; leave it out here."
             )
         super().__init__(episode, player=player, head=head, foreign_tools=foreign_tools)
 
     def receive(self, message: Mapping[str, Any], usage: Usage | None = None) -> tuple[Call, ...]:
         """Take the reply to the latest prompt: validate, record and charge it, and return its calls (`Call`).
 
-        The reply to a prompt for a summary is no turn and returns no calls.
+        The reply to a prompt for a summary is not a turn and returns no calls.
 
         `message` is an assistant message in chat form; anything else raises `InvalidArgumentError` and changes nothing.
         The provider's `usage` is recorded next to our count. A reply without a call is answered at once.
         """
         return self.open(message, usage)
+
+    def ask(self, send: Callable[[Prompt], R]) -> R | None:
+        """Return the reply to the next prompt to play, for `receive`; None when the episode is over.
+
+        `send` sends a prompt to the model. Where a summary is owed, it is called with the prompt for that first, and
+        the summary is taken here; it stays if a later call of `send` raises.
+        """
+        while (prompt := self.prompt()) is not None:
+            reply = send(prompt)
+            if prompt.purpose == "play":
+                return reply
+            self.receive(reply.message, reply.usage)
+        return None
+
+    async def aask(self, send: Callable[[Prompt], Awaitable[R]]) -> R | None:
+        """Return the reply to the next prompt to play as `ask` does, without blocking the event loop for long."""
+        while (prompt := await self.aprompt()) is not None:
+            reply = await send(prompt)
+            if prompt.purpose == "play":
+                return reply
+            await self.areceive(reply.message, reply.usage)
+        return None
 
     def edit(self, call_id: str, arguments: Any) -> None:
         """Replace the arguments of an open call before it is played; the record contains both versions."""
@@ -78,7 +102,7 @@ class AgentSession(ToolConversation):
 
         Calls are played in the order of the message: earlier calls that are still open are played first, as the model
         sent them. With `earlier=False` they stay open, for a host that has refused them and says so later; calls of
-        tools that do not exist are answered all the same, because no host runs them.
+        tools that do not exist are answered, too, because no host runs them.
         `arguments` that differ from the model's have the effect of `edit`.
         """
         with self.episode.lock:
@@ -115,7 +139,7 @@ class Conversation(ToolConversation):
     def receive(self, message: Mapping[str, Any], usage: Usage | None = None) -> list[ToolResult]:
         """Take the reply to the latest prompt: charge it, play its calls, and return the results in order.
 
-        The reply to a prompt for a summary is no turn: none of its calls is played, and there are no results.
+        The reply to a prompt for a summary is not a turn: none of its calls is played, and there are no results.
         `message` is an assistant message in chat form; anything else raises `InvalidArgumentError` and changes nothing.
         The provider's `usage` is recorded next to our count. Calls after the end of the game are refused.
         """

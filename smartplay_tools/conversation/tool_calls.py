@@ -45,7 +45,7 @@ class ToolConversation(BaseConversation):
         foreign_tools: Sequence[ToolSpec] = (),
     ) -> None:
         whole_head, tools = self._use_head(episode, head, foreign_tools)
-        self._window = ContextWindow(whole_head, tools, episode.budget, episode.counter)
+        self._window = ContextWindow(whole_head, tools, episode.budget, episode.counter, episode.strategies)
         self._idle_in_a_row = 0
         self._results: dict[int, ToolResult] = {}
         self._edits: dict[int, str] = {}
@@ -60,8 +60,7 @@ class ToolConversation(BaseConversation):
         host_head, tools = head_messages(head), (*episode.tools, *foreign_tools)
         whole_head = [*episode.head, *host_head]
         if episode.budget.prompt_tokens is not None:
-            reserve = 0 if episode.summaries is None else episode.summaries.reserve
-            budgets.check_head(episode.budget, episode.counter.prompt(whole_head, tools), reserve)
+            budgets.check_head(episode.budget, episode.counter.prompt(whole_head, tools), episode.strategies)
         self._foreign, self._tools_bytes = {tool.name for tool in foreign_tools}, tools_bytes(tools)
         self.host_head: Sequence[Message] = host_head
         """The host's messages in every prompt, after the system and task messages."""
@@ -84,7 +83,7 @@ class ToolConversation(BaseConversation):
                 raise InvalidArgumentError(
                     "Change the head between a reply, with the results of its foreign calls, and the next prompt."
                 )
-            if self.episode.budget.summary_tokens is not None:
+            if self.episode.strategies.summaries is not None:
                 raise InvalidArgumentError("Where turns are summarised, the head of an episode cannot change.")
             whole_head, tools = self._use_head(self.episode, head, foreign_tools)
             self._window.change_head(whole_head, tools)

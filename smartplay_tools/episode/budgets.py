@@ -5,9 +5,7 @@ They are resolved once, when an episode begins; the record contains the numbers.
 
 from __future__ import annotations
 
-import math
-from fractions import Fraction
-
+from smartplay_tools.context.strategies import Strategies, refusal
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec
 from smartplay_tools.types import Budget, ResolvedBudget
@@ -45,21 +43,17 @@ def resolve(asked: Budget, spec: GameSpec, head_tokens: int) -> ResolvedBudget:
     return ResolvedBudget(**{**dict(asked), **numbers})
 
 
-def share_kept(slack: float) -> Fraction | int:
-    """Return 1 - slack, read as a decimal: in floats, ceil((1 - .7) x 10) is 4. Without slack it is the integer 1."""
-    return 1 - Fraction(str(slack)) if slack else 1
-
-
-def check_head(budget: Budget, least: int, reserve: int = 0) -> None:
+def check_head(budget: Budget, least: int, strategies: Strategies | None = None) -> None:
     """Raise a ValueError if the smallest prompt is over the cap.
 
-    `least` counts its head, schemas and priming, `reserve` what is kept free for summaries.
+    `least` counts its head, schemas and priming; `strategies` may keep more of it free.
     """
+    reserve = 0 if strategies is None else strategies.reserve
     if budget.prompt_tokens is not None and budget.prompt_tokens < least + reserve:
-        summaries = f", and the {reserve} more that summary_tokens={budget.summary_tokens} needs" if reserve else ""
+        more = f", and the {reserve} more that {strategies.reserved_for} needs" if strategies and reserve else ""
         raise InvalidArgumentError(
             f"prompt_tokens={budget.prompt_tokens} cannot hold the head of every prompt and the tool schemas, which "
-            f"take {least} tokens{summaries}; raise it well above that."
+            f"take {least} tokens{more}; raise it well above that."
         )
 
 
@@ -77,21 +71,7 @@ def refused_strategy(budget: Budget, spec: GameSpec, *, context: str, protocol: 
     if context != "window" or protocol != "tools":
         where = 'context="host" leaves the past to the host' if context != "window" else "the paper's protocol has none"
         return f'{asked} needs a window over tool calls, and {where}; use context="window" and protocol="tools".'
-    if budget.beyond_history == "mask" and history is None:
-        return 'beyond_history="mask" without a history masks nothing; give history a number, or leave it at "drop".'
-    if budget.summary_tokens is None:
-        return None
-    if budget.slack == 0:
-        return "summary_tokens at slack 0 would ask for a summary at every step; give a slack, such as 0.5."
-    aged = None if budget.beyond_history == "mask" else history
-    if aged is not None and aged == math.ceil(share_kept(budget.slack) * aged):
-        return (
-            f"summary_tokens with history={history} and slack={budget.slack:g} would ask for a summary at every step; "
-            "raise one of the two."
-        )
-    if aged is None and budget.prompt_tokens is None:
-        return "summary_tokens has nothing to summarise where no turn ever leaves; give prompt_tokens a number."
-    return None
+    return refusal(budget, history)
 
 
 def _history(asked: Budget, spec: GameSpec) -> int | None:

@@ -42,6 +42,7 @@ def cell_config(
     counter = counter or shared_counter()
     check_strategies(budget or Budget(), spec, context=rules["context"], protocol=rules["protocol"])
     plain = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
+    plain = kind.options_to_record(plain)
     try:
         return CellConfig(
             game=spec.id,
@@ -57,6 +58,12 @@ def cell_config(
         )
     except TypeError as error:
         raise InvalidArgumentError(f"Options are recorded, so they must be JSON ({error}).") from None
+
+
+def most_calls(cell: CellConfig) -> int:
+    """Return the calls to the player in the longest episode that the game allows, one of them for the manual."""
+    rollout = cell.setting.rollout
+    return 2 * rollout if cell.protocol == "paper" else rollout + 1
 
 
 def sha256_of(counter: TokenCounter) -> str | None:

@@ -2,8 +2,8 @@
 
 The start event of a record contains the config, the key of an episode is its digest, a cell of a run is a config
 without a seed, and a row of results is a config with its result. Replay, `resume` and the replay page create the same
-episode again from it. To add a rule, add a field to `Rules`, the code that obeys it, and its option of the command line
-in `cli/options.py`: `Episode`, runs, run files, rows, tables and figures take the rules from the fields of `Rules`.
+episode again from it. To add a rule, add a field to `Rules`, the code that obeys it, and its command-line option in
+`cli/episode_options.py`; `Episode`, runs, run files, rows, tables and figures take the rules from its fields.
 """
 
 from __future__ import annotations
@@ -127,7 +127,8 @@ class CellConfig(Rules):
         """Build the game, before its first reset. `spec` is the setting, which need not be registered."""
         engine = {} if self.engine is None else {"engine": self.engine}
         history = spec.history if self.budget.history == "game" else self.budget.history
-        return spec.make(**self.options, **engine, history=history)
+        options = spec.load().options_from_record(self.options)
+        return spec.make(**options, **engine, history=history)
 
     def to_json(self) -> dict[str, Any]:
         """Return the config as plain data, without fields at their defaults."""

@@ -84,7 +84,9 @@ class Episode:
         **options: Any,
     ) -> None:
         if "protocol" in options:
-            raise InvalidArgumentError('The protocol is no argument of Episode; `play` takes it (protocol="paper").')
+            raise InvalidArgumentError(
+                'The protocol is not an argument of Episode; `play` takes it (protocol="paper").'
+            )
         spec, counter = get_spec(game), shared_counter(tokenizer)
         cell = cell_config(
             spec, budget=budget, engine=engine, manual=manual, batch=batch, context=context, counter=counter, **options
@@ -138,8 +140,8 @@ class Episode:
         """The budget in numbers."""
         self.head = self._session.head
         """The first messages of every prompt: system and task."""
-        self.summaries = self._session.summaries
-        """How a summary is asked for and shown; None where the budget asks for none."""
+        self.strategies = self._session.strategies
+        """What becomes of the past: the strategies that the budget asks for."""
         self.stats = EpisodeStats()
         """What has been counted so far."""
         self.result: EpisodeResult | None = None
@@ -159,7 +161,7 @@ class Episode:
 
     @property
     def tools(self) -> tuple[ToolSpec, ...]:
-        """The tools as they are described to the model: three, and `take_notes` where the budget has notes."""
+        """The tools as they are described to the model: three, and those of the strategies."""
         return self._session.tools.specs
 
     def call(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
@@ -222,7 +224,7 @@ class Episode:
 
     @property
     def recording(self) -> bool:
-        """Whether there is a transcript, or somebody who listens to the events of one."""
+        """Whether there is a transcript, or a listener to the events of one."""
         return self._transcript is not None or bool(self._listeners)
 
     @property

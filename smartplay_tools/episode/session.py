@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 from smartplay_tools import prompts
 from smartplay_tools.arguments import Arguments
-from smartplay_tools.episode import budgets, truncation
+from smartplay_tools.context.strategies import Strategies, StrategyTool
+from smartplay_tools.episode import budgets
 from smartplay_tools.episode.config import ContextOwner, ManualMode
-from smartplay_tools.episode.summaries import SummaryForm
 from smartplay_tools.episode.tools import MistakeError, ParsedCall, Tools
 from smartplay_tools.games.specs import GameSpec
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.tokens import TokenCounter, truncation
 from smartplay_tools.types import Budget, EndReason, ResolvedBudget
 
 if TYPE_CHECKING:
@@ -52,7 +52,8 @@ class GameSession:
         self.spec, self.game, self.counter = spec, game, counter
         self.manual, self.context = manual, context
         budgets.check_strategies(asked, spec, context=context)
-        self.tools = Tools(game, asked.notes_tokens)
+        self.strategies = Strategies(asked, counter)
+        self.tools = Tools(game, self.strategies.tools)
         self.steps = self.tool_calls = 0
         self.end_reason: EndReason | None = None
         self.game_seconds = 0.0
@@ -67,10 +68,8 @@ class GameSession:
         self.manual_text = self._cut(game.manual, self.budget.manual_tokens, truncation.cut_middle)
         self.manual_is_cut = self.manual_text != game.manual
         self.head = prompts.head(self.manual_text if manual == "pinned" else None, context=context)
-        self.summaries = None if asked.summary_tokens is None else SummaryForm(asked.summary_tokens, counter)
         if asked.prompt_tokens is not None and context == "window":
-            reserve = 0 if self.summaries is None else self.summaries.reserve
-            budgets.check_head(self.budget, counter.prompt(self.head, self.tools.specs), reserve)
+            budgets.check_head(self.budget, counter.prompt(self.head, self.tools.specs), self.strategies)
 
     def end(self, reason: EndReason, error: BaseException | None = None, detail: str | None = None) -> None:
         """End the play, unless it has ended already."""
@@ -111,6 +110,8 @@ class GameSession:
         return answer
 
     def _play(self, call: ParsedCall) -> Answer:
+        if (tool := self.tools.added.get(call.tool)) is not None:
+            return self._use(tool, call.text)
         match call.tool:
             case "act":
                 assert call.action is not None
@@ -122,17 +123,14 @@ class GameSession:
                 return answer
             case "read_manual" if self.manual == "tool":
                 return Answer(self.manual_text, {"step": self.steps, "manual": True}, cut=self.manual_is_cut)
-            case "take_notes":
-                return self._take_notes(call.text)
         return self._show(prompts.MANUAL_IS_ABOVE if self.manual == "pinned" else prompts.NO_MANUAL)
 
-    def _take_notes(self, text: str) -> Answer:
-        """Accept notes that are within their cap; blank ones clear what was noted. Longer ones change nothing."""
-        cap, tokens = self.budget.notes_tokens, self.counter.text(text)
-        assert cap is not None
-        if tokens > cap:
-            return self.refuse(f"These notes have {tokens} tokens, more than {cap}. The earlier notes stand.", "notes")
-        return self._show(f"Noted: {tokens} of {cap} tokens.", notes="kept" if text.strip() else "cleared")
+    def _use(self, tool: StrategyTool, text: str) -> Answer:
+        """Answer a call of a strategy's tool."""
+        answer = tool.answer(text)
+        if answer.mistake is not None:
+            return self.refuse(answer.text, answer.mistake)
+        return self._show(answer.text, **answer.data)
 
     def _act(self, action: int) -> Answer:
         began = time.perf_counter()

@@ -1,6 +1,6 @@
 """The tools: their descriptions for the model, and how its calls are parsed.
 
-Every agent has `observe`, `act` and `read_manual`; under a budget with `notes_tokens` it has `take_notes` as well.
+Every agent has `observe`, `act` and `read_manual`; strategies for the past may add others.
 
 A call is played as it was sent or refused with a reason, never repaired: a benchmark that guesses what a model meant
 measures the guess. An action is given by its exact name or by its number in the game's manual. The legal actions are
@@ -16,16 +16,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from smartplay_tools.arguments import Arguments, as_text
+from smartplay_tools.arguments import Arguments, as_text, text_parameters
+from smartplay_tools.context.strategies import StrategyTool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.types import NOTES_TOOL, ToolSpec
+from smartplay_tools.types import ToolSpec
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
 
 QUOTED = 80
-"""Errors quote at most so many characters of what was sent."""
+"""The most characters of what was sent that an error quotes."""
 
 SchemaFormat = Literal["openai", "responses", "anthropic", "json"]
 
@@ -43,11 +44,11 @@ class ParsedCall:
     """A call that can be played."""
 
     tool: str
-    """`observe`, `act`, `read_manual` or `take_notes`."""
+    """`observe`, `act`, `read_manual` or the name of a strategy's tool."""
     action: int | None = None
     """For `act`, the index into the game's `actions`."""
     text: str = ""
-    """For `take_notes`, the notes."""
+    """For a strategy's tool, its argument."""
 
 
 class _Actions:
@@ -78,22 +79,24 @@ _actions_of = functools.lru_cache(64)(_Actions)
 class Tools:
     """The tools of one game: their specs, and `parse`, which reads a call.
 
-    `notes_tokens` is the cap on notes; without one there is no tool to take them.
+    `added` are the tools of the episode's strategies.
     """
 
-    def __init__(self, game: TextGame, notes_tokens: int | None = None) -> None:
+    def __init__(self, game: TextGame, added: Sequence[StrategyTool] = ()) -> None:
         self._actions = _actions_of(tuple(game.actions), tuple(game.numbered_actions))
         self.game_specs = (
-            ToolSpec("observe", "Show the current observation again, without playing.", _parameters()),
+            ToolSpec("observe", "Show the current observation again, without playing.", text_parameters()),
             ToolSpec(
                 "act",
                 f"Play one action and show what happens. The actions, by name or number:\n{self._actions.listed}",
-                _parameters(action="The action's name or number, exactly as listed."),
+                text_parameters(action="The action's name or number, exactly as listed."),
             ),
-            ToolSpec("read_manual", "Show the game's manual.", _parameters()),
+            ToolSpec("read_manual", "Show the game's manual.", text_parameters()),
         )
         """The three tools of every agent."""
-        self.specs = self.game_specs if notes_tokens is None else (*self.game_specs, notes_spec(notes_tokens))
+        self.added = {tool.spec.name: tool for tool in added}
+        """The tools of strategies, by name."""
+        self.specs = (*self.game_specs, *(tool.spec for tool in added))
         """All tools."""
         self._names = tuple(spec.name for spec in self.specs)
 
@@ -107,8 +110,8 @@ class Tools:
             raise MistakeError("malformed", f"The arguments {arguments.problem}: {quote(text)}. {self._usage(name)}")
         if name == "act":
             return ParsedCall("act", action=self._action(self._only(name, "action", values, text)))
-        if name == NOTES_TOOL:
-            return ParsedCall(NOTES_TOOL, text=self._only(name, "text", values, text))
+        if (added := self.added.get(name)) is not None:
+            return ParsedCall(name, text=self._only(name, added.argument, values, text))
         if values:
             raise MistakeError("malformed", f"Unexpected arguments: {quote(text)}. {self._usage(name)}")
         return ParsedCall(name)
@@ -133,15 +136,9 @@ class Tools:
         if tool == "act":
             actions = self._actions
             return f"Call act with {actions.example}, for example. The legal actions are:\n{actions.listed}"
-        if tool == NOTES_TOOL:
-            return 'Call take_notes with {"text": "..."}.'
+        if (added := self.added.get(tool)) is not None:
+            return added.usage
         return f"Call {tool} without arguments."
-
-
-def notes_spec(cap: int) -> ToolSpec:
-    """Return the tool with which an agent takes notes of at most `cap` tokens."""
-    description = "Replace your notes. They stay visible when older turns leave the window."
-    return ToolSpec(NOTES_TOOL, description, _parameters(text=f"The new notes, at most {cap} tokens."))
 
 
 def tool_specs(game: str | GameSpec, **options: Any) -> tuple[ToolSpec, ...]:
@@ -178,13 +175,3 @@ def quote(sent: Any) -> str:
 def _plain(name: str) -> str:
     """An action's name normalised for comparison: without case, outer white space and a final full stop."""
     return name.strip().removesuffix(".").lower()
-
-
-def _parameters(**descriptions: str) -> Mapping[str, Any]:
-    """JSON Schema of an object with these string properties, all required, as strict modes want it."""
-    return {
-        "type": "object",
-        "properties": {name: {"type": "string", "description": text} for name, text in descriptions.items()},
-        "required": list(descriptions),
-        "additionalProperties": False,
-    }

@@ -145,7 +145,7 @@ class _SharedThreads:
     """The threads of all episodes; each takes one function of a queue after the other until none waits.
 
     Python runs one thread at a time, and threads that compete for it slow each other down. So one thread does all the
-    work as long as it gets on, and another one stands by. It joins in when no function has begun for `PATIENCE`
+    work as long as it keeps up, and another one stands by. It joins in when no function has begun for `PATIENCE`
     seconds, because those that run wait for something else than Python, and then the next one stands by.
     """
 

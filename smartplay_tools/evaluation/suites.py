@@ -1,7 +1,7 @@
 """Suites: games that are evaluated together, by a short name.
 
 The suite "paper" names the seven settings of the paper's result tables; budgets, protocol and trials are the user's.
-The suite "tools-v1" is for agents that call tools, and fixes everything that a score depends on besides the player:
+The suite "tools-v1" is for agents that call tools, and fixes everything that a score depends on except the player:
 games, trials, engines, texts, rules and budgets. Two complete runs of it can be compared without looking at their
 options. A fixed suite never changes; another choice gets another name.
 """
@@ -9,7 +9,7 @@ options. A fixed suite never changes; another choice gets another name.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -17,10 +17,11 @@ from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.paper import PAPER_SETTINGS
+from smartplay_tools.games.specs import get_spec
 from smartplay_tools.types import Budget
 
 PROMPT_CAPS: tuple[int | None, ...] = (2_000, 8_000, None)
-"""The caps on prompts of the suite tools-v1, in budget tokens; None is no cap."""
+"""The caps on prompts of the suite tools-v1, in budget tokens; None means no cap."""
 
 MOST_CALLS = 500
 """The cap on tool calls of the suite tools-v1. It ends Crafter only, which could go on for 10,000 steps."""
@@ -35,6 +36,8 @@ class Suite:
     """Game -> episodes of every cell; None is the paper's number, which the user may change."""
     budgets: tuple[Budget, ...] = ()
     """The budgets that every game is played under; empty where the user chooses them."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the games that have them, fixed where they would otherwise depend on the machine."""
 
     @property
     def games(self) -> tuple[str, ...]:
@@ -49,16 +52,19 @@ class Suite:
     def cells(self, player: str | None, player_options: Mapping[str, Any] | None = None) -> list[CellConfig]:
         """Return the cells of a fixed suite for a player: every game under every budget, all else as by default."""
         return [
-            cell_config(game, budget=budget, player=player, player_options=player_options)
+            cell_config(game, budget=budget, player=player, player_options=player_options, **self._options_of(game))
             for game in self.games
             for budget in self.budgets
         ]
+
+    def _options_of(self, game: str) -> dict[str, Any]:
+        return {name: value for name, value in self.options.items() if name in get_spec(game).load().options}
 
 
 def _tools_v1() -> Suite:
     trials = dict.fromkeys(PAPER_SETTINGS, 10) | {"Crafter-v0": 5, "MinedojoCreative0-v0": 5}
     budgets = tuple(Budget(history=None, prompt_tokens=cap, tool_calls=MOST_CALLS) for cap in PROMPT_CAPS)
-    return Suite("tools-v1", MappingProxyType(trials), budgets)
+    return Suite("tools-v1", MappingProxyType(trials), budgets, {"sentences": "grammar"})
 
 
 SUITES: Mapping[str, Suite] = {
@@ -70,7 +76,7 @@ SUITES: Mapping[str, Suite] = {
 def get_suite(name: str) -> Suite:
     """Return a suite by name; an unknown one is an `InvalidArgumentError`."""
     if name not in SUITES:
-        raise InvalidArgumentError(f"There is no suite {name!r}; there is {', '.join(SUITES)}.")
+        raise InvalidArgumentError(f"There is no suite {name!r}; the suites are {', '.join(SUITES)}.")
     return SUITES[name]
 
 

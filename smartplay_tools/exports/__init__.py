@@ -11,7 +11,6 @@ export     the formats by name, and the function above
 """
 
 from smartplay_tools.exports.export import FORMATS, Exported, export
-from smartplay_tools.exports.recorded import RecordedEpisode, read_episode
-from smartplay_tools.exports.selection import Selection
+from smartplay_tools.exports.selection import EpisodeSelection
 
-__all__ = ["FORMATS", "Exported", "RecordedEpisode", "Selection", "export", "read_episode"]
+__all__ = ["FORMATS", "EpisodeSelection", "Exported", "export"]

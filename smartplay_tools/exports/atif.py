@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.exports.recorded import RecordedEpisode
 from smartplay_tools.messages import Call, Message, reasoning_of, text_of
+from smartplay_tools.records.record import Record
 
 SCHEMA = "ATIF-v1.7"
 """The version whose fields are written."""
 
 
-def write_trajectories(episodes: Iterable[RecordedEpisode], folder: Path) -> dict[str, int]:
+def write_trajectories(episodes: Iterable[Record], folder: Path) -> dict[str, int]:
     """Write a trajectory for every episode; return the number of episodes and steps."""
     (folder / "trajectories").mkdir()
     counts = {"episodes": 0, "steps": 0}
@@ -32,7 +32,7 @@ def write_trajectories(episodes: Iterable[RecordedEpisode], folder: Path) -> dic
     return counts
 
 
-def trajectory(episode: RecordedEpisode) -> dict[str, Any]:
+def trajectory(episode: Record) -> dict[str, Any]:
     """Return an episode as a trajectory."""
     result = episode.result
     steps = [{"step_id": number, **step} for number, step in enumerate(_steps(episode), start=1)]
@@ -56,10 +56,10 @@ def trajectory(episode: RecordedEpisode) -> dict[str, Any]:
     }
 
 
-def _steps(episode: RecordedEpisode) -> Iterator[dict[str, Any]]:
-    shown = (event for event in episode.events if event["event"] == "view" and event.get("purpose") != "summary")
+def _steps(episode: Record) -> Iterator[dict[str, Any]]:
+    shown = (view for view in episode.views if view.get("purpose") != "summary")
     views = {event["turn"]: event for event in shown}
-    for message in episode.head:
+    for message in episode.head_messages:
         yield _said(message)
     for turn in episode.turns:
         yield _reply(turn, episode.usage.get(turn.number, {}), views.get(turn.number, {}))
@@ -94,7 +94,7 @@ def _reply(turn: Turn, usage: Mapping[str, Any], view: Mapping[str, Any]) -> dic
 
 
 def _call(call: Call) -> dict[str, Any]:
-    """A call; arguments that are no object cannot be written as the format wants them, so their text goes beside."""
+    """A call; arguments that are not an object do not fit the format, so their text is kept beside the call."""
     written: dict[str, Any] = {"tool_call_id": call.id, "function_name": call.name}
     try:
         arguments = json.loads(call.arguments.text or "{}")

@@ -6,10 +6,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.exports.recorded import RecordedEpisode
-from smartplay_tools.exports.selection import Selection
+from smartplay_tools.exports.selection import EpisodeSelection
 from smartplay_tools.exports.sft import FILE
-from smartplay_tools.transcript.hashing import canonical_json
+from smartplay_tools.records.record import Record
 
 WORDS = {
     "sft": "One row for every reply: `prompt` is exactly what the model saw, `completion` what it said, `tools` the "
@@ -23,15 +22,15 @@ WORDS = {
 
 def dataset_card(
     format: str,  # noqa: A002 - the word of the command line
-    episodes: Sequence[RecordedEpisode],
-    selection: Selection,
+    episodes: Sequence[Record],
+    selection: EpisodeSelection,
     counts: Mapping[str, int],
     left_out: Counter[str],
 ) -> str:
     """Return the card's text."""
-    groups: dict[tuple[str, str, str], list[RecordedEpisode]] = {}
+    groups: dict[tuple[str, str, str], list[Record]] = {}
     for episode in episodes:
-        asked = canonical_json(episode.config.budget.model_dump(mode="json", exclude_defaults=True)).decode("ascii")
+        asked = episode.config.budget.describe() or "default"
         groups.setdefault((episode.result.game, episode.player, asked), []).append(episode)
     lines = [
         *_front_matter(format),
@@ -49,7 +48,7 @@ def dataset_card(
         "Do not train on the seeds that you evaluate with.",
     ]
     if privileged := sum(1 for episode in episodes if "player" in episode.result.deviations):
-        lines += ["", f"In {privileged} episodes the player saw the state of the game besides its prompts."]
+        lines += ["", f"In {privileged} episodes the player saw the state of the game in addition to its prompts."]
     return "\n".join(lines) + "\n"
 
 
@@ -59,15 +58,15 @@ def _front_matter(format: str) -> list[str]:  # noqa: A002
     return ["---", "language: en", *tags, *data, "---", ""]
 
 
-def _row(game: str, player: str, asked: str, episodes: Sequence[RecordedEpisode]) -> str:
+def _row(game: str, player: str, asked: str, episodes: Sequence[Record]) -> str:
     scores = [episode.result.score for episode in episodes]
     completed = sum(episode.result.completed for episode in episodes)
     mean = f"{sum(scores) / len(scores):.4g}"
-    cells: list[Any] = [game, f"`{player}`", f"`{asked}`", len(episodes), mean, completed]
+    cells: list[Any] = [game, f"`{player}`", asked, len(episodes), mean, completed]
     return f"| {' | '.join(map(str, cells))} |"
 
 
-def _chosen(selection: Selection, left_out: Counter[str]) -> str:
+def _chosen(selection: EpisodeSelection, left_out: Counter[str]) -> str:
     asked = selection.model_dump(exclude_defaults=True)
     said = ", ".join(f"{name} = {_word(value)}" for name, value in asked.items())
     chosen = f"Selected by {said}." if said else "All finished episodes."
@@ -81,10 +80,10 @@ def _word(value: Any) -> str:
     return " or ".join(value) if isinstance(value, tuple) else str(value)
 
 
-def _versions(episodes: Sequence[RecordedEpisode]) -> str:
+def _versions(episodes: Sequence[Record]) -> str:
     return ", ".join(sorted({episode.result.versions["smartplay-tools"] for episode in episodes}))
 
 
-def _seeds(episodes: Sequence[RecordedEpisode], game: str) -> str:
+def _seeds(episodes: Sequence[Record], game: str) -> str:
     seeds = sorted({episode.result.seed for episode in episodes if episode.result.game == game})
     return str(seeds[0]) if len(seeds) == 1 else f"{len(seeds)} from {seeds[0]} to {seeds[-1]}"

@@ -13,11 +13,11 @@ from pydantic import ValidationError
 
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.exports.card import dataset_card
-from smartplay_tools.exports.recorded import RecordedEpisode, read_episode
-from smartplay_tools.exports.selection import Selection
+from smartplay_tools.exports.selection import EpisodeSelection
+from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
 
-Write = Callable[[Iterable[RecordedEpisode], Path], dict[str, int]]
+Write = Callable[[Iterable[Record], Path], dict[str, int]]
 """Writes episodes into a folder that exists, and says how many of what it wrote."""
 
 FORMATS: dict[str, str] = {
@@ -46,12 +46,12 @@ def export(source: str | Path, out: str | Path, format: str = "sft", **selection
     """Export the finished episodes of a run's folder, of a folder of records, or of one record.
 
     `out` is a new folder, in which the data and a dataset card (`README.md`) are written. `selection` are the fields of
-    a `Selection`. Every prompt is rebuilt from its record and verified; a record that was changed is a
+    a `EpisodeSelection`. Every prompt is rebuilt from its record and verified; a record that was changed is a
     `TranscriptError`, and a selection without any episode an `InvalidArgumentError`.
     """
     write: Write = _REGISTRY[format]
     try:
-        chosen = Selection(**selection)
+        chosen = EpisodeSelection(**selection)
     except ValidationError as error:
         raise InvalidArgumentError(f"The selection is invalid: {in_one_line(error)}.") from None
     records, left_out = chosen.choose(Path(source))
@@ -65,7 +65,7 @@ def export(source: str | Path, out: str | Path, format: str = "sft", **selection
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as unfinished:
         part = Path(unfinished) / folder.name
         part.mkdir()
-        written: list[RecordedEpisode] = []
+        written: list[Record] = []
         counts = write(_read(records, written), part)
         card = dataset_card(format, written, chosen, counts, left_out)
         (part / "README.md").write_text(card, encoding="utf-8", newline="\n")
@@ -73,9 +73,9 @@ def export(source: str | Path, out: str | Path, format: str = "sft", **selection
     return Exported(folder, counts, left_out)
 
 
-def _read(records: Iterable[Path], written: list[RecordedEpisode]) -> Iterator[RecordedEpisode]:
+def _read(records: Iterable[Path], written: list[Record]) -> Iterator[Record]:
     """Read one record after the other, and keep of each only what the card says of it."""
     for record in records:
-        episode = read_episode(record)
+        episode = Record.read(record)
         yield episode
-        written.append(RecordedEpisode(episode.name, [episode.events[0], episode.events[-1]]))
+        written.append(Record([episode.events[0], episode.events[-1]], path=record))

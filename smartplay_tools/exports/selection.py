@@ -1,4 +1,4 @@
-"""Selection: which finished episodes of a run are exported, and how many are left out and why.
+"""EpisodeSelection: which finished episodes of a run are exported, and how many are left out and why.
 
 Training on everything that was played teaches a model its mistakes, too: most data sets keep the completed or the best
 episodes. What is left out is counted by its reason, so that a data set says what it is a part of.
@@ -9,16 +9,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.rows import read_ends, reason_of
-from smartplay_tools.transcript.events import Event
+from smartplay_tools.records.record import Record
 
 
-class Selection(BaseModel):
+class EpisodeSelection(BaseModel):
     """The episodes to export. By default all that are finished."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -38,27 +36,28 @@ class Selection(BaseModel):
 
     def choose(self, source: Path) -> tuple[list[Path], Counter[str]]:
         """Return the records of the chosen episodes, in order, and the number of those left out by reason."""
-        found: list[tuple[Path, Event, dict[str, Any]]] = []
+        matching: list[tuple[Path, Record]] = []
         left_out: Counter[str] = Counter()
-        for record in records_in(source):
-            start, end = read_ends(record)
-            if start is None:
-                continue  # no record of an episode: a run's own files are JSON Lines, too
-            reason = reason_of(end)[0] or self._reason_against(start, (end or {})["result"])
+        for path in records_in(source):
+            record = Record.head(path)
+            if record.start is None:
+                continue  # not the record of an episode: a run's own files are JSON Lines, too
+            reason = self._reason_against(record) if record.outcome == "finished" else record.end_reason
             if reason is None:
-                assert end is not None
-                found.append((record, start, end["result"]))
+                matching.append((path, record))
             else:
                 left_out[reason] += 1
-        chosen = self._best(found)
-        left_out.update({"not among the best": len(found) - len(chosen)} if len(chosen) < len(found) else {})
-        return [record for record, _, _ in chosen], left_out
+        chosen = self._best(matching)
+        left_out.update({"not among the best": len(matching) - len(chosen)} if len(chosen) < len(matching) else {})
+        return [path for path, _ in chosen], left_out
 
-    def _reason_against(self, start: Event, result: dict[str, Any]) -> str | None:
+    def _reason_against(self, record: Record) -> str | None:
+        result = record.result_data
+        assert result is not None
         score, normalized = result["score"], result["normalized_score"]
         if self.games and result["game"] not in self.games:
             return "another game"
-        if self.players and start["config"].get("player") not in self.players:
+        if self.players and record.player not in self.players:
             return "another player"
         if self.completed and not result["completed"]:
             return "not completed"
@@ -68,15 +67,15 @@ class Selection(BaseModel):
             return "normalised score too low"
         return None
 
-    def _best(self, found: Sequence[tuple[Path, Event, dict[str, Any]]]) -> list[tuple[Path, Event, dict[str, Any]]]:
+    def _best(self, matching: Sequence[tuple[Path, Record]]) -> list[tuple[Path, Record]]:
         if self.best is None:
-            return list(found)
+            return list(matching)
         groups: dict[tuple[str, str], list[tuple[float, int, Path]]] = {}
-        for record, start, result in found:
-            place = -result["score"], result["seed"], record
-            groups.setdefault((result["game"], start["config"].get("player", "")), []).append(place)
-        kept = {record for group in groups.values() for _, _, record in sorted(group)[: self.best]}
-        return [one for one in found if one[0] in kept]
+        for path, record in matching:
+            place = -record.result.score, record.result.seed, path
+            groups.setdefault((record.game, record.player), []).append(place)
+        kept = {path for group in groups.values() for _, _, path in sorted(group)[: self.best]}
+        return [pair for pair in matching if pair[0] in kept]
 
 
 def records_in(source: Path) -> Iterator[Path]:

@@ -15,23 +15,23 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.exports.recorded import RecordedEpisode
 from smartplay_tools.messages import Message, text_of
+from smartplay_tools.records.record import Record
 
 FILE = "data.jsonl"
 
 
-def write_replies(episodes: Iterable[RecordedEpisode], folder: Path) -> dict[str, int]:
+def write_replies(episodes: Iterable[Record], folder: Path) -> dict[str, int]:
     """Write a row for every reply; return the number of episodes and rows."""
     return _write(folder, ((episode, list(reply_rows(episode))) for episode in episodes))
 
 
-def write_episodes(episodes: Iterable[RecordedEpisode], folder: Path) -> dict[str, int]:
+def write_episodes(episodes: Iterable[Record], folder: Path) -> dict[str, int]:
     """Write a row for every episode; return the number of episodes and rows."""
     return _write(folder, ((episode, [episode_row(episode)]) for episode in episodes))
 
 
-def reply_rows(episode: RecordedEpisode) -> Iterator[dict[str, Any]]:
+def reply_rows(episode: Record) -> Iterator[dict[str, Any]]:
     """Yield a row for every reply of an episode: `prompt`, `completion`, `tools`, and the facts of the episode."""
     tools = json.dumps(episode.tools)
     for sent in episode.prompts:
@@ -41,7 +41,7 @@ def reply_rows(episode: RecordedEpisode) -> Iterator[dict[str, Any]]:
         yield {"prompt": prompt, "completion": completion, **with_tools, **_facts(episode), "turn": sent.turn}
 
 
-def episode_row(episode: RecordedEpisode) -> dict[str, Any]:
+def episode_row(episode: Record) -> dict[str, Any]:
     """Return an episode as one row: `messages`, `tools`, and its facts."""
     return {"messages": list(map(plain, episode.conversation)), "tools": json.dumps(episode.tools), **_facts(episode)}
 
@@ -52,7 +52,7 @@ def plain(message: Message) -> dict[str, Any]:
     return {**{name: message[name] for name in kept if name in message}, "content": text_of(message)}  # type: ignore[literal-required]
 
 
-def _facts(episode: RecordedEpisode) -> dict[str, Any]:
+def _facts(episode: Record) -> dict[str, Any]:
     result = episode.result
     return {
         "game": result.game,
@@ -64,7 +64,7 @@ def _facts(episode: RecordedEpisode) -> dict[str, Any]:
     }
 
 
-def _write(folder: Path, rows: Iterable[tuple[RecordedEpisode, list[dict[str, Any]]]]) -> dict[str, int]:
+def _write(folder: Path, rows: Iterable[tuple[Record, list[dict[str, Any]]]]) -> dict[str, int]:
     counts = {"episodes": 0, "rows": 0}
     with (folder / FILE).open("x", encoding="utf-8", newline="\n") as file:
         for _, own in rows:

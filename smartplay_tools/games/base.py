@@ -46,7 +46,7 @@ class TextGame(gymnasium.Env[str, Any]):
         actions: the names of the actions; the index is the action of `step`, in the order of the original.
         numbered_actions: the names in the order in which the manual numbers them, from 1.
         manual: the text that explains the game, as the original prints it.
-        score: the benchmark's score of the episode so far (paper, section 3.2).
+        score: the benchmark's score of the episode so far (paper, section 4.2).
         completed: whether the game's objective has been reached.
         observation: the current observation, the text that `reset` or `step` returned last.
         before_reset: what the original's history contains before the observation of the reset, oldest first; only the
@@ -110,6 +110,18 @@ class TextGame(gymnasium.Env[str, Any]):
     def numbered_actions(self) -> tuple[str, ...]:
         """The actions in the manual's order; the same as `actions` unless a game overrides it."""
         return self.actions
+
+    # Options as a config holds them.
+
+    @classmethod
+    def options_to_record(cls, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a user's options with what they leave to this machine, such as to a variable, written down."""
+        return dict(options)
+
+    @classmethod
+    def options_from_record(cls, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return recorded options as keyword arguments that leave nothing to this machine."""
+        return dict(options)
 
     # What a game defines.
 

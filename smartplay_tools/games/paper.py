@@ -37,7 +37,7 @@ PAPER_SETTINGS = (
 
 @dataclass(frozen=True)
 class PaperResult:
-    """One player's row in the paper: mean scores by setting, raw (None: not run) and as the paper normalises them."""
+    """One player's row in the paper: mean scores by setting, raw and as the paper normalises them."""
 
     player: str
     raw: Mapping[str, float]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Iterable
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -14,6 +15,19 @@ def check_seed(seed: object) -> int:
     if number is None or number < 0:
         raise InvalidArgumentError(f"seed must be a whole number, 0 or more, not {seed!r}.")
     return number
+
+
+def check_seeds(seed: Any, count: int) -> list[int | None]:
+    """Return the seed of each of several worlds: from one number s, s and the following; or one each, None for none."""
+    if seed is None:
+        return [None] * count
+    if not isinstance(seed, Iterable) or whole(seed) is not None:
+        first = check_seed(seed)
+        return [first + number for number in range(count)]
+    seeds = [None if one is None else check_seed(one) for one in seed]
+    if len(seeds) != count:
+        raise InvalidArgumentError(f"seed must be a number or {count} of them, not {len(seeds)}.")
+    return seeds
 
 
 def whole(value: Any) -> int | None:

@@ -23,7 +23,8 @@ def _challenges(*degrees: int) -> Mapping[str, int]:
     return MappingProxyType(dict(zip(CAPABILITIES, degrees, strict=True)))
 
 
-# Table `table:challenges`: the degree of each capability, from 1 (hardly needed) to 3 or 4.
+# The degree of each capability, from 1 (hardly needed) to 3 or 4, is that of the table `table:challenges`. MESSENGER
+# level 1 is not in it, so its degrees come from the file evaluation.yml of the original code.
 _BANDIT = _challenges(1, 1, 1, 1, 2, 3, 2, 1, 1)
 _ROCK_PAPER_SCISSORS = _challenges(2, 1, 3, 1, 2, 3, 3, 1, 1)
 _HANOI = _challenges(2, 3, 2, 3, 1, 1, 1, 2, 1)
@@ -96,116 +97,59 @@ class GameSpec:
         return {**vars(self), "challenges": dict(self.challenges)}
 
 
-def _setting(id: str, **facts: Any) -> GameSpec:  # noqa: A002 - the field's name
-    return GameSpec(id=id, human_score=HUMAN_SCORES.get(id), min_score=MIN_SCORES.get(id), **facts)
+_GAMES = "smartplay_tools.games"
+_FAMILIES: Mapping[str, Mapping[str, Any]] = {
+    "bandit": {"entry_point": f"{_GAMES}.bandit:Bandit", "action_count": 2},
+    "rock_paper_scissors": {"entry_point": f"{_GAMES}.rock_paper_scissors:RockPaperScissors", "action_count": 3},
+    "hanoi": {"entry_point": f"{_GAMES}.hanoi:Hanoi", "action_count": 6},
+    "messenger": {"entry_point": f"{_GAMES}.messenger.game:Messenger", "action_count": 5},
+    "crafter": {
+        "entry_point": f"{_GAMES}.crafter.game:Crafter",
+        "action_count": 17,
+        "gymnasium_entry_point": f"{_GAMES}.crafter.environment:make",
+        "vector_entry_point": f"{_GAMES}.crafter.vector:CrafterVectorEnv",
+    },
+    "minecraft": {"entry_point": f"{_GAMES}.minecraft.game:Minecraft", "action_count": 4},
+}
+"""What the settings of a game have in common."""
 
-
-def _bandit(variant: str, arms: tuple[tuple[float, int], ...]) -> GameSpec:
-    return _setting(
-        id=f"BanditTwoArmed{variant}Fixed-v0",
-        family="bandit",
-        action_count=2,
-        entry_point="smartplay_tools.games.bandit:Bandit",
-        kwargs={"arms": arms},
-        history=50,
-        rollout=50,
-        trials=20,
-        challenges=_BANDIT,
-    )
-
-
-def _rock_paper_scissors(
-    variant: str,
-    probabilities: tuple[float, float, float],
-    scores: tuple[int, int, int],
-) -> GameSpec:
-    return _setting(
-        id=f"RockPaperScissor{variant}-v0",
-        family="rock_paper_scissors",
-        action_count=3,
-        entry_point="smartplay_tools.games.rock_paper_scissors:RockPaperScissors",
-        kwargs={"probabilities": probabilities, "scores": scores},
-        history=50,
-        rollout=50,
-        trials=20,
-        challenges=_ROCK_PAPER_SCISSORS,
-    )
-
-
-def _hanoi(disks: int) -> GameSpec:
-    return _setting(
-        id=f"Hanoi{disks}Disk-v0",
-        family="hanoi",
-        action_count=6,
-        entry_point="smartplay_tools.games.hanoi:Hanoi",
-        kwargs={"disks": disks},
-        history=30,
-        rollout=30,
-        trials=10,
-        challenges=_HANOI,
-    )
-
-
-def _messenger(level: int, rollout: int) -> GameSpec:
-    return _setting(
-        id=f"MessengerL{level}-v0",
-        family="messenger",
-        action_count=5,
-        entry_point="smartplay_tools.games.messenger.game:Messenger",
-        kwargs={"level": level},
-        history=2,
-        rollout=rollout,
-        trials=100,
-        challenges=_MESSENGER_L1 if level == 1 else _MESSENGER,
-    )
-
-
-def _crafter() -> GameSpec:
-    return _setting(
-        id="Crafter-v0",
-        family="crafter",
-        action_count=17,
-        entry_point="smartplay_tools.games.crafter.game:Crafter",
-        gymnasium_entry_point="smartplay_tools.games.crafter.environment:make",
-        vector_entry_point="smartplay_tools.games.crafter.vector:CrafterVectorEnv",
-        history=5,
-        rollout=10_000,
-        trials=10,
-        challenges=_CRAFTER,
-    )
-
-
-def _minecraft(task: int) -> GameSpec:
-    return _setting(
-        id=f"MinedojoCreative{task}-v0",
-        family="minecraft",
-        action_count=4,
-        entry_point="smartplay_tools.games.minecraft.game:Minecraft",
-        kwargs={"task": task},
-        history=2,
-        rollout=200,
-        trials=20,
-        challenges=_MINECRAFT,
-    )
-
-
-_SETTINGS = (
-    _bandit("Deterministic", ((1.0, 1), (0.0, 1))),
-    _bandit("HighHigh", ((0.8, 1), (0.9, 1))),
-    _bandit("HighLow", ((0.8, 1), (0.2, 1))),
-    _bandit("LowLow", ((0.1, 1), (0.2, 1))),
-    _rock_paper_scissors("Basic", (0.2, 0.2, 0.6), (1, 1, 1)),
-    _rock_paper_scissors("DifferentScore", (0.3, 0.3, 0.4), (1, 2, 1)),
-    _hanoi(3),
-    _hanoi(4),
-    _messenger(1, rollout=4),
-    _messenger(2, rollout=64),
-    _messenger(3, rollout=128),
-    _crafter(),
-    *map(_minecraft, (0, 1, 2, 4, 5, 7, 8, 9)),
+# fmt: off
+_SETTINGS: tuple[tuple[str, str, Mapping[str, Any], int, int, int, Mapping[str, int]], ...] = (
+    # family, id, arguments, history, rollout, trials, challenges
+    ("bandit", "BanditTwoArmedDeterministicFixed-v0", {"arms": ((1.0, 1), (0.0, 1))}, 50, 50, 20, _BANDIT),
+    ("bandit", "BanditTwoArmedHighHighFixed-v0", {"arms": ((0.8, 1), (0.9, 1))}, 50, 50, 20, _BANDIT),
+    ("bandit", "BanditTwoArmedHighLowFixed-v0", {"arms": ((0.8, 1), (0.2, 1))}, 50, 50, 20, _BANDIT),
+    ("bandit", "BanditTwoArmedLowLowFixed-v0", {"arms": ((0.1, 1), (0.2, 1))}, 50, 50, 20, _BANDIT),
+    ("rock_paper_scissors", "RockPaperScissorBasic-v0",
+     {"probabilities": (0.2, 0.2, 0.6), "scores": (1, 1, 1)}, 50, 50, 20, _ROCK_PAPER_SCISSORS),
+    ("rock_paper_scissors", "RockPaperScissorDifferentScore-v0",
+     {"probabilities": (0.3, 0.3, 0.4), "scores": (1, 2, 1)}, 50, 50, 20, _ROCK_PAPER_SCISSORS),
+    ("hanoi", "Hanoi3Disk-v0", {"disks": 3}, 30, 30, 10, _HANOI),
+    ("hanoi", "Hanoi4Disk-v0", {"disks": 4}, 30, 30, 10, _HANOI),
+    ("messenger", "MessengerL1-v0", {"level": 1}, 2, 4, 100, _MESSENGER_L1),
+    ("messenger", "MessengerL2-v0", {"level": 2}, 2, 64, 100, _MESSENGER),
+    ("messenger", "MessengerL3-v0", {"level": 3}, 2, 128, 100, _MESSENGER),
+    ("crafter", "Crafter-v0", {}, 5, 10_000, 10, _CRAFTER),
+    *(("minecraft", f"MinedojoCreative{task}-v0", {"task": task}, 2, 200, 20, _MINECRAFT)
+      for task in (0, 1, 2, 4, 5, 7, 8, 9)),
 )
+# fmt: on
 
-GAMES = Games(_SETTINGS)
+GAMES = Games(
+    GameSpec(
+        family=family,
+        id=id,
+        kwargs=kwargs,
+        history=history,
+        rollout=rollout,
+        trials=trials,
+        challenges=challenges,
+        human_score=HUMAN_SCORES.get(id),
+        min_score=MIN_SCORES.get(id),
+        **_FAMILIES[family],
+    )
+    for family, id, kwargs, history, rollout, trials, challenges in _SETTINGS  # noqa: A001 - the field's name
+)
 """Every setting that can be played, by id: the benchmark's, then those that were registered or installed."""
 
 

@@ -28,7 +28,7 @@ NOTHING_TO_PLAY: Message = {"role": "assistant", "content": "I play by tool call
 """The reply to a request other than to play, such as a request for a title of the conversation."""
 
 
-class Rules(Protocol):
+class GameRules(Protocol):
     """The interface of a module of rules."""
 
     def plays(self, reading: Reading) -> bool:
@@ -40,7 +40,7 @@ class Rules(Protocol):
         ...
 
 
-class Remembering(Rules, Protocol):
+class Remembering(GameRules, Protocol):
     """The interface of a module of rules that can keep a memory (`players.rules.memory`)."""
 
     def remember(self, reading: Reading, cap: int | None) -> tuple[Message, str]:
@@ -52,7 +52,7 @@ class RulePlayer:
     """Plays by rules written for each game, using only the messages of the prompt."""
 
     name = "rule"
-    rules: ClassVar[tuple[Rules, ...]] = (bandit, crafter, hanoi, messenger, minecraft, rock_paper_scissors)
+    rules: ClassVar[tuple[GameRules, ...]] = (bandit, crafter, hanoi, messenger, minecraft, rock_paper_scissors)
 
     def __init__(self, *, seed: int = 0) -> None:
         """Every player takes a seed; this one draws nothing."""
@@ -72,7 +72,7 @@ class RulePlayer:
         known = ", ".join(reading.actions) or "none"
         raise InvalidArgumentError(f"The rule player has no rules for a game with the actions {known}.")
 
-    def _decide(self, rules: Rules, reading: Reading) -> Message:
+    def _decide(self, rules: GameRules, reading: Reading) -> Message:
         return rules.decide(reading)
 
     def _summary(self, reading: Reading) -> str:
@@ -97,7 +97,7 @@ class RuleNotesPlayer(RulePlayer):
         super().__init__(seed=seed)
         self._words = words
 
-    def _decide(self, rules: Rules, reading: Reading) -> Message:
+    def _decide(self, rules: GameRules, reading: Reading) -> Message:
         memory = self._memory(reading)
         if memory is None:
             return super()._decide(rules, reading)

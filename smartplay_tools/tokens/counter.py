@@ -65,6 +65,29 @@ class _Tool(Protocol):
     def parameters(self) -> Mapping[str, Any]: ...
 
 
+def _properties(tool: _Tool) -> Mapping[str, Any]:
+    properties = tool.parameters.get("properties") if isinstance(tool.parameters, Mapping) else tool.parameters
+    if properties is None:
+        return {}
+    if not isinstance(properties, Mapping):
+        raise InvalidArgumentError(f"The parameters of the tool {tool.name!r} are not a JSON Schema of an object.")
+    return properties
+
+
+def _parts(tool: str, key: str, schema: Any) -> tuple[Any, str, Sequence[Any]]:
+    """Return type, description and enum of a property; a schema may also be True (anything) or False (nothing)."""
+    if isinstance(schema, bool):
+        return "", "", ()
+    if isinstance(schema, Mapping):
+        kind, description, enum = schema.get("type", ""), schema.get("description"), schema.get("enum")
+        if isinstance(description, str | None) and isinstance(enum, list | tuple | None):
+            return kind, description or "", enum or ()
+    raise InvalidArgumentError(
+        f"The property {key!r} of the tool {tool!r} is not a JSON Schema: a schema is an object, true or false, "
+        "its description a text, its enum a list."
+    )
+
+
 class TokenCounter:
     """Counts budget tokens, with a cache: a text that was counted is not tokenised again."""
 
@@ -114,17 +137,20 @@ class TokenCounter:
         return sum(map(self.message, messages))
 
     def tools(self, tools: Iterable[_Tool]) -> int:
-        """Count tool schemas: 7 a function, 3 for having properties, 3 a property, 12 at the end, and the texts."""
+        """Count tool schemas: 7 a function, 3 for having properties, 3 a property, 12 at the end, and the texts.
+
+        Any JSON Schema can be counted. A schema that is not one raises an `InvalidArgumentError`.
+        """
         count, any_tool = 0, False
         for tool in tools:
             any_tool = True
             count += 7 + self.text(f"{tool.name}:{tool.description.removesuffix('.')}")
-            properties = tool.parameters.get("properties") or {}
+            properties = _properties(tool)
             count += 3 if properties else 0
             for key, schema in properties.items():
-                kind, description = schema.get("type", ""), schema.get("description", "")
+                kind, description, enum = _parts(tool.name, key, schema)
                 count += 3 + self.text(f"{key}:{kind}:{description.removesuffix('.')}")
-                if enum := schema.get("enum"):
+                if enum:
                     count += -3 + sum(3 + self.text(str(item)) for item in enum)
         return count + 12 if any_tool else 0
 

@@ -64,8 +64,8 @@ def _download(name: str) -> Path:
         return Path(hf_hub_download(name, FILE))
     except (OSError, ValueError) as error:  # all of the Hub's errors are one of these
         raise InvalidArgumentError(
-            f"hf:{name} is no file and no folder here, and its {FILE} could not be downloaded from the Hugging Face "
-            f"Hub ({type(error).__name__}): check the name, run once with a network, or name a local file."
+            f"hf:{name} is neither a file nor a folder here, and its {FILE} could not be downloaded from the Hugging "
+            f"Face Hub ({type(error).__name__}): check the name, run once with a network, or name a local file."
         ) from error
 
 

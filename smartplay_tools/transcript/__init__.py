@@ -1,7 +1,7 @@
 """The transcript of an episode: its events, the file that contains them, and the hashes that verify them."""
 
 from smartplay_tools.transcript.events import EVENTS, FORMAT, Event
-from smartplay_tools.transcript.file import TranscriptWriter, comparable, read_transcript, scan, write_records
+from smartplay_tools.transcript.file import TranscriptWriter, comparable, read_transcript, write_records
 from smartplay_tools.transcript.times import keep_times, read_times
 
 __all__ = [
@@ -13,6 +13,5 @@ __all__ = [
     "keep_times",
     "read_times",
     "read_transcript",
-    "scan",
     "write_records",
 ]

@@ -43,7 +43,7 @@ class AppendedFile:
         self._enter()
 
     def write(self, lines: bytes) -> None:
-        """Append lines; an OSError if that fails, or if the file is no longer as it was written."""
+        """Append lines; an OSError if that fails, or if the file has been changed since it was written."""
         with self._in_use:
             file = self._file or self._opened_again()
             written = file.write(lines)

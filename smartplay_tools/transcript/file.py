@@ -1,8 +1,8 @@
 """The file of a transcript: one JSON Lines file per episode, with one event per line, written as it happens.
 
 If the process is killed, at most the line being written is lost, and the reader tolerates an incomplete last line. A
-file is never overwritten. `TranscriptWriter` writes, `read_transcript` reads, and `scan` reads only some kinds of
-events.
+file is never overwritten. `TranscriptWriter` writes, `read_transcript` reads, and `kind_of` tells the kind of an
+event that need not be parsed.
 """
 
 from __future__ import annotations
@@ -13,13 +13,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from pydantic_core import from_json
-
 from smartplay_tools.arguments import canonical
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.transcript.appended import AppendedFile
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.hashing import chain_after, event_line, with_chain
+from smartplay_tools.transcript.lines import parse_json
 from smartplay_tools.transcript.times import TimesWriter
 
 
@@ -169,10 +168,28 @@ def check_format(start: Event, path: object = "The record") -> None:
         )
 
 
-def scan(path: str | Path, *kinds: str) -> Iterator[Event]:
-    """Yield the events of these kinds, in their order; lines of other kinds are not parsed."""
-    wanted = tuple(f'{{"event": "{kind}"'.encode() for kind in kinds)
-    return _parsed(path, (line for line in _lines(path) if line.startswith(wanted)))
+def kind_of(line: bytes) -> str:
+    """Return the kind of the event on a line without parsing the line as it is written here; "" for no event."""
+    if line.startswith(KIND):
+        return line[len(KIND) : line.find(b'"', len(KIND))].decode("ascii", "replace")
+    try:
+        event = parse_json(line)
+    except (ValueError, RecursionError):
+        return ""
+    return str(event.get("event", "")) if isinstance(event, dict) else ""
+
+
+KIND = b'{"event": "'
+"""How a line begins: an event is written with its kind first."""
+
+
+def read_line(line: bytes, path: object = None) -> Event:
+    """Return the event on a line; `TranscriptError` if there is none."""
+    try:
+        event: Event = parse_json(line)
+    except (ValueError, RecursionError):
+        raise TranscriptError(f"{path or 'The record'} is damaged: one of its lines is not JSON.") from None
+    return event
 
 
 def _lines(path: str | Path) -> Iterator[bytes]:
@@ -197,15 +214,6 @@ def _parsed(path: str | Path, lines: Iterable[bytes]) -> Iterator[Event]:
         if not isinstance(event, dict) or not isinstance(event.get("event"), str):
             raise TranscriptError(f"{path} is not a transcript: line {number} is not an event.")
         yield event
-
-
-def parse_json(text: str | bytes) -> Any:
-    """Return the value of JSON as `json.loads` does, and raise what it raises, in less time."""
-    try:
-        return from_json(text, cache_strings="keys")
-    except (TypeError, ValueError):
-        # It is no JSON, or what only `json` reads: half of a surrogate pair, or more than 200 levels.
-        return json.loads(text)
 
 
 def append_exception(path: str | Path, error: str, traceback: str | None = None) -> None:

@@ -101,7 +101,7 @@ class TimesWriter:
         try:
             self._file.write("".join(json.dumps(line) + "\n" for line in lines).encode("ascii"))
         except OSError:
-            self.close()  # the record goes on without its times, which `read_times` shows
+            self.close()  # the record continues without its times, which `read_times` shows
 
     def close(self) -> None:
         """Close the file."""

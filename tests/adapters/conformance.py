@@ -15,7 +15,7 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import pytest
 
@@ -43,11 +43,17 @@ class Received(NamedTuple):
 Sent = list[Received]
 
 
+class Hold(Protocol):
+    """How an adapter plays; `own_cap` is a cap on replies that its user has set, as its framework has users set one."""
+
+    def __call__(self, episode: sp.Episode, script: Iterable[sp.Message], /, *, own_cap: int | None = None) -> Sent: ...
+
+
 @dataclass(frozen=True)
 class Window:
     """An adapter that manages the context."""
 
-    hold: Callable[[sp.Episode, Iterable[sp.Message]], Sent]
+    hold: Hold
     """Plays an episode to its end with a model that says what the script says; the model's prompts come back."""
     through: str
     """How its line in `docs/what-is-enforced.md` begins."""
@@ -134,26 +140,27 @@ def fresh(budget: sp.Budget | None = None, seed: int = SEED, **options: Any) -> 
     return sp.Episode(GAME, seed=seed, budget=budget, transcript=events, **options), events
 
 
-def by_conversation(episode: sp.Episode, script: Iterable[sp.Message]) -> Sent:
+def by_conversation(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
     """The reference for all rows: `play` with a scripted player."""
     player = sp.ScriptedPlayer(script)
     sp.play(episode, player)
-    return [received(prompt) for prompt in player.prompts]
+    return [received(prompt, own_cap) for prompt in player.prompts]
 
 
-def received(prompt: sp.Prompt) -> Received:
+def received(prompt: sp.Prompt, own_cap: int | None = None) -> Received:
+    settings = prompt.settings({} if own_cap is None else {"max_tokens": own_cap})
     return Received(
         one_system([dict(message) for message in prompt.messages]),
         [(tool.name, tool.description, dict(tool.parameters)) for tool in prompt.tools],
-        prompt.max_tokens,
+        settings.get("max_tokens"),
     )
 
 
-def by_session(episode: sp.Episode, script: Iterable[sp.Message]) -> Sent:
+def by_session(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
     """An `AgentSession` whose host runs the last call of a message first."""
     session, replies, sent = sp.AgentSession(episode, summaries=True), iter(script), []
     while (prompt := session.prompt()) is not None:
-        sent.append(received(prompt))
+        sent.append(received(prompt, own_cap))
         for call in reversed(session.receive(next(replies))):
             session.answer(call.id)
     return sent
@@ -196,6 +203,16 @@ def judge_summaries(row: Window) -> None:
     assert comparable(events) == comparable(expected_events)
     assert list(map(spelled, sent)) == list(map(spelled, prompts))
     assert sp.replay(events).identical
+
+
+def judge_caps(row: Window) -> None:
+    """Of a user's own cap on replies and the budget's, the smaller one applies; either may be missing."""
+    script = [calling(act(short)) for short in WAY]
+    for of_budget, own, smaller in ((300, 40, 40), (40, 300, 40), (None, 40, 40), (40, None, 40)):
+        episode, _ = fresh(sp.Budget(reply_tokens=of_budget))
+        with episode:
+            sent = row.hold(episode, script, own_cap=own)
+        assert [prompt.cap for prompt in sent] == [smaller] * len(WAY), f"{of_budget} of the budget, {own} of the user"
 
 
 class Turns:
@@ -296,6 +313,9 @@ class WindowConformance:
 
     def test_prompts_for_a_summary_are_answered_in_between(self):
         judge_summaries(self.row)
+
+    def test_the_smaller_of_two_caps_on_replies_applies(self):
+        judge_caps(self.row)
 
     def test_the_table_says_what_the_row_shows(self):
         check_line(self.row)

@@ -26,9 +26,12 @@ class ScriptedModel(BaseChatModel):
     script: Iterator[Any]
     sent: list[Any]
     settings: list[dict[str, Any]]
+    max_tokens: int | None = None
+    """The user's own cap on replies, which a request's replaces."""
 
-    def __init__(self, script: Iterable[Any]) -> None:
-        super().__init__(script=iter(script), sent=[], settings=[])
+    def __init__(self, script: Iterable[Any], max_tokens: int | None = None) -> None:
+        own = {} if max_tokens is None else {"max_tokens": max_tokens}
+        super().__init__(script=iter(script), sent=[], settings=[], **own)
 
     @property
     def received(self) -> list[Received]:
@@ -37,7 +40,7 @@ class ScriptedModel(BaseChatModel):
         for messages, settings in zip(self.sent, self.settings, strict=True):
             functions = [convert_to_openai_tool(tool)["function"] for tool in settings["tools"]]
             tools = [(function["name"], function["description"], function["parameters"]) for function in functions]
-            found.append(Received(messages, tools, settings.get("max_tokens")))
+            found.append(Received(messages, tools, settings.get("max_tokens", self.max_tokens)))
         return found
 
     @property

@@ -13,7 +13,7 @@ from typing import Any
 
 import httpx2
 import pytest
-from agents import Agent, Runner, set_tracing_disabled
+from agents import Agent, ModelSettings, Runner, set_tracing_disabled
 from langchain.agents import create_agent
 from langchain_core.messages import AIMessage, ToolMessage
 from langgraph.graph import START, MessagesState, StateGraph
@@ -22,12 +22,13 @@ from mcp import Client, StdioServerParameters, stdio_client
 from mcp.client.streamable_http import streamable_http_client
 from smartplay_anthropic import AnthropicPlayer
 from smartplay_langchain import GraphSession, LangChainPlayer, SmartPlayMiddleware, SmartPlayToolkit
-from smartplay_mcp import EpisodeStore, HostedEpisode, HttpServer, game_server
+from smartplay_mcp import HttpServer, game_server
 from smartplay_openai import OpenAIPlayer, ResponsesPlayer, WindowEndpoint
 from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp
 from smartplay_tools.players import ModelPlayer
+from smartplay_tools.web import EpisodeStore, HostedEpisode
 from tests.adapters import conformance
 from tests.adapters.anthropic_stub import AnthropicStub
 from tests.adapters.conformance import (
@@ -64,20 +65,20 @@ def _no_traces() -> None:
 # --- Adapters that manage the context ----------------------------------------------------------------------------
 
 
-def langchain_agent(episode: sp.Episode, script: Script) -> Sent:
-    model = ScriptedModel(script)
+def langchain_agent(episode: sp.Episode, script: Script, *, own_cap: int | None = None) -> Sent:
+    model = ScriptedModel(script, own_cap)
     create_agent(model, middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
     return model.received
 
 
-def langchain_agent_async(episode: sp.Episode, script: Script) -> Sent:
-    model = ScriptedModel(script)
+def langchain_agent_async(episode: sp.Episode, script: Script, *, own_cap: int | None = None) -> Sent:
+    model = ScriptedModel(script, own_cap)
     asyncio.run(create_agent(model, middleware=[SmartPlayMiddleware(episode)]).ainvoke({"messages": []}))
     return model.received
 
 
-def langgraph(episode: sp.Episode, script: Script) -> Sent:
-    session, model = GraphSession(episode), ScriptedModel(script)
+def langgraph(episode: sp.Episode, script: Script, *, own_cap: int | None = None) -> Sent:
+    session, model = GraphSession(episode), ScriptedModel(script, own_cap)
 
     def after_speaking(state: MessagesState) -> str:
         if episode.done:
@@ -94,10 +95,10 @@ def langgraph(episode: sp.Episode, script: Script) -> Sent:
     return model.received
 
 
-def agents_sdk(episode: sp.Episode, script: Script, *, streamed: bool = False) -> Sent:
+def agents_sdk(episode: sp.Episode, script: Script, *, own_cap: int | None = None, streamed: bool = False) -> Sent:
     inner = ReadingModel(script)
     model = SmartPlayModel(inner, episode)
-    agent = Agent("player", model=model, tools=model.tools)
+    agent = Agent("player", model=model, tools=model.tools, model_settings=ModelSettings(max_tokens=own_cap))
 
     async def run() -> None:
         if streamed:
@@ -111,29 +112,40 @@ def agents_sdk(episode: sp.Episode, script: Script, *, streamed: bool = False) -
     return inner.received
 
 
-def langchain_player(episode: sp.Episode, script: Script, play: Play) -> Sent:
-    model = ScriptedModel(script)
+def langchain_player(episode: sp.Episode, script: Script, *, play: Play, own_cap: int | None = None) -> Sent:
+    model = ScriptedModel(script, own_cap)
     play(episode, LangChainPlayer(model))
     return model.received
 
 
-def anthropic_player(episode: sp.Episode, script: Script, play: Play) -> Sent:
+def anthropic_player(episode: sp.Episode, script: Script, *, play: Play, own_cap: int | None = None) -> Sent:
     with AnthropicStub(script) as stub:
-        play(episode, AnthropicPlayer("m", base_url=stub.url, retries=0))
+        own = {} if own_cap is None else {"max_tokens": own_cap}
+        play(episode, AnthropicPlayer("m", base_url=stub.url, retries=0, parameters=own))
     return stub.received
 
 
-def openai_player(episode: sp.Episode, script: Script, play: Play, kind: type[OpenAIPlayer] = OpenAIPlayer) -> Sent:
+def openai_player(
+    episode: sp.Episode,
+    script: Script,
+    *,
+    play: Play,
+    own_cap: int | None = None,
+    kind: type[OpenAIPlayer] = OpenAIPlayer,
+    cap_field: str = "max_tokens",
+) -> Sent:
     with OpenAIStub(script) as stub:
-        play(episode, kind("m", base_url=stub.base_url, retries=0))
+        own = {} if own_cap is None else {cap_field: own_cap}
+        play(episode, kind("m", base_url=stub.base_url, retries=0, parameters=own))
     return stub.received
 
 
-def window_endpoint(episode: sp.Episode, script: Script, interface: str) -> Sent:
+def window_endpoint(episode: sp.Episode, script: Script, *, interface: str, own_cap: int | None = None) -> Sent:
     """A host's agent plays at the endpoint; the model behind it is one of OpenAI's, which sees the window."""
+    own = {} if own_cap is None else {"max_tokens": own_cap}
     with (
         OpenAIStub(script) as stub,
-        OpenAIPlayer("m", base_url=stub.base_url, retries=0) as player,
+        OpenAIPlayer("m", base_url=stub.base_url, retries=0, parameters=own) as player,
         WindowEndpoint(player) as endpoint,
     ):
         handle = endpoint.serve(episode)
@@ -163,7 +175,7 @@ def on_a_loop(episode: sp.Episode, player: ModelPlayer) -> None:
     asyncio.run(play())
 
 
-responses_player = partial(openai_player, kind=ResponsesPlayer)
+responses_player = partial(openai_player, kind=ResponsesPlayer, cap_field="max_output_tokens")
 
 AGENTS = "Agents SDK `SmartPlayModel`"
 ANTHROPIC = "Anthropic player"
@@ -228,6 +240,11 @@ def test_arguments_that_are_no_json(row):
 @pytest.mark.parametrize("row", ROWS)
 def test_prompts_for_a_summary_are_answered_in_between(row):
     conformance.judge_summaries(WINDOW[row])
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_the_smaller_of_two_caps_on_replies_applies(row):
+    conformance.judge_caps(WINDOW[row])
 
 
 @pytest.mark.parametrize("row", ROWS)

@@ -17,7 +17,8 @@ from datasets import load_dataset
 from trl import SFTConfig, SFTTrainer
 
 import smartplay_tools as sp
-from smartplay_tools.exports import export, read_episode
+from smartplay_tools.exports import export
+from smartplay_tools.records import Record
 from tests.adapters import tiny_model
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -73,11 +74,11 @@ def test_what_is_trained_on_is_the_recorded_prompt(run, tmp_path):
     (record,) = [
         path
         for path in (run / "episodes").glob("*.jsonl")
-        if (found := read_episode(path)).player == "rule"
+        if (found := Record.read(path)).player == "rule"
         and (found.result.game, found.result.seed) == (rows[0]["game"], rows[0]["seed"])
     ]
     known = tiny_model.tokenizer()
-    for row, sent in zip(rows, read_episode(record).prompts, strict=True):
+    for row, sent in zip(rows, Record.read(record).prompts, strict=True):
         exported = known.apply_chat_template(row["prompt"], tools=json.loads(row["tools"]), tokenize=False)
         tools = [
             {"type": "function", "function": {"name": t.name, "description": t.description, "parameters": t.parameters}}

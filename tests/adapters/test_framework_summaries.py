@@ -36,7 +36,7 @@ from smartplay_langchain import GraphSession, LangChainPlayer, SmartPlayMiddlewa
 from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp
-from smartplay_tools.replays.prompts import sent_prompts
+from smartplay_tools.records.prompts import sent_prompts
 from tests.adapters.conformance import calling, fresh
 from tests.adapters.openai_stub import OpenAIStub
 

@@ -36,8 +36,9 @@ from smartplay_inspect import Played, save_records, smartplay, smartplay_agent, 
 from smartplay_inspect.messages import from_inspect, from_output
 
 import smartplay_tools as sp
-from smartplay_tools.exports import export, read_episode
+from smartplay_tools.exports import export
 from smartplay_tools.messages import text_of
+from smartplay_tools.records import Record
 from smartplay_tools.transcript import Event
 from tests.adapters.conformance import (
     BASIC,
@@ -111,10 +112,10 @@ def sample_of(log: EvalLog) -> EvalSample:
     return sample
 
 
-def hold(episode: sp.Episode, script: Iterable[sp.Message]) -> Sent:
+def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
     model = Scripted(script)
     task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
-    sample_of(run(task, model))
+    sample_of(run(task, model, max_tokens=own_cap))
     return model.received
 
 
@@ -313,7 +314,7 @@ def test_a_run_of_ours_is_exported_as_logs_that_inspect_reads(tmp_path):
     log = read_eval_log(str(logs[1]), resolve_attachments=True)
     assert log.eval.model == "smartplay/rule"
     assert {score.name: score.metrics["mean"].value for score in log.results.scores}["score"] == 3.0
-    episodes = map(read_episode, (tmp_path / "run" / "episodes").glob("*.jsonl"))
+    episodes = map(Record.read, (tmp_path / "run" / "episodes").glob("*.jsonl"))
     prompts = {episode.result.seed: episode.prompts for episode in episodes if episode.player == "rule"}
     for sample in log.samples:
         sent = prompts[sample.metadata["seed"]]

@@ -34,7 +34,7 @@ from langgraph.types import Command
 from smartplay_langchain import SmartPlayMiddleware
 
 import smartplay_tools as sp
-from smartplay_tools.replays.prompts import sent_prompts
+from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.tokens import TokenCounter
 from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub

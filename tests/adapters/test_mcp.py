@@ -15,10 +15,11 @@ import httpx2
 import pytest
 from mcp import Client, MCPError, StdioServerParameters, stdio_client
 from mcp.client.streamable_http import streamable_http_client
-from smartplay_mcp import CALL_KEY, MANUAL, EpisodeStore, FullError, HostedEpisode, HttpServer, game_server
+from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, game_server
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
+from smartplay_tools.web import EpisodeStore, FullError, HostedEpisode
 from tests.adapters.conformance import GAME, act, fresh
 
 MODES = ["auto", "legacy"]

@@ -17,10 +17,11 @@ from urllib.parse import urlsplit
 import httpx2
 import pytest
 from mcp import Client, StdioServerParameters, stdio_client
-from smartplay_mcp import CALL_KEY, MANUAL, EpisodeStore, HostedEpisode, HttpServer, game_server, open_episode
+from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, game_server, open_episode
 
 import smartplay_tools as sp
 from smartplay_tools.games import get_spec
+from smartplay_tools.web import EpisodeStore, HostedEpisode
 from tests.adapters.conformance import GAME, act, fresh
 
 MODES = ["auto", "legacy"]

@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from smartplay_mcp import EpisodeStore, HttpServer
+from smartplay_mcp import HttpServer
 
+from smartplay_tools.web import EpisodeStore
 from tests.adapters.conformance import GAME, move
 
 pytestmark = [

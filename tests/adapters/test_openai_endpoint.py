@@ -248,7 +248,7 @@ BODY = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(deadline=None)
 @given(body=BODY | JSON, path=st.sampled_from(["/v1/chat/completions", "/v1/responses"]))
 def test_no_body_breaks_it(endpoint, body, path):
     status, answer = ask(endpoint, path, json.dumps(body))

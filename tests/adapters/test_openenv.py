@@ -32,8 +32,8 @@ from smartplay_openenv import (
 )
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation import trial_seed
 from smartplay_tools.messages import calls_of, text_of
+from smartplay_tools.records import trial_seed
 from tests.adapters import conformance
 from tests.adapters.conformance import (
     GAME,
@@ -77,9 +77,10 @@ class Sampler:
         return ModelStepResult(response=LLMResponse(content=text_of(reply), tool_calls=calls))
 
 
-def hold(episode: sp.Episode, script: Iterable[sp.Message]) -> Sent:
+def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
     sampler = Sampler(script)
-    SmartPlayHarness().run_white_box(sampler, SmartPlaySession(episode), HarnessRunLimits(max_turns=1000))
+    limits = HarnessRunLimits(max_turns=1000, sampling={} if own_cap is None else {"max_tokens": own_cap})
+    SmartPlayHarness().run_white_box(sampler, SmartPlaySession(episode), limits)
     return sampler.received
 
 

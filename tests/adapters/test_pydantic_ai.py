@@ -13,6 +13,7 @@ pytest.importorskip("pydantic_ai", reason="needs smartplay-tools[pydantic-ai]; `
 from pydantic_ai import Agent, UsageLimitExceeded
 from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ThinkingPart, ToolCallPart, ToolReturnPart
 from pydantic_ai.models.function import AgentInfo, FunctionModel
+from pydantic_ai.settings import ModelSettings
 from pydantic_ai.usage import RequestUsage, UsageLimits
 from smartplay_pydantic_ai import PlayerModel, SmartPlay
 from smartplay_pydantic_ai.messages import from_history, from_response, to_response
@@ -55,9 +56,11 @@ class Scripted:
         return to_response(next(self.script))
 
 
-def hold(episode: sp.Episode, script: Iterable[sp.Message]) -> Sent:
+def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
     model = Scripted(script)
-    result = Agent(model.model, capabilities=[SmartPlay(episode)]).run_sync("", usage_limits=NO_LIMIT)
+    own = None if own_cap is None else ModelSettings(max_tokens=own_cap)
+    agent = Agent(model.model, capabilities=[SmartPlay(episode)], model_settings=own)
+    result = agent.run_sync("", usage_limits=NO_LIMIT)
     assert result.output == THE_END
     return model.received
 

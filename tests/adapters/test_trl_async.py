@@ -25,7 +25,7 @@ from trl.chat_template_utils import add_response_schema
 from trl.experimental.async_grpo.openenv_harness import _HarnessRolloutLoop
 
 import smartplay_tools as sp
-from smartplay_tools.exports import read_episode
+from smartplay_tools.records import Record
 from tests.adapters import tiny_model
 from tests.adapters.conformance import GAME, WAY, move
 
@@ -68,7 +68,7 @@ def rows_of(record: Path) -> int:
     spec: Any = importlib.util.spec_from_file_location("training_rows", BENCHMARK)
     benchmark: Any = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(benchmark)
-    return int(benchmark.rows_of(read_episode(record)).rows)
+    return int(benchmark.rows_of(Record.read(record)).rows)
 
 
 @pytest.mark.parametrize(

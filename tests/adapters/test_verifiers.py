@@ -32,8 +32,7 @@ from smartplay_verifiers.tasks import BudgetConfig, SmartPlayData
 from verifiers.v1.trace import AgentInfo, TraceTask
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation import trial_seed
-from smartplay_tools.exports import read_episode
+from smartplay_tools.records import Record, trial_seed
 from tests.adapters.conformance import GAME, Sent, Window, WindowConformance
 from tests.adapters.openai_stub import OpenAIStub
 
@@ -43,18 +42,20 @@ BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "training_rows.py"
 
 
 def launched(
-    base_url: str, harness: SmartPlayHarness | None = None, **options: Any
+    base_url: str, harness: SmartPlayHarness | None = None, own_cap: int | None = None, **options: Any
 ) -> tuple[vf.Trace[Any, Any], vf.ProgramResult]:
     """Run a harness as verifiers does, with something else behind the endpoint."""
     harness = harness or SmartPlayHarness(SmartPlayHarnessConfig())
     (task,) = tasks(1, **options)
     agent = AgentInfo(config=vf.AgentConfig(harness=harness.config), name="agent")
     trace = vf.Trace(task=TraceTask(type="SmartPlayTask", data=task.data), agent=agent)
-    ctx = vf.ModelContext(model="rule", client=vf.EvalClientConfig(base_url=base_url))
+    ctx = vf.ModelContext(
+        model="rule", client=vf.EvalClientConfig(base_url=base_url), sampling=vf.Sampling(max_tokens=own_cap)
+    )
     return trace, asyncio.run(harness.launch(ctx, trace, None, base_url, "none", {}, task.data))
 
 
-def hold(episode: sp.Episode, script: Iterable[sp.Message]) -> Sent:
+def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
     class Given(SmartPlayHarness):
         """Plays an episode that is there already."""
 
@@ -62,7 +63,7 @@ def hold(episode: sp.Episode, script: Iterable[sp.Message]) -> Sent:
             return episode
 
     with OpenAIStub(script) as stub:
-        launched(stub.base_url, Given(SmartPlayHarnessConfig()))
+        launched(stub.base_url, Given(SmartPlayHarnessConfig()), own_cap)
     return stub.received
 
 
@@ -147,7 +148,7 @@ def rows_of(record: Path) -> int:
     spec: Any = importlib.util.spec_from_file_location("training_rows", BENCHMARK)
     benchmark: Any = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(benchmark)
-    return int(benchmark.rows_of(read_episode(record)).rows)
+    return int(benchmark.rows_of(Record.read(record)).rows)
 
 
 def test_an_evaluation_is_rewarded_recorded_and_split_into_rows_where_the_window_moves(tmp_path):

@@ -21,7 +21,7 @@ from smartplay_openai import WindowEndpoint, WindowStore, window_app
 
 import smartplay_tools as sp
 from smartplay_tools.players import ModelCallError
-from smartplay_tools.replays import replay
+from smartplay_tools.records import replay
 from tests.adapters.conformance import WAY, act, calling
 from tests.adapters.window_host import INTERFACES, TOOLS, WORDS, HostAgent, openai_client
 

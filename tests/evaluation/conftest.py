@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from smartplay_tools.evaluation.report import write_report
+from smartplay_tools.evaluation.pages.report import write_report
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = (

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.prices import Price
-from smartplay_tools.evaluation.rows import read_row
+from smartplay_tools.records import Record
+from smartplay_tools.records.prices import Price
+from smartplay_tools.records.rows import row_of
 
 
 def play_row(
@@ -27,7 +28,8 @@ def play_row(
         record = Path(folder) / "record.jsonl"
         with sp.Episode(game, seed=trial, transcript=record, **asked, **(options or {})) as episode:
             sp.play(episode, who, protocol=protocol)
-        return read_row(record, trial, price) | {"key": sp.EpisodeConfig.from_event(sp.read_transcript(record)[0]).key}
+        read = Record.read(record, {} if price is None else {who.name: price})
+        return row_of(read, trial) | {"key": read.config.key}
 
 
 def play_rows(game: str, player: str = "rule", trials: int = 5, **asked: Any) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation import Run
-from smartplay_tools.evaluation.run import audit as audited
+from smartplay_tools.evaluation.runs import audit as audited
 from tests.evaluation.report_runs import known_for_now
 
 GAMES = ["BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"]
@@ -83,7 +83,7 @@ def test_a_record_that_is_no_longer_there_is_found(run):
 
 @pytest.fixture
 def _every_record_is_worth_a_process(monkeypatch):
-    monkeypatch.setattr(importlib.import_module("smartplay_tools.evaluation.run.audit"), "WORTH_A_PROCESS", 1)
+    monkeypatch.setattr(importlib.import_module("smartplay_tools.evaluation.runs.audit"), "WORTH_A_PROCESS", 1)
 
 
 @pytest.mark.usefixtures("_every_record_is_worth_a_process")

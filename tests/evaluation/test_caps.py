@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation import Run, RunFolder
-from smartplay_tools.evaluation.prices import Price, find_price
-from smartplay_tools.evaluation.spending import run_spending
+from smartplay_tools.evaluation import Run
+from smartplay_tools.records import RunFolder
+from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.records.snapshot import run_snapshot
 from tests.evaluation.players import Metered, Wordy
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
@@ -82,7 +83,7 @@ def test_a_cap_on_cost_counts_what_the_provider_counts_at_the_given_price(tmp_pa
         prices={"metered": price},
     )
     assert run.status.paused == 1
-    total = run_spending(run.folder).total
+    total = run_snapshot(run.folder).spending.total
     assert total.cost == pytest.approx(total.replies * call)
     assert 0 < total.cost <= 20.5 * call
 

@@ -33,7 +33,7 @@ def test_pairs_share_game_seed_and_trial():
 
 def opponents(runs, **how):
     return {
-        (p.side.run, p.side.player, p.side.circumstances): (p.reference.player, p.reference.circumstances)
+        (p.side.run, p.side.player, p.side.label): (p.reference.player, p.reference.label)
         for p in compare(runs, **how).pairings
     }
 
@@ -41,8 +41,8 @@ def opponents(runs, **how):
 def test_another_version_is_compared_with_the_same_player():
     run = episodes([1, 2]) + episodes([0, 0], "random")
     assert opponents({"a": run, "b": run}) == {
-        ("b", "rule", "history None"): ("rule", "history None"),
-        ("b", "random", "history None"): ("random", "history None"),
+        ("b", "rule", "history all"): ("rule", "history all"),
+        ("b", "random", "history all"): ("random", "history all"),
     }
 
 
@@ -51,13 +51,13 @@ def test_another_player_is_compared_under_the_same_budget():
     other = episodes([0, 0], "random", prompt_tokens=900)
     ((given, opponent),) = opponents({"a": wide + narrow, "b": other}).items()
     assert given[:2] == ("b", "random")
-    assert "prompt_tokens 900" in given[2]
+    assert "prompts <= 900" in given[2]
     assert opponent == ("rule", given[2])
 
 
 def test_another_budget_is_compared_with_the_same_player():
     runs = {"a": episodes([0, 0], "random") + episodes([1, 2]), "b": episodes([1, 1], prompt_tokens=900)}
-    assert set(opponents(runs).values()) == {("rule", "history None")}
+    assert set(opponents(runs).values()) == {("rule", "history all")}
 
 
 def test_one_run_is_compared_with_its_first_player_or_the_one_that_is_named():

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.cli.progress import showing
-from smartplay_tools.evaluation import RunFolder
-from smartplay_tools.evaluation.run import make_cells, plan_episodes, run_plan
+from smartplay_tools.evaluation.runs import make_cells, plan_episodes, run_plan
+from smartplay_tools.records import RunFolder
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
@@ -82,8 +82,8 @@ def test_an_incomplete_run_says_so_and_is_no_success(tmp_path):
     ("wrong", "sentence"),
     [
         (["--players", "rules"], "did you mean rule"),
-        (["--suite", "icml"], "There is no suite 'icml'; there is paper, tools-v1."),
-        (["--prompt-tokens", "50"], f"{HANOI}, rule, prompt_tokens=50: prompt_tokens=50 cannot hold the head"),
+        (["--suite", "icml"], "There is no suite 'icml'; the suites are paper, tools-v1."),
+        (["--prompt-tokens", "50"], f"{HANOI}, rule, prompts <= 50: prompt_tokens=50 cannot hold the head"),
         (["--shard", "half"], "--shard half is invalid; write it as 1/4."),
         (["--price", "3,4"], "--price 3,4 names no player"),
         (["--price", "rule=3"], "'3' is not a price"),
@@ -170,6 +170,13 @@ def test_shards_are_merged_by_command(tmp_path):
     code, output, _ = run("merge", tmp_path / "1", tmp_path / "2", "--out", tmp_path / "whole")
     assert (code, output) == (0, f"{tmp_path / 'whole'}: 4 of 4 episodes are finished.\n")
     assert run("merge", tmp_path / "1", "--out", tmp_path / "whole")[0] == 2
+
+
+def test_a_merge_that_misses_a_shard_says_so_to_scripts(tmp_path):
+    arguments = ("eval", "--games", HANOI, "--players", "random", "--trials", 4, "--executor", "inline")
+    assert run(*arguments, "--shard", "1/2", "--out", tmp_path / "1")[0] == 0
+    code, output, _ = run("merge", tmp_path / "1", "--out", tmp_path / "half")
+    assert (code, output) == (1, f"{tmp_path / 'half'}: 2 of 4 episodes are finished.\n")
 
 
 def test_a_terminal_shows_a_bar_for_every_game(tmp_path, capsys):

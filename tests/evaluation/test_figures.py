@@ -9,10 +9,10 @@ import sys
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation import figures
+from smartplay_tools.evaluation.analysis import figures
+from smartplay_tools.evaluation.analysis.figures.progress import walk_of
+from smartplay_tools.evaluation.analysis.figures.style import COLOURS, LINES, MARKERS, RULES, Series
 from smartplay_tools.evaluation.analysis.windows import compare_windows
-from smartplay_tools.evaluation.figures.progress import walk_of
-from smartplay_tools.evaluation.figures.style import COLOURS, LINES, MARKERS, RULES, Series
 from smartplay_tools.games.paper import PAPER_RESULTS
 from tests.evaluation.window_rows import row
 
@@ -87,7 +87,7 @@ def test_there_is_no_human_where_scores_are_not_comparable():
 def test_slack_is_drawn_as_differences_and_shares():
     rows = [r for s, lost in ((0.0, 0), (0.5, 3)) for r in episodes([40 - lost, 44 - lost], history=10, slack=s)]
     scores, shares = figures.effects_of_slack(compare_windows(rows, along=("slack",))).axes
-    name = f"{BANDIT}, rule, 10 steps"
+    name = f"{BANDIT}, rule, history 10"
     assert [y for _, y in lines(scores)[name]] == [-3]
     assert [y for _, y in lines(shares)[name]] == [0.5, 0.5]
     assert ticks(scores) == ticks(shares) == ["0", "0.5"]
@@ -98,7 +98,7 @@ def test_slack_is_drawn_as_differences_and_shares():
 def test_the_frontier_is_labelled_with_its_windows(comparisons):
     bandit, _ = figures.frontier(comparisons).axes
     assert lines(bandit)["Pareto front (filled)"] == [[100, 25], [200, 32], [400, 42]]
-    assert {text.get_text() for text in bandit.texts} == {"1 step", "5 steps", "all steps"}
+    assert {text.get_text() for text in bandit.texts} == {"history 1", "history 5", "history all"}
     with pytest.raises(sp.InvalidArgumentError, match="no episode of the run has cost"):
         figures.frontier(comparisons, price="cost")
 
@@ -198,7 +198,7 @@ def test_without_matplotlib_the_remedy_is_named():
     script = (
         "import sys; sys.modules['matplotlib'] = None\n"
         "from smartplay_tools.errors import MissingExtraError\n"
-        "from smartplay_tools.evaluation import figures\n"
+        "from smartplay_tools.evaluation.analysis import figures\n"
         "try: figures.score_against_history([])\n"
         "except MissingExtraError as error: print(error)\n"
     )

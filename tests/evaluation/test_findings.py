@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run import Run
-from smartplay_tools.evaluation.submissions.plan import Allowed, check_plan, check_suite, read_plan
-from smartplay_tools.evaluation.submissions.records import RecordJob, check_record
+from smartplay_tools.evaluation.board.submissions.plan import Allowed, check_plan, check_suite, read_plan
+from smartplay_tools.evaluation.board.submissions.records import RecordJob, check_record
+from smartplay_tools.evaluation.runs import Run
 from tests.evaluation.bundles import HANOI, chained
 
 Events = list[dict[str, Any]]
@@ -73,7 +73,7 @@ def other_prompt(events: Events) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (failed, "The record is no finished episode: it ended as player_error."),
+        (failed, "The record is not a finished episode: it ended as player_error."),
         (broken_off, "The record breaks off: it does not say how the episode ended."),
         (dearer_prompt, "The prompt of turn 0 has 5000 tokens."),
         (dearer_reply, "tokens under a cap of 100000."),
@@ -137,7 +137,7 @@ def cell(manifest: Manifest) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda manifest: cell(manifest).update(game="other/Game-v0"), "is no setting of the benchmark"),
+        (lambda manifest: cell(manifest).update(game="other/Game-v0"), "is not a setting of the benchmark"),
         (lambda manifest: cell(manifest).update(engine="minedojo"), "on the engine 'minedojo', a program"),
         (lambda manifest: cell(manifest)["setting"].update(rollout=99), "with other numbers than the benchmark's"),
         (lambda manifest: cell(manifest).update(options={"path": "/etc"}), "which are not replayed"),

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.submissions import Limits, check_submission, report_text
+from smartplay_tools.evaluation.board.submissions import Limits, check_submission, report_text
 from tests.evaluation import bundles
 from tests.evaluation.bundles import HANOI, Files, changed, edit_json, records
 
@@ -55,7 +55,7 @@ BAD_NAMES = (
 @pytest.mark.parametrize("name", BAD_NAMES)
 def test_a_name_that_is_none_of_a_bundle_s_is_refused(bundle, tmp_path, name):
     said = refused(with_entry(bundle, tmp_path / "x.zip", entry(name)))
-    assert said.endswith("which is no file of a bundle.")
+    assert said.endswith("which does not belong in a bundle.")
     assert said.isprintable()
 
 
@@ -131,7 +131,7 @@ def test_configs_that_reach_for_more_are_not_replayed(bundle, tmp_path, monkeypa
         return check_submission(changed(bundle, tmp_path / "x.zip", edit), workers=0)
 
     for facts, said in [
-        ({"game": "Evil-v0"}, "no setting of the benchmark"),
+        ({"game": "Evil-v0"}, "not a setting of the benchmark"),
         ({"engine": "luanti"}, "a program that --engine NAME allows to start"),
         ({"tokenizer": "hf:/etc/passwd"}, "name it with --tokenizer"),
         ({"options": {"texts": "/etc"}}, "which are not replayed"),

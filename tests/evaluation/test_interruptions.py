@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from smartplay_tools.evaluation import RunFolder
+from smartplay_tools.records import RunFolder
 from tests.processes import heed_interrupts, needs_proc, needs_unix
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"

@@ -10,7 +10,7 @@ from scipy import stats
 
 from smartplay_tools.evaluation.analysis import intervals
 from smartplay_tools.evaluation.analysis.intervals import (
-    Estimate,
+    MeanEstimate,
     mean_estimate,
     mean_estimates,
     weighted_estimates,
@@ -19,7 +19,7 @@ from smartplay_tools.evaluation.analysis.intervals import (
 SCORES = [31.0, 45.0, 44.0, 47.0, 29.0, 46.0, 48.0, 12.0, 45.0, 43.0]
 
 
-def weighted(samples: list[list[float]], weights: list[float]) -> Estimate:
+def weighted(samples: list[list[float]], weights: list[float]) -> MeanEstimate:
     (estimate,) = weighted_estimates(samples, [weights])
     return estimate
 
@@ -76,8 +76,8 @@ def test_more_episodes_make_it_narrower():
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
-        ([3.0], Estimate(3, None, None, 1, "one episode has no interval")),
-        ([1.0, 1.0, 1.0], Estimate(1, 1, 1, 3, "all episodes are equal, so the bootstrap sees no spread")),
+        ([3.0], MeanEstimate(3, None, None, 1, "one episode has no interval")),
+        ([1.0, 1.0, 1.0], MeanEstimate(1, 1, 1, 3, "all episodes are equal, so the bootstrap sees no spread")),
     ],
 )
 def test_where_the_bootstrap_knows_nothing_it_says_so(values, expected):

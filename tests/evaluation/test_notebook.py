@@ -9,7 +9,7 @@ import re
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.report import render_report
+from smartplay_tools.evaluation.pages.report import render_report
 from smartplay_tools.games import get_spec
 from tests.evaluation.players import Waiting
 
@@ -46,8 +46,8 @@ def test_a_run_shows_itself_as_tables(run):
 
 
 def test_a_sweep_shows_its_windows(tmp_path):
-    swept = sp.sweep([BANDIT], ["rule"], history=[1, 5], trials=2, out=tmp_path, executor="inline")
-    assert "5 steps" in swept._repr_html_()
+    swept = sp.sweep([BANDIT], ["rule"], vary={"history": [1, 5]}, trials=2, out=tmp_path, executor="inline")
+    assert "history 5" in swept._repr_html_()
     assert "full context" in swept._repr_html_()
     assert swept.show(1).transcript == swept.run.folder.transcript(swept.rows[1]["key"])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-import shutil
+from dataclasses import replace
 from functools import partial
 
 from rich.console import Console
@@ -12,11 +12,9 @@ from rich.console import Console
 import smartplay_tools as sp
 from smartplay_tools.cli.progress import _Screen, showing
 from smartplay_tools.cli.running import live_table
-from smartplay_tools.evaluation import RunFolder
-from smartplay_tools.evaluation.live import LiveRun
-from smartplay_tools.evaluation.progress import RunState
-from smartplay_tools.evaluation.run import Caps, Progress, make_cells, plan_episodes, run_plan
-from smartplay_tools.evaluation.status import run_status
+from smartplay_tools.evaluation.runs import Caps, make_cells, plan_episodes, run_plan
+from smartplay_tools.records import RunFolder
+from smartplay_tools.records.snapshot import RunFollower, run_snapshot
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
@@ -35,25 +33,24 @@ def half_played(tmp_path) -> RunFolder:
 
 def test_an_episode_under_way_is_read_from_its_growing_record(tmp_path):
     folder = half_played(tmp_path)
-    live = LiveRun(folder)
-    (one,) = live.episodes()
-    assert (one.game, one.player) == (BANDIT, "random")
-    assert 20 <= one.steps <= 30
-    assert one.calls in (one.steps, one.steps + 1)
-    assert one.tokens > 0
-    (record,) = folder.running()
-    before = one.calls
-    whole = (tmp_path / "episodes").parent / "more.jsonl"
-    shutil.copyfile(record, whole)
-    with record.open("a") as file:
-        file.write('\n{"event": "usage", "turn": 99, "prompt": 7, "reply": 1, "provider": null}\n')
-    assert live.episodes()[0].calls == before + 1
-    assert run_status(folder).running == 1
+    follower = RunFollower(folder)
+    (record,) = follower.count().playing
+    assert (record.game, record.player) == (BANDIT, "random")
+    assert 20 <= record.steps <= 30
+    before = record.totals.replies
+    assert before in (record.steps, record.steps + 1)
+    assert record.totals.tokens > 0
+    written = record.path.read_text()
+    usage = '{"event": "usage", "turn": 99, "prompt": 7, "reply": 1, "provider": null}\n'
+    record.path.write_text(written[: written.rindex("\n") + 1] + usage)
+    assert follower.count().playing == (record,)
+    assert record.totals.replies == before + 1
+    assert run_snapshot(folder).running == 1
 
 
 def test_what_is_being_played_fits_into_80_columns(tmp_path):
     console = Console(width=80, file=io.StringIO())
-    console.print(live_table(LiveRun(half_played(tmp_path)).episodes()))
+    console.print(live_table(run_snapshot(half_played(tmp_path)).playing))
     shown = console.file.getvalue()
     assert max(map(len, shown.splitlines())) <= 80
     assert BANDIT in shown.replace("\n", "")
@@ -75,12 +72,13 @@ def test_a_log_has_lines_with_times_and_the_reason_of_a_failure(tmp_path):
 
 def test_the_screen_fits_a_terminal_of_80x24_whatever_there_is_to_show(tmp_path):
     """All games at once, a run cap and a long error."""
-    plan = plan_episodes(make_cells([*sp.GAMES], ["rule"], [sp.Budget()]), trials=1)
-    state = RunState(plan, LiveRun(half_played(tmp_path)), Caps(cost=5.0))
-    episode = plan.episodes[0]
-    state(Progress(0, len(plan.episodes), 1, episode, None, "RuntimeError: " + "no more ideas " * 20))
+    snapshot = run_snapshot(half_played(tmp_path))
+    (cell,) = snapshot.cells
+    cells = tuple(replace(cell, game=game, failed_attempts=1) for game in sp.GAMES)
+    error = "RuntimeError: " + "no more ideas " * 20
+    snapshot = replace(snapshot, cells=cells, failed=1, latest_error=error, caps={"cost": 5.0})
     console = Console(width=80, height=24, file=io.StringIO(), force_terminal=True)
-    console.print(_Screen(state))
+    console.print(_Screen(snapshot))
     lines = re.sub(r"\x1b\[[0-9;]*m", "", console.file.getvalue()).splitlines()
     assert len(lines) <= 23
     assert max(map(len, lines)) <= 80

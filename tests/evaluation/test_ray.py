@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation import RunFolder
-from smartplay_tools.evaluation.spending import run_spending
+from smartplay_tools.records import RunFolder
+from smartplay_tools.records.snapshot import run_snapshot
 
 pytest.importorskip("ray", reason="the extra `ray` is not installed")
 pytestmark = pytest.mark.slow
@@ -65,13 +65,13 @@ def test_a_killed_worker_costs_no_row_and_makes_none_twice(tmp_path):
     folder = RunFolder(tmp_path / "run")
     resumed = [e for row in rows for e in sp.read_transcript(folder.transcript(row["key"])) if e["event"] == "resume"]
     assert len(resumed) == 1
-    assert run_spending(folder).other_attempts.replies == 0
+    assert run_snapshot(folder).spending.other_attempts.replies == 0
 
 
 def test_a_cap_holds_on_a_cluster(tmp_path):
     (tmp_path / "killed").touch()
     assert run(tmp_path, "run", cap=100_000).endswith("True")
-    assert 0 < run_spending(RunFolder(tmp_path / "run")).total.tokens <= 100_000
+    assert 0 < run_snapshot(RunFolder(tmp_path / "run")).spending.total.tokens <= 100_000
 
 
 RETRIED_ELSEWHERE = """
@@ -170,4 +170,4 @@ def test_a_node_is_lost_and_another_joins_during_a_run(tmp_path):
     assert len({row["key"] for row in folder.rows()}) == 8
     # The episode of the lost node went on elsewhere behind its replies, none of which was asked for again.
     assert [row["end_reason"] for row in folder.failures()] == ["interrupted"]
-    assert run_spending(folder).other_attempts.replies == 0
+    assert run_snapshot(folder).spending.other_attempts.replies == 0

@@ -19,12 +19,12 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import MissingExtraError
-from smartplay_tools.evaluation.report import write_report
-from smartplay_tools.evaluation.report.drawings import Drawings
-from smartplay_tools.evaluation.report.episodes import check
+from smartplay_tools.evaluation.pages.report import write_report
+from smartplay_tools.evaluation.pages.report.drawings import Drawings
+from smartplay_tools.evaluation.pages.report.episodes import check
 from smartplay_tools.games import GameSpec
 from smartplay_tools.games.base import TextGame
-from smartplay_tools.replays import recorded_turns
+from smartplay_tools.records import recorded_turns
 from tests.evaluation.players import Broken, FirstMoves
 from tests.evaluation.report_runs import (
     BANDIT,
@@ -213,7 +213,7 @@ def test_a_page_says_caps_totals_differences_and_deviations(tmp_path):
     sp.sweep(
         [BANDIT],
         ["rule"],
-        history=[1, 5],
+        vary={"history": [1, 5]},
         trials=2,
         out=tmp_path / "run",
         executor="inline",
@@ -221,7 +221,7 @@ def test_a_page_says_caps_totals_differences_and_deviations(tmp_path):
     )
     page = page_of(tmp_path / "run")
     for words in (
-        "calls \u2264 30",
+        "calls <= 30",
         "In all: 4 finished episodes, 120 steps",
         "What a smaller window costs",
         "full context",

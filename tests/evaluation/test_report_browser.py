@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.report import write_report
+from smartplay_tools.evaluation.pages.report import write_report
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.crafter.game import Crafter
-from smartplay_tools.replays.prompts import sent_prompts
+from smartplay_tools.records.prompts import sent_prompts
 from tests import scripts
 from tests.evaluation.conftest import note_request
 from tests.evaluation.report_runs import (

@@ -17,13 +17,13 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.evaluation.folder import RunFolder
+from smartplay_tools.records.run_folder import RunFolder
 from tests.evaluation.report_runs import known_for_now, record
 
 pytest.importorskip("jinja2")
-report = pytest.importorskip("smartplay_tools.evaluation.report")
-sources = pytest.importorskip("smartplay_tools.evaluation.report.sources")
-choice = pytest.importorskip("smartplay_tools.evaluation.report.choice")
+report = pytest.importorskip("smartplay_tools.evaluation.pages.report")
+sources = pytest.importorskip("smartplay_tools.evaluation.pages.report.sources")
+choice = pytest.importorskip("smartplay_tools.evaluation.pages.report.choice")
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
@@ -122,7 +122,7 @@ def test_episodes_of_several_runs_are_pairs(run, tmp_path):
 @pytest.mark.slow
 def test_the_tables_are_of_all_episodes(run, monkeypatch):
     # Figures take long to draw, and no test here is about them.
-    monkeypatch.setattr("smartplay_tools.evaluation.report.page.figures", lambda path, rows: [])
+    monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.figures", lambda path, rows: [])
     page = report.render_report(run, episodes="2")
     assert len(re.findall(r'id="episode-[0-9a-f]{16}"', page)) == 2
     assert "This page holds 2 of 6 episodes" in page
@@ -131,7 +131,7 @@ def test_the_tables_are_of_all_episodes(run, monkeypatch):
 
 
 def test_several_processes_write_the_page_that_one_writes(run, tmp_path, monkeypatch):
-    reading = pytest.importorskip("smartplay_tools.evaluation.report.reading")
+    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.reading")
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
     pages = []
     for workers in (1, 3):
@@ -141,7 +141,7 @@ def test_several_processes_write_the_page_that_one_writes(run, tmp_path, monkeyp
 
 
 def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path, monkeypatch):
-    reading = pytest.importorskip("smartplay_tools.evaluation.report.reading")
+    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.reading")
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
     known_for_now(monkeypatch, dataclasses.replace(sp.GAMES[HANOI], id="MyHanoi-v0"))
     for seed in range(4):
@@ -153,7 +153,7 @@ def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path,
 
 
 def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, tmp_path, monkeypatch):
-    reading = pytest.importorskip("smartplay_tools.evaluation.report.reading")
+    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.reading")
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
     copied = shutil.copytree(run, tmp_path / "run")
     records = sorted((copied / "episodes").glob("*.jsonl"))
@@ -166,7 +166,7 @@ def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, 
 def test_a_script_whose_processes_cannot_begin_writes_the_page_all_the_same(run, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "from smartplay_tools.evaluation.report import reading, write_report\n"
+        "from smartplay_tools.evaluation.pages.report import reading, write_report\n"
         "reading.WORTH_A_PROCESS = 1\n"
         f"write_report({str(run)!r}, {str(tmp_path / 'page.html')!r}, title='A run', episodes='all', workers=2)\n"
     )

@@ -10,11 +10,11 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import UnknownNameError
-from smartplay_tools.evaluation.report.drawings import Drawings
+from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.games.registry import importing_packages
 
 pytest.importorskip("jinja2")
-report = pytest.importorskip("smartplay_tools.evaluation.report")
+report = pytest.importorskip("smartplay_tools.evaluation.pages.report")
 
 HANOI = "Hanoi3Disk-v0"
 

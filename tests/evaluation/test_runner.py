@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation import RunFolder
-from smartplay_tools.evaluation.run.attempt import Task
-from smartplay_tools.evaluation.run.executors import processes
-from smartplay_tools.evaluation.run.folder import RunWriter
-from smartplay_tools.evaluation.run.merge import merge
-from smartplay_tools.evaluation.run.plan import make_cells, plan_episodes
-from smartplay_tools.evaluation.seeds import trial_seed
+from smartplay_tools.evaluation.runs.attempt import Task
+from smartplay_tools.evaluation.runs.executors import processes
+from smartplay_tools.evaluation.runs.merge import merge
+from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
+from smartplay_tools.evaluation.runs.run_writer import RunWriter
+from smartplay_tools.records import RunFolder
+from smartplay_tools.records.seeds import trial_seed
 from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Leaver, Waiting
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
@@ -54,7 +54,7 @@ def test_a_trial_has_the_same_seed_in_every_cell_and_another_one_in_another_run(
 def test_the_papers_suite_has_the_papers_games_and_trials(tmp_path):
     with pytest.raises(sp.InvalidArgumentError, match="no suite 'papers'"):
         sp.evaluate(suite="papers", out=tmp_path)
-    from smartplay_tools.evaluation.run import make_cells, plan_episodes, suite_games
+    from smartplay_tools.evaluation.runs import make_cells, plan_episodes, suite_games
 
     plan = plan_episodes(make_cells(suite_games("paper", []), ["rule"], [sp.Budget()]))
     trials = {game: sum(e.cell.game == game for e in plan.episodes) for game in suite_games("paper", [])}
@@ -110,7 +110,7 @@ def test_what_cannot_be_played_is_told_before_the_first_episode_with_its_cells(t
     with pytest.raises(sp.InvalidArgumentError) as caught:
         sp.evaluate(GAMES, out=tmp_path, budgets=budgets, executor="inline")
     for game in GAMES:
-        assert f"{game}, rule, prompt_tokens=100: prompt_tokens=100 cannot hold the head" in str(caught.value)
+        assert f"{game}, rule, prompts <= 100: prompt_tokens=100 cannot hold the head" in str(caught.value)
     assert "prompt_tokens=2000" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
@@ -148,7 +148,7 @@ def test_a_mistake_of_the_user_is_one_sentence(tmp_path, wrong, message):
 
 
 def test_an_option_and_an_engine_go_to_the_games_that_know_them(tmp_path):
-    from smartplay_tools.evaluation.run.plan import make_cells
+    from smartplay_tools.evaluation.runs.plan import make_cells
 
     cells = make_cells(
         [HANOI, "MessengerL1-v0", "MinedojoCreative0-v0"],
@@ -218,7 +218,7 @@ def test_a_program_that_workers_cannot_import_is_told_so(tmp_path, from_file):
     assert shown.returncode == 1
     sentence = shown.stderr.splitlines()[-1]
     assert 'executor="async" or executor="inline"' in sentence
-    assert ('if __name__ == "__main__":' if from_file else "<stdin> is no file") in sentence
+    assert ('if __name__ == "__main__":' if from_file else "<stdin> is not a file") in sentence
 
 
 @pytest.mark.slow
@@ -301,7 +301,7 @@ def test_shards_put_together_are_the_whole_run(tmp_path):
 
 
 def test_an_episode_stays_in_its_shard_when_the_run_is_extended(tmp_path):
-    from smartplay_tools.evaluation.run.plan import make_cells, plan_episodes
+    from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 
     def keys(games: list[str], players: list[str], trials: int) -> list[set[str]]:
         plan = plan_episodes(make_cells(games, players, [sp.Budget()]), trials=trials)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from smartplay_tools.evaluation.sharing import sharing, worth
+from smartplay_tools.records.parallel import parallel_map, worth
 
 
 def squares(numbers: Sequence[int]) -> list[int]:
@@ -32,14 +32,14 @@ def refuse(numbers: Sequence[int]) -> list[int]:
 @pytest.mark.parametrize("processes", [1, 2, 3])
 @pytest.mark.parametrize("count", [0, 1, 7, 3000])
 def test_every_item_is_done_once_and_its_place_is_told(processes, count):
-    with sharing(squares, range(count), processes) as found:
+    with parallel_map(squares, range(count), processes) as found:
         done = sorted(found)
     assert [number for number, _ in done] == list(range(len(done)))
     assert [square for _, squares in done for square in squares] == [number**2 for number in range(count)]
 
 
 def test_another_process_gets_its_next_chunk_when_one_is_done():
-    with sharing(functools.partial(slow_at_home, home=os.getpid(), pause=0.1), range(400), 3) as found:
+    with parallel_map(functools.partial(slow_at_home, home=os.getpid(), pause=0.1), range(400), 3) as found:
         done = [item for _, items in sorted(found) for item in items]
     assert [number for number, _ in done] == list(range(400))
     elsewhere = sum(process != os.getpid() for _, process in done)
@@ -47,14 +47,14 @@ def test_another_process_gets_its_next_chunk_when_one_is_done():
 
 
 def test_when_the_other_processes_die_this_one_does_their_work():
-    with sharing(functools.partial(slow_at_home, home=os.getpid(), pause=0.02, dies=True), range(200), 3) as found:
+    with parallel_map(functools.partial(slow_at_home, home=os.getpid(), pause=0.02, dies=True), range(200), 3) as found:
         done = [item for _, items in sorted(found) for item in items]
     assert done == [(number, os.getpid()) for number in range(200)]
 
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_an_error_of_the_work_is_raised(processes):
-    with sharing(refuse, range(5), processes) as found, pytest.raises(ValueError, match=r"not [0-4]"):
+    with parallel_map(refuse, range(5), processes) as found, pytest.raises(ValueError, match=r"not [0-4]"):
         list(found)
 
 

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.folder import MOMENT, RunFolder
-from smartplay_tools.evaluation.moment import Moment
+from smartplay_tools.records.run_folder import STATUS, RunFolder
+from smartplay_tools.records.snapshot import RunFigures, read_status
 
 HANOI = "Hanoi3Disk-v0"
 
@@ -32,31 +32,31 @@ class Looks:
         until = time.monotonic() + 30
         while Looks.found is None and time.monotonic() < until:
             time.sleep(0.005)
-            now = RunFolder(Looks.folder).moment()
+            now = read_status(RunFolder(Looks.folder))
             if now is not None and now.running:
                 Looks.found = now, CliRunner().invoke(app, ["results", str(Looks.folder)]).output
         return self._rule.reply(prompt)
 
 
 def test_it_is_there_while_the_run_is_played(tmp_path, monkeypatch):
-    monkeypatch.setattr("smartplay_tools.evaluation.run.status_file.PERIOD", 0.02)
+    monkeypatch.setattr("smartplay_tools.evaluation.runs.progress.PERIOD", 0.02)
     Looks.folder, Looks.found = tmp_path / "run", None
     sp.evaluate([HANOI], {"looks": Looks}, out=Looks.folder, trials=2, executor="inline")
     now, shown = Looks.found
     assert (now.planned, now.finished, now.running, now.cost) == (2, 0, 1, 0.0)
     assert "Now: 0/2 episodes, 1 running" in shown
-    assert not (Looks.folder / MOMENT).exists()
+    assert not (Looks.folder / STATUS).exists()
 
 
 def test_it_may_be_deleted_and_says_nothing_when_it_is_old_or_damaged(tmp_path):
     sp.evaluate([HANOI], ["rule"], out=tmp_path, trials=1, budgets=sp.Budget(tool_calls=1), executor="inline")
     before = sorted(path.name for path in tmp_path.iterdir())
-    folder, path = RunFolder(tmp_path), tmp_path / MOMENT
-    assert folder.moment() is None
+    folder, path = RunFolder(tmp_path), tmp_path / STATUS
+    assert read_status(folder) is None
     whole = dict.fromkeys(("finished", "planned", "running", "failed", "calls", "steps", "tokens", "cost"), 1)
     whole |= {"seconds_left": None, "latest_error": ""}
     path.write_text(json.dumps(whole))
-    assert folder.moment() == Moment(**whole)
+    assert read_status(folder) == RunFigures(**whole)
     for damaged in (
         "",
         "{",
@@ -67,19 +67,19 @@ def test_it_may_be_deleted_and_says_nothing_when_it_is_old_or_damaged(tmp_path):
         json.dumps({"x": 1}),
     ):
         path.write_text(damaged)
-        assert folder.moment() is None
+        assert read_status(folder) is None
     path.write_text(json.dumps(whole))
     os.utime(path, (1, 1))
-    assert folder.moment() is None
+    assert read_status(folder) is None
     sp.evaluate([HANOI], ["rule"], out=tmp_path, trials=1, budgets=sp.Budget(tool_calls=1), executor="inline")
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
 def test_the_site_reads_it(tmp_path):
-    view = pytest.importorskip("smartplay_tools.evaluation.view")
+    view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
     sp.evaluate([HANOI], ["rule"], out=tmp_path, trials=1, budgets=sp.Budget(tool_calls=1), executor="inline")
     run = view.SiteRun(tmp_path, "run")
     assert run.summary()["seconds_left"] is None
-    figures = Moment(1, 2, 1, 0, 5, 4, 12_345, None, 61.5, "")
-    (tmp_path / MOMENT).write_text(json.dumps(vars(figures)))
+    figures = RunFigures(1, 2, 1, 0, 5, 4, 12_345, None, 61.5, "")
+    (tmp_path / STATUS).write_text(json.dumps(vars(figures)))
     assert {"tokens": 12_345, "cost": None, "seconds_left": 61.5}.items() <= run.summary().items()

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.submissions import (
+from smartplay_tools.evaluation.board.submissions import (
     Checked,
     Limits,
     check_submission,
@@ -43,7 +43,7 @@ def test_an_honest_run_is_verified(bundle):
     assert checked.errors == []
     assert (len(checked.rows), checked.planned) == (4, 4)
     assert checked.prompts == checked.replies > 20
-    assert checked.rows == sp.evaluation.RunFolder(bundle.parent / "run").rows()
+    assert checked.rows == sp.records.RunFolder(bundle.parent / "run").rows()
     assert "Who wrote the replies" in report_text(checked)
     assert "several plays of one seed" in report_text(checked)
 
@@ -236,7 +236,7 @@ def test_a_standard_submission_follows_a_fixed_suite(bundle, tmp_path):
 
 
 def test_the_fixed_suite_is_planned_as_it_is_checked(tmp_path):
-    from smartplay_tools.evaluation.run import plan_suite
+    from smartplay_tools.evaluation.runs import plan_suite
 
     suite = get_suite("tools-v1")
     plan = plan_suite(suite, ["rule"], seed=3)
@@ -257,7 +257,7 @@ def test_what_cannot_be_prepared(bundle, tmp_path):
         prepare_submission(run, tmp_path / "two.zip", FACTS)
     prepare_submission(run, tmp_path / "one.zip", FACTS, player="random")
     assert check_submission(tmp_path / "one.zip", workers=0).verified
-    with pytest.raises(sp.InvalidArgumentError, match="submission_date: there is no such day"):
+    with pytest.raises(sp.InvalidArgumentError, match="submission_date: this day does not exist"):
         prepare_submission(run, tmp_path / "day.zip", {**FACTS, "submission_date": "2026-02-31"}, player="rule")
     (run / "results.jsonl").write_text("")
     with pytest.raises(sp.InvalidArgumentError, match="1 of 1 episodes are not finished"):
@@ -280,7 +280,7 @@ def test_the_report_in_json_is_plain_data(bundle):
 
 @pytest.mark.parametrize("player", ["rule", "random", "first"])
 def test_the_reference_rows_are_of_the_suite_as_it_is_planned(player):
-    from smartplay_tools.evaluation.run import plan_suite
+    from smartplay_tools.evaluation.runs import plan_suite
 
     folder = Path(__file__).parents[2] / "experiments" / "tools-v1" / player
     if not folder.exists():
@@ -288,4 +288,4 @@ def test_the_reference_rows_are_of_the_suite_as_it_is_planned(player):
     keys = [episode.key for episode in plan_suite(get_suite("tools-v1"), [player]).episodes]
     manifest = json.loads((folder / "manifest.json").read_text())
     assert [episode["key"] for episode in manifest["episodes"]] == keys
-    assert [row["key"] for row in sp.evaluation.RunFolder(folder).rows()] == keys
+    assert [row["key"] for row in sp.records.RunFolder(folder).rows()] == keys

@@ -9,7 +9,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell, conditions
 from smartplay_tools.evaluation.analysis.summary import summarize
-from smartplay_tools.evaluation.prices import Price
+from smartplay_tools.records.prices import Price
 from tests.evaluation.runs import failed_row, play_row, play_rows
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
@@ -191,8 +191,7 @@ def test_engines_and_options_make_cells():
 
 def condition_cells(*rows):
     return [
-        (c.player, c.circumstances, [cell.game for cell in c.cells])
-        for c in conditions([cell for cell, _ in by_cell(rows)])
+        (c.player, c.label, [cell.game for cell in c.cells]) for c in conditions([cell for cell, _ in by_cell(rows)])
     ]
 
 
@@ -214,10 +213,10 @@ def test_a_number_that_was_asked_for_is_a_condition_even_where_it_is_the_papers(
 def test_caps_and_rules_are_part_of_a_condition():
     budget = sp.Budget(prompt_tokens=2_000, slack=0.5)
     rows = [play_row(game, budget=budget, manual="pinned") for game in (BANDIT, HANOI)]
-    circumstances = "manual pinned, prompt_tokens 2000, slack 0.5"
-    assert condition_cells(*rows) == [("rule", circumstances, [BANDIT, HANOI])]
+    label = "manual pinned, prompts <= 2,000, slack 0.5"
+    assert condition_cells(*rows) == [("rule", label, [BANDIT, HANOI])]
     capped = [play_row(game, budget=sp.Budget(prompt_tokens=2_000, result_tokens=100)) for game in (BANDIT, HANOI)]
-    assert condition_cells(*capped) == [("rule", "prompt_tokens 2000, result_tokens 100", [BANDIT, HANOI])]
+    assert condition_cells(*capped) == [("rule", "prompts <= 2,000, results <= 100", [BANDIT, HANOI])]
 
 
 def test_a_game_that_was_played_in_two_ways_splits_its_condition():
@@ -255,10 +254,10 @@ def test_baselines_set_the_run_beside_the_paper():
     assert known.get("oracle") is None
 
 
-def test_players_under_other_circumstances_have_baselines_of_their_own():
+def test_players_under_other_conditions_have_baselines_of_their_own():
     rows = [play_row(HANOI, "random"), play_row(HANOI, "rule", budget=sp.Budget(prompt_tokens=2_000))]
     first, second = summarize(rows).baselines
-    assert (first.circumstances, second.circumstances) == ("", "prompt_tokens 2000")
+    assert (first.label, second.label) == ("", "prompts <= 2,000")
     assert first.get("rule") is None
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.sweeps import grid, sweep
+from smartplay_tools.evaluation.runs.sweeps import grid, sweep
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
@@ -27,7 +27,9 @@ def windows(cells):
 
 def test_a_grid_is_every_combination_in_the_order_of_the_lists():
     cells = grid(
-        [HANOI, BANDIT], ["rule", "random"], history=[1, None], slack=[0, 0.5], manual=["tool", "pinned"]
+        [HANOI, BANDIT],
+        ["rule", "random"],
+        vary={"history": [1, None], "slack": [0, 0.5], "manual": ["tool", "pinned"]},
     ).cells
     assert len(cells) == 2 * 2 * 2 * 2 * 2
     outer = list(product((HANOI, BANDIT), ("rule", "random"), ("tool", "pinned")))
@@ -36,23 +38,43 @@ def test_a_grid_is_every_combination_in_the_order_of_the_lists():
 
 
 def test_what_does_not_vary_is_the_same_in_every_cell():
-    cells = grid([BANDIT], ["rule"], history=[1, 5], budget=sp.Budget(tool_calls=7, history=3), batch="first_act").cells
+    cells = grid(
+        [BANDIT], ["rule"], vary={"history": [1, 5]}, budget=sp.Budget(tool_calls=7, history=3), batch="first_act"
+    ).cells
     assert {(c.budget.tool_calls, c.batch) for c in cells} == {(7, "first_act")}
     assert [c.budget.history for c in cells] == [1, 5]
 
 
 def test_a_window_that_is_named_twice_is_played_once():
     """50 is the paper's history of the bandit, and not of Hanoi, where it is a window of its own."""
-    cells = grid([BANDIT, HANOI], ["rule"], history=["game", 50, 1, 1], prompt_tokens=[None, None]).cells
+    cells = grid([BANDIT, HANOI], ["rule"], vary={"history": ["game", 50, 1, 1], "prompt_tokens": [None, None]}).cells
     assert [(c.game, c.budget.history) for c in cells] == [
         (BANDIT, "game"), (BANDIT, 1), (HANOI, "game"), (HANOI, 50), (HANOI, 1),
     ]  # fmt: skip
 
 
+def test_what_does_not_vary_is_in_the_budget():
+    cells = grid([BANDIT], ["rule"], budget=sp.Budget(history=3, prompt_tokens=900), manual="pinned").cells
+    assert [(cell.budget.history, cell.budget.prompt_tokens, cell.manual) for cell in cells] == [(3, 900, "pinned")]
+    cells = grid([BANDIT], ["rule"], vary={"tool_calls": [5, 9]}, budget=sp.Budget(history=3)).cells
+    assert [(cell.budget.history, cell.budget.tool_calls) for cell in cells] == [(3, 5), (3, 9)]
+
+
+def test_an_axis_as_an_argument_of_its_own_still_works_with_a_warning():
+    with pytest.warns(DeprecationWarning, match=r'write it as vary={"history": \[1, 5\], "manual": \[\'tool\'\]}'):
+        older = grid([BANDIT], ["rule"], history=[1, 5], manual=["tool"])
+    assert older == grid([BANDIT], ["rule"], vary={"manual": ["tool"], "history": [1, 5]})
+
+
+def test_only_axes_vary():
+    with pytest.raises(sp.InvalidArgumentError, match="cannot vary steps; its axes are history, prompt_tokens"):
+        grid([BANDIT], ["rule"], vary={"steps": [1]})
+
+
 @pytest.mark.parametrize("values", [[], 5, "game"])
 def test_values_are_lists(values):
     with pytest.raises(sp.InvalidArgumentError, match="history must be a list"):
-        grid([BANDIT], ["rule"], history=values)
+        grid([BANDIT], ["rule"], vary={"history": values})
 
 
 def test_a_sweep_of_nothing_is_refused(tmp_path):
@@ -62,7 +84,7 @@ def test_a_sweep_of_nothing_is_refused(tmp_path):
 
 def test_windows_that_cannot_hold_the_head_are_named_before_anything_is_played(tmp_path):
     with pytest.raises(sp.InvalidArgumentError, match=r"prompt_tokens=40.*prompt_tokens=60") as caught:
-        sweep([BANDIT], ["rule"], prompt_tokens=[40, 60, 1000], out=tmp_path / "run", executor="inline")
+        sweep([BANDIT], ["rule"], vary={"prompt_tokens": [40, 60, 1000]}, out=tmp_path / "run", executor="inline")
     assert "prompt_tokens=1000" not in str(caught.value)
     assert not (tmp_path / "run").exists()
 
@@ -73,7 +95,9 @@ def test_windows_that_cannot_hold_the_head_are_named_before_anything_is_played(t
 @pytest.fixture(scope="module")
 def played(tmp_path_factory):
     out = tmp_path_factory.mktemp("sweep")
-    return sweep([BANDIT], ["rule", "random"], history=[1, 50], slack=[0, 0.5], trials=4, out=out, executor="inline")
+    return sweep(
+        [BANDIT], ["rule", "random"], vary={"history": [1, 50], "slack": [0, 0.5]}, trials=4, out=out, executor="inline"
+    )
 
 
 def test_every_cell_meets_the_same_seeds(played):
@@ -101,8 +125,8 @@ def test_whoever_remembers_less_earns_less_and_whoever_looks_at_nothing_does_not
 def test_the_same_call_resumes_it(played):
     before = {path: path.stat().st_mtime_ns for path in (played.run.folder.path / "episodes").iterdir()}
     again = sweep(
-        [BANDIT], ["rule", "random"], history=[1, 50], slack=[0, 0.5], trials=4, out=played.run.folder.path,
-        executor="inline",
+        [BANDIT], ["rule", "random"], out=played.run.folder.path, trials=4, executor="inline",
+        vary={"history": [1, 50], "slack": [0, 0.5]},
     )  # fmt: skip
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert again.summary == played.summary
@@ -125,7 +149,9 @@ def test_it_writes_tables_and_figures(played):
 
 def test_a_sweep_that_could_afford_nothing_says_nothing(tmp_path):
     """The run's own cap has room for no episode, so there is nothing to compare, and nothing breaks."""
-    poor = sweep([BANDIT], ["rule"], history=[1, 50], trials=2, run_tokens=900, out=tmp_path, executor="inline")
+    poor = sweep(
+        [BANDIT], ["rule"], vary={"history": [1, 50]}, trials=2, run_tokens=900, out=tmp_path, executor="inline"
+    )
     assert poor.run.cap_reached
     assert poor.rows == []
     assert poor.summary == []
@@ -133,7 +159,7 @@ def test_a_sweep_that_could_afford_nothing_says_nothing(tmp_path):
 
 
 def test_shards_that_were_merged_are_a_sweep(played, tmp_path):
-    asked = {"history": [1, 50], "slack": [0, 0.5], "trials": 4, "executor": "inline"}
+    asked = {"vary": {"history": [1, 50], "slack": [0, 0.5]}, "trials": 4, "executor": "inline"}
     parts = [tmp_path / "part1", tmp_path / "part2"]
     for number, part in enumerate(parts, start=1):
         sweep([BANDIT], ["rule", "random"], shard=(number, 2), out=part, **asked)
@@ -152,8 +178,8 @@ def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
     shown = CliRunner().invoke(app, command)
     assert shown.exit_code == 0, shown.output
     assert f"{BANDIT}, rule, manual pinned" in shown.stdout
-    assert len(re.findall(r"^  1 step +\d.* -\d+", shown.stdout, flags=re.MULTILINE)) == 2
-    assert len(re.findall(r"^  50 steps +\d.* full context", shown.stdout, flags=re.MULTILINE)) == 2
+    assert len(re.findall(r"^  history 1 +\d.* -\d+", shown.stdout, flags=re.MULTILINE)) == 2
+    assert len(re.findall(r"^  history 50 +\d.* full context", shown.stdout, flags=re.MULTILINE)) == 2
     assert (tmp_path / "figures" / "score-against-history.svg").exists()
 
 
@@ -184,7 +210,7 @@ def test_with_prices_there_is_a_front_of_cost(tmp_path):
         (["--history", ","], "--history is empty"),
         (["--prompt-tokens", "0"], "--prompt-tokens 0"),
         (["--slack", "0,2"], "--slack 2"),
-        (["--slack", "much"], "--slack much is not a number"),
+        (["--slack", "much"], "--slack much: Input should be a valid number"),
         (["--manual", "lost"], "'lost'"),
         (["--players", "nobody"], "'nobody'"),
     ],
@@ -201,8 +227,8 @@ def test_a_dry_run_plays_nothing(tmp_path):
     shown = CliRunner().invoke(app, command)
     assert shown.exit_code == 0
     table = shown.stdout.splitlines()
-    assert table[0].split()[:2] == ["history", "episodes"]
-    assert [line.split()[0] for line in table[1:4]] == ["1", "5", "all"]
+    assert table[0].split()[:2] == ["budget", "episodes"]
+    assert [line[:10].strip() for line in table[1:4]] == ["history 1", "history 5", "all"]
     assert not (tmp_path / "run").exists()
 
 
@@ -210,11 +236,13 @@ def test_strategies_are_axes_and_what_cannot_be_enforced_is_left_out_and_named()
     found = grid(
         [BANDIT],
         ["rule-notes"],
-        history=[10],
-        prompt_tokens=[600, 330],
-        slack=[0, 0.5],
-        beyond_history=["drop", "mask"],
-        summary_tokens=[None, 100],
+        vary={
+            "history": [10],
+            "prompt_tokens": [600, 330],
+            "slack": [0, 0.5],
+            "beyond_history": ["drop", "mask"],
+            "summary_tokens": [None, 100],
+        },
     )
     asked = [(cell.budget.prompt_tokens, cell.budget.slack, *cell.budget.strategies) for cell in found.cells]
     assert len(asked) == len(set(asked)) == 2 * 2 * 2 + 2
@@ -227,9 +255,7 @@ def test_cells_that_differ_in_strategy_are_paired_with_plain_dropping(tmp_path):
     swept = sp.sweep(
         [BANDIT],
         ["rule-notes"],
-        history=[10],
-        prompt_tokens=[600],
-        notes_tokens=[None, 200],
+        vary={"history": [10], "prompt_tokens": [600], "notes_tokens": [None, 200]},
         trials=2,
         out=tmp_path / "run",
         executor="inline",

@@ -13,7 +13,7 @@ from smartplay_tools.evaluation.analysis.formats import Column, TextTable, to_cs
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import COLUMNS, LATER, flat, summary_json, write_csv, write_parquet
-from smartplay_tools.evaluation.prices import Price
+from smartplay_tools.records.prices import Price
 from tests.evaluation.runs import failed_row, play_row, play_rows
 
 RPS, HANOI, HANOI4 = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0", "Hanoi4Disk-v0"
@@ -93,7 +93,7 @@ def test_the_summary_is_json(rows):
     assert rps["tokens"]["prompt_drift"]["provider"] == 5_000
     assert rps["tokens"]["prompt_drift"]["difference"] == 5_000 - rps["tokens"]["prompt"]
     assert 0 < rps["tokens"]["prefix_share"] < 1
-    assert found["profiles"][0]["condition"]["circumstances"] == "prompt_tokens 2000"
+    assert found["profiles"][0]["condition"]["label"] == "prompts <= 2,000"
     assert found["profiles"][0]["capabilities"]["left_out"] == [HANOI4]
 
 
@@ -113,7 +113,7 @@ def test_the_headline_has_a_line_for_every_game_and_player(rows):
     assert table.rows[5][-1] == "1.00"
 
 
-def test_a_player_under_several_circumstances_is_told_apart(rows):
+def test_a_player_under_several_conditions_is_told_apart(rows):
     summary = summarize([*rows, *play_rows(HANOI, trials=2, budget=sp.Budget(history=1))])
     assert [row[0] for row in headline(summary).rows if "rule" in row[0]] == ["  rule", "  rule, history 1"]
 
@@ -129,7 +129,7 @@ def test_figures_of_a_game_have_the_same_decimals():
 
 def test_every_figure_is_in_the_details(rows):
     text = cells_of(details(summarize(rows)))
-    assert "baselines (prompt_tokens 2000)" in text
+    assert "baselines (prompts <= 2,000)" in text
     assert "Hanoi3Disk-v0 | - | 3.00 | 0.20 | 2.70 | 3.00" in text  # the paper's models and human beside rule
     assert "terminated 2" in text
     assert f"{HANOI4}: no normalised score" in text

@@ -23,7 +23,7 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 
 pytest.importorskip("uvicorn")
-view = pytest.importorskip("smartplay_tools.evaluation.view")
+view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
 
 HANOI, BANDIT = "Hanoi3Disk-v0", "BanditTwoArmedHighLowFixed-v0"
 
@@ -88,8 +88,9 @@ def test_what_is_not_there(site):
     ):
         assert get(site + path)[0] == 404, path
     request = urllib.request.Request(f"{site}/api/runs", method="POST")
-    with pytest.raises(urllib.error.HTTPError, match="405"):
+    with pytest.raises(urllib.error.HTTPError, match="405") as refused:
         urllib.request.urlopen(request)
+    refused.value.close()
 
 
 @pytest.mark.slow
@@ -211,7 +212,7 @@ def test_a_single_record_is_shown_before_during_and_after_its_episode(tmp_path):
         (one,) = shown.playing()
         assert (one["game"], one["player"], one["calls"]) == (HANOI, "rule", 1)
         assert shown.record(one["record"]) == path
-        assert shown.episodes()[0][:5] == [one["record"], "running", HANOI, "rule", "prompt tokens 900"]
+        assert shown.episodes()[0][:5] == [one["record"], "running", HANOI, "rule", "prompts <= 900"]
     assert (shown.playing(), shown.summary()["finished"]) == ([], 1)
     (row,) = shown.episodes()
     assert dict(zip(view.runs.COLUMNS, row, strict=True))["end"] == "closed"

@@ -14,9 +14,10 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.runs import BrowserPlay
 from tests.evaluation.test_view import BANDIT, HANOI, large
 
-view = pytest.importorskip("smartplay_tools.evaluation.view")
+view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
 sync_api = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.slow
 
@@ -183,7 +184,7 @@ def test_an_episode_is_followed_while_it_is_played(show, runs, tmp_path):
 @pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (400, "dark")])
 def test_a_person_plays_an_episode(show, tmp_path, width, scheme):
     budget = sp.Budget(history=1, tool_calls=4)
-    playing = view.BrowserPlay(HANOI, tmp_path / "human", budget=budget)
+    playing = BrowserPlay(HANOI, tmp_path / "human", budget=budget)
     with playing as play, view.ViewServer([view.SiteRun(play.folder.path, "human")], play=play) as server:
         page = show(server.url, "play", viewport={"width": width, "height": 900}, color_scheme=scheme)
         page.locator("#actions button").nth(1).wait_for()

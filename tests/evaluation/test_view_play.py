@@ -14,12 +14,12 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.folder import RunFolder
-from smartplay_tools.evaluation.run import audit
-from smartplay_tools.replays import replay
+from smartplay_tools.evaluation.runs import BrowserPlay, audit
+from smartplay_tools.records import replay
+from smartplay_tools.records.run_folder import RunFolder
 
 pytest.importorskip("uvicorn")
-view = pytest.importorskip("smartplay_tools.evaluation.view")
+view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
@@ -62,7 +62,7 @@ def playing(tmp_path):
     started = []
 
     def start(game: str = HANOI, **options: Any) -> tuple[Any, Page]:
-        play = view.BrowserPlay(game, tmp_path / "human", **options)
+        play = BrowserPlay(game, tmp_path / "human", **options)
         server = view.ViewServer([view.SiteRun(play.folder.path, "human")], play=play)
         started.extend([play.__enter__(), server.__enter__()])
         return play, Page(server.url)
@@ -81,7 +81,7 @@ def test_the_page_shows_the_prompt_of_a_model_and_the_record_is_that_of_a_player
         prompt = sp.Conversation(same).prompt()
     assert first["messages"] == prompt.messages
     assert [tool["name"] for tool in first["tools"]] == [tool.name for tool in prompt.tools]
-    assert first["gauges"][0]["share"] == pytest.approx(sum_of_prompt(first) / 900)
+    assert first["budget_bars"][0]["share"] == pytest.approx(sum_of_prompt(first) / 900)
     page.answer(tool="read_manual")
     page.answer(tool="act", action="1", say="left first")
     over = page.answer(tool="act", action="2")
@@ -95,7 +95,7 @@ def test_the_page_shows_the_prompt_of_a_model_and_the_record_is_that_of_a_player
 
 
 def sum_of_prompt(asked: dict[str, Any]) -> int:
-    used = re.match(r"prompt ([\d,]+)/", asked["gauges"][0]["short"])
+    used = re.match(r"prompt ([\d,]+)/", asked["budget_bars"][0]["short"])
     assert used is not None
     return int(used[1].replace(",", ""))
 
@@ -113,7 +113,7 @@ def test_another_episode_is_another_trial_of_the_run(playing):
 
 
 def test_an_episode_that_was_left_goes_on(playing, tmp_path):
-    with view.BrowserPlay(HANOI, tmp_path / "human") as first:
+    with BrowserPlay(HANOI, tmp_path / "human") as first:
         wait_for(lambda: first.player.asked)
         first.player.answer({"number": first.number, "tool": "read_manual"})
         wait_for(lambda: first.player.asked)
@@ -138,7 +138,7 @@ def test_what_is_no_answer_is_refused_and_not_played(playing):
         ({"number": number - 1, "tool": "observe"}, "answered already"),
         ({"number": number, "tool": "jump"}, "one of its tools"),
         ({"number": number, "tool": "act"}, "lacks action"),
-        ({"number": number, "tool": "act", "action": "99"}, "no action of this game"),
+        ({"number": number, "tool": "act", "action": "99"}, "not an action of this game"),
         ({"number": number, "tool": "act", "action": "1", "say": 5}, "lacks say"),
         ({"number": number, "tool": "take_notes"}, "lacks text"),
         ([], "a JSON object"),
@@ -180,7 +180,7 @@ def test_only_the_page_of_the_play_may_answer(playing):
 
 
 def test_a_token_is_needed_to_play_for_others(tmp_path):
-    with view.BrowserPlay(HANOI, tmp_path / "human") as play:
+    with BrowserPlay(HANOI, tmp_path / "human") as play:
         runs = [view.SiteRun(play.folder.path, "human")]
         with view.ViewServer(runs, play=play, token="secret") as server, pytest.raises(TypeError):
             Page(server.url)  # there is no page, and so no key

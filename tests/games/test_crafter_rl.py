@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import smartplay_tools  # noqa: F401 - it registers the environments
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
 from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.worlds import SLOW
 
@@ -206,6 +206,54 @@ def test_each_world_has_its_seed(engine: str) -> None:
     assert np.array_equal(vector.reset(seed=6)[0][1:], first[:2])
     again = vector.reset()[0]
     assert not np.array_equal(again[1], first[0])
+
+
+def test_seeds_of_numpy_are_seeds(engine: str) -> None:
+    vector = gymnasium.make_vec(ID, num_envs=3, observation="semantic", engine=engine)
+    expected = vector.reset(seed=[5, 6, 7])[0]
+    for seed in (5, np.int64(5), np.arange(5, 8), [np.int64(5), np.uint8(6), 7], (5, 6, 7)):
+        assert np.array_equal(vector.reset(seed=seed)[0], expected)
+    vector.reset()
+    single = gymnasium.make(ID, observation="semantic", engine=engine).unwrapped
+    assert np.array_equal(single.reset(seed=np.int64(5))[0], expected[0])
+
+
+@pytest.mark.parametrize("seed", [-1, True, 1.5, "a", [-1, 2, 3], [1, True, 3], [1.5, 2, 3], ["a", "b", "c"], [1, 2]])
+def test_what_is_not_a_seed_is_refused_and_changes_nothing(engine: str, seed: object) -> None:
+    vector = gymnasium.make_vec(ID, num_envs=3, observation="semantic", engine=engine)
+    vector.reset(seed=1)
+    states = [vector.fingerprint(number) for number in range(3)]
+    with pytest.raises(InvalidArgumentError, match=r"^seed must be a "):
+        vector.reset(seed=seed)
+    assert [vector.fingerprint(number) for number in range(3)] == states
+    vector.reset()
+    if not isinstance(seed, list):
+        with pytest.raises(InvalidArgumentError, match=r"^seed must be a "):
+            gymnasium.make(ID, observation="semantic", engine=engine).unwrapped.reset(seed=seed)
+
+
+def test_no_step_before_the_reset(engine: str) -> None:
+    vector = gymnasium.make_vec(ID, num_envs=2, observation="semantic", engine=engine)
+    with pytest.raises(ResetNeededError, match=r"Worlds \[0, 1\] have not begun"):
+        vector.step(np.zeros(2, np.int64))
+    with pytest.raises(ResetNeededError, match="before its reset"):
+        gymnasium.make(ID, observation="semantic", engine=engine).unwrapped.step(0)
+
+
+def test_no_step_after_the_end(engine: str) -> None:
+    vector = gymnasium.make_vec(
+        ID, num_envs=1, observation="semantic", engine=engine, autoreset_mode=AutoresetMode.DISABLED
+    )
+    single = gymnasium.make(ID, observation="semantic", engine=engine).unwrapped
+    vector.reset(seed=30)
+    single.reset(seed=30)
+    while not single.step(facts.SLEEP)[2]:
+        vector.step(np.array([facts.SLEEP]))
+    vector.step(np.array([facts.SLEEP]))
+    with pytest.raises(ResetNeededError, match="after its end"):
+        single.step(0)
+    with pytest.raises(ResetNeededError, match=r"worlds \[0\] have ended"):
+        vector.step(np.array([0]))
 
 
 def test_without_any_seed_worlds_differ(engine: str) -> None:

@@ -7,11 +7,14 @@ import json
 import re
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.runs.plan import plan_suite
+from smartplay_tools.evaluation.suites import get_suite
 from smartplay_tools.games.base import read_text
 from smartplay_tools.games.messenger import grammar, manuals, rules, text
 from smartplay_tools.games.messenger.manuals import OUR_TEXTS, Texts, load
@@ -159,18 +162,74 @@ def write_texts(folder: Path, change: str = "") -> Path:
     return folder
 
 
-def test_texts_of_ones_own_are_played_and_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sentences_are_known_by_their_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ours = sp.GAMES["MessengerL2-v0"].make()
     given = sp.GAMES["MessengerL2-v0"].make(texts=write_texts(tmp_path))
     monkeypatch.setenv(manuals.TEXTS_VARIABLE, str(tmp_path))
     from_environment = sp.GAMES["MessengerL2-v0"].make()
     for game in (ours, given, from_environment):
         game.reset(seed=1)
-    assert [getattr(game, "texts") for game in (ours, given, from_environment)] == ["grammar", "original", "original"]  # noqa: B009
     assert given.manual == from_environment.manual
     assert "\nye " in given.manual
-    assert given.deviations() == {}
+    sha256 = hashlib.sha256((tmp_path / "text_test.json").read_bytes()).hexdigest()
+    played = {"texts": {"paper": "original", "played": f"other:{sha256[:16]}"}}
+    assert given.deviations() == from_environment.deviations() == played
     assert ours.deviations() == {"texts": {"paper": "original", "played": "grammar"}}
+
+
+def test_the_originals_sentences_are_no_deviation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sha256 = hashlib.sha256((write_texts(tmp_path) / "text_test.json").read_bytes()).hexdigest()
+    monkeypatch.setattr(manuals, "ORIGINAL_SHA256", {**manuals.ORIGINAL_SHA256, "test": sha256})
+    assert sp.GAMES["MessengerL2-v0"].make(texts=tmp_path).deviations() == {}
+
+
+def test_a_copy_of_our_sentences_is_still_ours() -> None:
+    assert sp.GAMES["MessengerL2-v0"].make(texts=OUR_TEXTS).deviations()["texts"]["played"] == "grammar"
+
+
+def play_one(**options: Any) -> list[sp.Event]:
+    record: list[sp.Event] = []
+    with sp.Episode("MessengerL1-v0", seed=3, transcript=record, **options) as episode:
+        sp.play(episode, sp.get_player("rule"))
+    return record
+
+
+def test_a_record_without_a_folder_is_replayed_with_our_sentences_on_any_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = play_one()
+    assert "options" not in record[0]["config"]
+    monkeypatch.setenv(manuals.TEXTS_VARIABLE, str(write_texts(tmp_path)))
+    assert sp.replay(record).identical
+
+
+@pytest.mark.parametrize("named", ["argument", "variable"])
+def test_a_record_of_other_sentences_is_replayed_only_with_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: str
+) -> None:
+    folder = tmp_path / "there"
+    folder.mkdir()
+    write_texts(folder)
+    if named == "variable":
+        monkeypatch.setenv(manuals.TEXTS_VARIABLE, str(folder))
+    record = play_one(**{"texts": folder} if named == "argument" else {})
+    assert record[0]["config"]["options"]["sentences"].startswith("other:")
+    assert sp.replay(record).identical
+
+    moved = folder.rename(tmp_path / "here")
+    with pytest.raises(sp.InvalidArgumentError, match=r"The sentences 'other:.*that holds them in SMARTPLAY_MESS"):
+        sp.replay(record)
+    monkeypatch.setenv(manuals.TEXTS_VARIABLE, str(moved))
+    assert sp.replay(record).identical
+
+
+def test_the_suite_for_agents_plays_our_sentences_whatever_the_machine_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    suite = get_suite("tools-v1")
+    cells = suite.cells("rule")
+    monkeypatch.setenv(manuals.TEXTS_VARIABLE, str(write_texts(tmp_path)))
+    assert suite.cells("rule") == list(plan_suite(suite, ["rule"]).cells) == cells
 
 
 @pytest.mark.parametrize("wrong", ["[]", "{}", '{"airplane": {"enemy": {"chaser": "fly"}}}', "{", "null"])

@@ -9,6 +9,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import smartplay_tools as sp
 from smartplay_tools.games.minecraft.observation import RAY_RANGES, true_rays
@@ -329,6 +330,21 @@ def test_starts_are_outside_the_goal_and_a_walk_away_from_it(task):
         away.append(float(np.hypot(axis[i], axis[j]).min()))
     assert 300 <= statistics.median(away) <= 900
     assert min(away) > 200  # the search for a start looks every 16 blocks, and small patches fall between
+
+
+def test_distances_to_a_goal_are_those_of_scipy():
+    random = np.random.default_rng(0)
+    side = 2 * start._REACH + 1
+    for share in np.geomspace(1e-4, 0.5, 1500):
+        goal = random.random((side, side)) < share
+        if goal.any():
+            whole = ndimage.distance_transform_edt(~goal) * start._SCALE
+            assert np.array_equal(start.goal_distances(goal), whole[start._INNER, start._INNER])
+
+
+def test_without_a_goal_on_the_map_no_place_is_near_one():
+    none = np.zeros((2 * start._REACH + 1,) * 2, bool)
+    assert start.goal_distances(none).min() > start.FARTHEST_GOAL
 
 
 def test_who_cannot_climb_out_is_walled_in():

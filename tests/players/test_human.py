@@ -16,9 +16,9 @@ import pytest
 from rich.console import Console
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.folder import RunFolder
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.players.human.player import HumanPlayer
+from smartplay_tools.records.run_folder import RunFolder
 from tests.processes import heed_interrupts, needs_unix
 
 HANOI, RPS, CRAFTER = "Hanoi3Disk-v0", "RockPaperScissorBasic-v0", "Crafter-v0"
@@ -127,7 +127,7 @@ def plain(text: str) -> str:
     return " ".join(text.split())
 
 
-def test_the_gauges_tell_what_the_budget_has_left():
+def test_the_budget_bars_tell_what_the_budget_has_left():
     budget = sp.Budget(prompt_tokens=1_000, reply_tokens=50, tool_calls=10)
     _, _, shown = sit("1\n1\n", budget=budget)
     last = shown.rpartition(" prompt ─")[2]
@@ -137,7 +137,7 @@ def test_the_gauges_tell_what_the_budget_has_left():
     assert "reply at most 50 tokens" in last
 
 
-def test_the_gauges_add_up():
+def test_the_budget_bars_add_up():
     """Task and turns are the prompt; prompts and replies so far, this prompt and the longest reply are the cap."""
     budget = sp.Budget(episode_tokens=5_000)
     _, record, shown = sit("1\n2\nm\n", budget=budget)

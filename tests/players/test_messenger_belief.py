@@ -29,7 +29,7 @@ from smartplay_tools.players.rules.messenger.board import (
 )
 from smartplay_tools.players.rules.messenger.casts import Part
 from smartplay_tools.players.rules.messenger.manual import Claim
-from smartplay_tools.players.rules.messenger.sight import View
+from smartplay_tools.players.rules.messenger.sight import SeenEntities
 
 LINES = "You took action {}.\n\nYou (agent) don't have the message.\n\nYou see:\n- {}"
 
@@ -43,7 +43,7 @@ LINES = "You took action {}.\n\nYou (agent) don't have the message.\n\nYou see:\
     ],
 )
 def test_it_tells_movements_apart_by_what_it_sees(observations: list[str], movement: int) -> None:
-    views = [View.of(LINES.format("Do Nothing", line)) for line in observations]
+    views = [SeenEntities.of(LINES.format("Do Nothing", line)) for line in observations]
     possible = tuple((1 / 3, {"dog": (Part("enemy", movement),)}) for movement in range(len(MOVEMENTS)))
     cases = believe(possible, views)
     assert cases is not None
@@ -52,14 +52,14 @@ def test_it_tells_movements_apart_by_what_it_sees(observations: list[str], movem
 
 def test_a_move_that_changed_nothing_shows_the_border() -> None:
     lines = ("dog 4 steps to your east", "dog 4 steps to your east")
-    views = [View.of(LINES.format("Move West", line)) for line in lines]
+    views = [SeenEntities.of(LINES.format("Move West", line)) for line in lines]
     cases = believe(((1.0, {"dog": (Part("enemy", IMMOVABLE),)}),), views)
     assert cases is not None
     assert set(cases.cell // 10) == {0}
 
 
 def test_of_two_things_with_one_name_the_hidden_one_is_not_nearer() -> None:
-    views = [View.of(LINES.format("Do Nothing", "dog 5 steps to your east"))] * 3
+    views = [SeenEntities.of(LINES.format("Do Nothing", "dog 5 steps to your east"))] * 3
     twins = (Part("message", FLEEING), Part("enemy", IMMOVABLE))
     cases = believe(((1.0, {"dog": twins}),), views)
     assert cases is not None
@@ -71,7 +71,7 @@ def test_of_two_things_with_one_name_the_hidden_one_is_not_nearer() -> None:
 
 def test_what_cannot_be_is_not_believed() -> None:
     lines = ("dog 4 steps to your east", "dog 9 steps to your west")
-    views = [View.of(LINES.format("Do Nothing", line)) for line in lines]
+    views = [SeenEntities.of(LINES.format("Do Nothing", line)) for line in lines]
     assert believe(((1.0, {"dog": (Part("enemy", IMMOVABLE),)}),), views) is None
     assert messenger.choose((Claim("dog", "enemy", "immovable"),), views), "and then the older view is forgotten"
 
@@ -121,5 +121,5 @@ def test_things_are_looked_for_where_they_are_shown() -> None:
     for cell_x, cell_y in ((0, 0), (4, 7), (9, 9)):
         for x, y in itertools.product(range(WIDTH), repeat=2):
             state = State(((x, y),), ("immovable",), (2 * cell_x, 2 * cell_y))
-            shown = View.of(describe(state, ("dog",))).things["dog"]
+            shown = SeenEntities.of(describe(state, ("dog",))).things["dog"]
             assert board().shown[CELLS * cell_x + cell_y, WIDTH * x + y] == sight_code(*shown)

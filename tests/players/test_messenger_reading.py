@@ -14,7 +14,7 @@ from smartplay_tools.players.rules.messenger import manual as messenger_manual
 from smartplay_tools.players.rules.messenger.board import CHASER, FLEEING, IMMOVABLE
 from smartplay_tools.players.rules.messenger.casts import Cast, Part, casts
 from smartplay_tools.players.rules.messenger.manual import Claim, claims
-from smartplay_tools.players.rules.messenger.sight import View
+from smartplay_tools.players.rules.messenger.sight import SeenEntities
 from tests.messenger_sentences import Entry, entries
 
 
@@ -118,7 +118,7 @@ def test_the_likeliest_cast_is_mostly_the_true_one(split: Split) -> None:
     for seed in range(100):
         observation, _ = game.reset(seed=seed)
         told = [truth[line] for line in game.manual.split("\n") if line in truth]
-        _, likeliest = casts(claims(game.manual), tuple(sorted(View.of(observation).things)))[0]
+        _, likeliest = casts(claims(game.manual), tuple(sorted(SeenEntities.of(observation).things)))[0]
         right += likeliest == true_cast(told, game.unwrapped._rules_state.movements, game.unwrapped._names)
     assert right >= 80
 

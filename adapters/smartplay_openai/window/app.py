@@ -15,10 +15,6 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-from smartplay_mcp.guard import carries, check_address, guarded
-from smartplay_mcp.http import bound
-from smartplay_mcp.messages import play
-from smartplay_mcp.store import FullError
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
@@ -34,7 +30,8 @@ from smartplay_openai.window.asked import read_request
 from smartplay_openai.window.episode import WindowEpisode
 from smartplay_openai.window.store import PlayerOf, WindowStore
 from smartplay_tools import AsyncPlayer, Episode, EpisodeResult, Player, SmartPlayError
-from smartplay_tools.web import Server
+from smartplay_tools.web import FullError, Server, carries, check_address, guarded
+from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 
 PREFIX = "smartplay/"
 """What stands before the handle in the name of a model."""
@@ -62,13 +59,13 @@ def window_app(
         if token is not None and not carries(request, token):
             error = RequestError(401, "The API key is wrong or missing.", code="invalid_api_key")
             return json_response(error.body(), 401, {"www-authenticate": "Bearer", **error.headers})
-        return await bound(request, store) if surface == "mcp" else None
+        return await bind_episode(request, store) if surface == "mcp" else None
 
     routes = [
         *(Route(interface.path, _handler(store, interface), methods=["POST"]) for interface in (CHAT, RESPONSES)),
         Route("/v1/models", _list_models),
         Route("/v1/models/{name:path}", _model_shower(store)),
-        Route("/mcp", play, methods=["POST"]),
+        mcp_route(),
     ]
 
     @asynccontextmanager

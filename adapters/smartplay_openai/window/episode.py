@@ -45,7 +45,7 @@ NO_TOOLS = "This endpoint plays a game: it answers requests that offer the game'
 """The answer to a request without the game's tools, as agents send for plans and titles. The model is not asked."""
 
 LOST = 20
-"""So many requests in a row without the latest reply's call ids mean that the host does not keep ids."""
+"""After this many requests in a row without the latest reply's call ids, the host is assumed not to keep ids."""
 
 log = logging.getLogger("smartplay_openai.window")
 
@@ -89,7 +89,7 @@ class WindowEpisode:
     async def reply(self, asked: Asked, *, is_retry: bool = False) -> Said:
         """Answer a request: the next turn's reply, or the latest again where the request does not know it yet.
 
-        `is_retry` says that the client calls it one. A turn that has begun goes on when its request is cancelled, and
+        `is_retry` says that the client calls it one. A turn that has begun continues when its request is cancelled, and
         the request that comes instead gets its reply.
         """
         tools = tell_apart(asked.tools, self.episode.tools, self._closing)
@@ -272,7 +272,7 @@ class WindowEpisode:
         return Said(message, usage or counted, slots)
 
     def _of_record(self, tools: Sequence[ToolSpec]) -> Said | None:
-        """Return the latest reply of a session that goes on from its record, if the host was sent it."""
+        """Return the latest reply of a session that continues from its record, if the host was sent it."""
         if self._session is None or self._session.message is None:
             return None
         own = {tool.name: tool.name for tool in self.episode.tools}

@@ -6,11 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from smartplay_mcp.store import Store
-
 from smartplay_openai.window.episode import WindowEpisode
 from smartplay_tools import AsyncPlayer, Episode, InvalidArgumentError, Player, resume
 from smartplay_tools.players import ModelPlayer
+from smartplay_tools.web import Store
 
 PlayerOf = Callable[[int], Player | AsyncPlayer]
 """Returns the player of an episode, given its seed."""
@@ -30,7 +29,9 @@ class WindowStore(Store[WindowEpisode]):
     ) -> None:
         super().__init__(**options)
         if not isinstance(player, Player | AsyncPlayer) and not callable(player):
-            raise InvalidArgumentError(f"{player!r} is no player: it has no `name`, or neither `reply` nor `areply`.")
+            raise InvalidArgumentError(
+                f"{player!r} is not a player: it needs a `name`, and a method `reply` or `areply`."
+            )
         self._player, self._closing = player, closing
         self._players: list[Player | AsyncPlayer] = []
 

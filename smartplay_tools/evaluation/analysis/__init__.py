@@ -16,14 +16,14 @@ from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.formats import TextTable, to_csv, to_html, to_latex, to_markdown
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.headline import headline
-from smartplay_tools.evaluation.analysis.intervals import Estimate, mean_estimate
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimate
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences, paired_difference
 from smartplay_tools.evaluation.analysis.pareto import pareto_front
-from smartplay_tools.evaluation.analysis.summary import CellSummary, Failures, Profile, Summary, summarize
+from smartplay_tools.evaluation.analysis.summary import CellSummary, Failures, Profile, RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import summary_json, write_csv, write_parquet
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows
-from smartplay_tools.evaluation.rows import Row
+from smartplay_tools.records.rows import Row
 
 __all__ = [
     "MEASURES",
@@ -34,15 +34,15 @@ __all__ = [
     "CellSummary",
     "Comparison",
     "Condition",
-    "Estimate",
     "Failures",
+    "MeanEstimate",
     "Overall",
     "Pairing",
     "PlayedCell",
     "Profile",
     "Row",
+    "RunSummary",
     "Side",
-    "Summary",
     "TextTable",
     "WindowComparison",
     "by_cell",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell
-from smartplay_tools.evaluation.analysis.intervals import Estimate
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.games.paper import PAPER_RESULTS
 
 Source = Literal["run", "paper"]
@@ -32,10 +32,10 @@ class Baseline:
 
 @dataclass(frozen=True)
 class Baselines:
-    """All baselines of one setting under one set of circumstances."""
+    """All baselines of one setting for players with the same label."""
 
     game: str
-    circumstances: str
+    label: str
     """A short description of the conditions of the run's players."""
     engine: str | None
     comparable: bool
@@ -53,20 +53,20 @@ class Baselines:
         return tuple(each for each in self.baselines if each.source == "paper" and each.name != "human")
 
 
-Played = tuple[PlayedCell, Estimate, Estimate | None]
+Played = tuple[PlayedCell, MeanEstimate, MeanEstimate | None]
 """A cell with its score and its normalised score."""
 
 
 def find_baselines(played: Sequence[tuple[Condition, Sequence[Played]]]) -> list[Baselines]:
-    """Return the baselines of a run, from the cells of its conditions: one set for each setting and circumstances."""
+    """Return the baselines of a run, from the cells of its conditions: one set for each setting and label."""
     found: dict[tuple[str, str], list[Played]] = {}
     for condition, cells in played:
         for entry in cells:
-            found.setdefault((condition.circumstances, entry[0].game), []).append(entry)
-    return [_baselines(circumstances, cells) for (circumstances, _), cells in found.items()]
+            found.setdefault((condition.label, entry[0].game), []).append(entry)
+    return [_baselines(label, cells) for (label, _), cells in found.items()]
 
 
-def _baselines(circumstances: str, played: Sequence[Played]) -> Baselines:
+def _baselines(label: str, played: Sequence[Played]) -> Baselines:
     cell = played[0][0]
     ours = [
         Baseline(cell.player, "run", score.mean, None if normalized is None else normalized.mean, score.episodes)
@@ -78,4 +78,4 @@ def _baselines(circumstances: str, played: Sequence[Played]) -> Baselines:
         if cell.game in row.raw
     ]
     comparable = any(normalized is not None for _, _, normalized in played)
-    return Baselines(cell.game, circumstances, cell.engine, comparable, (*ours, *papers))
+    return Baselines(cell.game, label, cell.engine, comparable, (*ours, *papers))

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.intervals import Estimate, weighted_estimates
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, weighted_estimates
 from smartplay_tools.games.paper import CAPABILITIES
 from smartplay_tools.games.specs import get_spec
 
@@ -33,7 +33,7 @@ class CapabilityScore:
     """One capability; without an estimate, `reason` says why."""
 
     capability: str
-    estimate: Estimate | None
+    estimate: MeanEstimate | None
     reason: str | None = None
 
 

@@ -19,9 +19,9 @@ from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
-from smartplay_tools.evaluation.analysis.intervals import Estimate, named_estimates, weighted_estimates
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, weighted_estimates
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, normalized_score, score, values
-from smartplay_tools.evaluation.rows import Row
+from smartplay_tools.records.rows import Row
 
 PairKey = tuple[int, int]
 """Seed and trial; the game is the same on both sides."""
@@ -33,7 +33,7 @@ class Side:
 
     run: str
     player: str
-    circumstances: str
+    label: str
     """A short description of the condition; empty for the default."""
 
 
@@ -47,9 +47,9 @@ class Pairing:
     pairs: int
     unpaired: int
     """Episodes of either side without a counterpart, which are not compared."""
-    means: Mapping[str, Estimate]
+    means: Mapping[str, MeanEstimate]
     """Of this side, over all of its episodes, by the names of `pairs.MEASURES`."""
-    differences: Mapping[str, Estimate]
+    differences: Mapping[str, MeanEstimate]
     """Over the pairs; measures that no pair has are missing."""
     wins: int
     """Pairs in which this side scored more."""
@@ -65,7 +65,7 @@ class Overall:
     reference: Side
     games: tuple[str, ...]
     """The games that have pairs with a normalised score."""
-    difference: Estimate | None
+    difference: MeanEstimate | None
     """Of normalised scores: the mean over `games` of the mean over pairs. None if there is no such game."""
     wins: int
     ties: int
@@ -77,7 +77,7 @@ class Comparison:
     """The result of comparing several runs."""
 
     runs: tuple[str, ...]
-    references: tuple[tuple[str, Side, Mapping[str, Estimate]], ...]
+    references: tuple[tuple[str, Side, Mapping[str, MeanEstimate]], ...]
     """Game, side and means of every reference."""
     pairings: tuple[Pairing, ...]
     """Game by game, in the order of the runs."""
@@ -136,7 +136,7 @@ def _sides(runs: Mapping[str, Sequence[Row]]) -> dict[Side, dict[str, list[Row]]
 
 def _side(run: str, condition: Condition) -> Side:
     options = [f"{name}={value}" for name, value in sorted(condition.player_options.items())]
-    return Side(run, condition.player, ", ".join(filter(None, [condition.circumstances, *options])))
+    return Side(run, condition.player, ", ".join(filter(None, [condition.label, *options])))
 
 
 def _counterpart(side: Side, sides: Sequence[Side], reference: str | None) -> Side | None:
@@ -150,7 +150,7 @@ def _counterpart(side: Side, sides: Sequence[Side], reference: str | None) -> Si
         # The first run is compared with itself if there is no other.
         alone = all(other.run == side.run for other in sides)
         return first[0] if alone and side != first[0] else None
-    same_condition = [other for other in first if other.circumstances == side.circumstances]
+    same_condition = [other for other in first if other.label == side.label]
     candidates = (
         [other for other in same_condition if other.player == side.player],
         same_condition,
@@ -198,7 +198,7 @@ def _differences(pairs: Sequence[tuple[Row, Row]]) -> dict[str, list[float]]:
 
 def _references(
     sides: Sides, matches: Sequence[tuple[str, Side, Side]]
-) -> Iterator[tuple[str, Side, Mapping[str, Estimate]]]:
+) -> Iterator[tuple[str, Side, Mapping[str, MeanEstimate]]]:
     used = list(dict.fromkeys((game, reference) for game, _, reference in matches))
     means = named_estimates(_measured(sides[side][game]) for game, side in used)
     for (game, side), estimates in zip(used, means, strict=True):
@@ -240,7 +240,7 @@ def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
     for each in comparison.pairings:
         row: dict[str, Any] = {"game": each.game}
         for name, side in (("", each.side), ("reference_", each.reference)):
-            row |= {f"{name}run": side.run, f"{name}player": side.player, f"{name}circumstances": side.circumstances}
+            row |= {f"{name}run": side.run, f"{name}player": side.player, f"{name}label": side.label}
         row |= {name: getattr(each, name) for name in ("pairs", "unpaired", "wins", "ties", "losses")}
         for measure in MEASURES:
             own, other = each.means.get(measure), means[each.game, each.reference].get(measure)

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
-from smartplay_tools.evaluation.analysis.intervals import Estimate
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, fixed, short, with_interval
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, fixed, with_interval
+from smartplay_tools.quantities import short
 
 NOTES = (
     "+-: to the reference, paired by game, seed and trial, with its 95 % bootstrap interval (BCa)",
@@ -52,7 +53,7 @@ def _pairing_row(each: Pairing, name: str, points: int) -> tuple[str, ...]:
     )
 
 
-def _tokens(means: Mapping[str, Estimate]) -> str:
+def _tokens(means: Mapping[str, MeanEstimate]) -> str:
     return short(means["tokens"].mean)
 
 
@@ -73,17 +74,15 @@ def _names(comparison: Comparison) -> dict[Side, str]:
     """The names of sides: a letter for the run, the player, and its condition if that differs."""
     letters = {run: f"{_letter(at)} " if len(comparison.runs) > 1 else "" for at, run in enumerate(comparison.runs)}
     sides = dict.fromkeys([*(side for _, side, _ in comparison.references), *(p.side for p in comparison.pairings)])
-    given = {side.circumstances for side in sides}
+    given = {side.label for side in sides}
     return {
-        side: letters[side.run] + ", ".join(filter(None, (side.player, side.circumstances if len(given) > 1 else "")))
+        side: letters[side.run] + ", ".join(filter(None, (side.player, side.label if len(given) > 1 else "")))
         for side in sides
     }
 
 
 def _notes(comparison: Comparison) -> Iterator[str]:
-    given = {each.side.circumstances for each in comparison.pairings} | {
-        side.circumstances for _, side, _ in comparison.references
-    }
+    given = {each.side.label for each in comparison.pairings} | {side.label for _, side, _ in comparison.references}
     if len(given) == 1 and (shared := given.pop()):
         yield f"everywhere: {shared}"
     if len(comparison.runs) > 1:

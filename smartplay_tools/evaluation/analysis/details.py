@@ -12,9 +12,10 @@ from typing import Any
 from smartplay_tools.evaluation.analysis.baselines import Baseline, Baselines
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import INTERVALS, PRIVILEGED, by_game, shared, warnings
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, percent, short, with_interval
-from smartplay_tools.evaluation.analysis.summary import CellSummary, Drift, Failures, Profile, Summary
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, percent, with_interval
+from smartplay_tools.evaluation.analysis.summary import CellSummary, Drift, Failures, Profile, RunSummary
 from smartplay_tools.games.paper import CAPABILITIES
+from smartplay_tools.quantities import short
 
 PROFILES_PER_TABLE = 2
 """The number of capability columns that fit into 80 columns beside the capabilities' names."""
@@ -26,7 +27,7 @@ Figures = tuple[tuple[str, Callable[[CellSummary], str]], ...]
 """Headings, and the functions that print their values for a cell."""
 
 
-def details(summary: Summary) -> Iterator[TextTable]:
+def details(summary: RunSummary) -> Iterator[TextTable]:
     """Yield the tables of a run, without the headline."""
     if summary.cells:
         yield _scores(summary)
@@ -54,7 +55,7 @@ def failures_table(failures: Sequence[Failures]) -> TextTable:
     return TextTable("attempts without a result", columns, tuple(rows), (note,))
 
 
-def _scores(summary: Summary) -> TextTable:
+def _scores(summary: RunSummary) -> TextTable:
     rows: list[tuple[str, ...]] = []
     for game, cells in by_game(summary):
         points = decimals_of(cell.score for _, cell in cells)
@@ -67,7 +68,7 @@ def _scores(summary: Summary) -> TextTable:
     return TextTable(_title("scores", summary), columns, tuple(rows), (INTERVALS, *warnings(summary.cells)))
 
 
-def _ends(summary: Summary) -> TextTable:
+def _ends(summary: RunSummary) -> TextTable:
     rows: list[tuple[str, ...]] = []
     for game, cells in by_game(summary):
         decimals = decimals_of(cell.reward for _, cell in cells)
@@ -79,7 +80,7 @@ def _ends(summary: Summary) -> TextTable:
     return TextTable(_title("rewards, and why episodes ended", summary), columns, tuple(rows), (INTERVALS,))
 
 
-def _cells(summary: Summary, title: str, figures: Figures, *notes: str) -> TextTable:
+def _cells(summary: RunSummary, title: str, figures: Figures, *notes: str) -> TextTable:
     """A table with a heading for every game and below it a row for every player."""
     rows: list[tuple[str, ...]] = []
     for game, cells in by_game(summary):
@@ -123,14 +124,14 @@ TOKENS: Figures = (
 )
 
 
-def _baselines(summary: Summary) -> Iterator[TextTable]:
+def _baselines(summary: RunSummary) -> Iterator[TextTable]:
     headings = ("random", "rule", "weakest", "strongest", "human")
     columns = (Column("game", words=True), *map(Column, headings))
-    for circumstances in dict.fromkeys(each.circumstances for each in summary.baselines):
-        known = [each for each in summary.baselines if each.circumstances == circumstances]
+    for label in dict.fromkeys(each.label for each in summary.baselines):
+        known = [each for each in summary.baselines if each.label == label]
         rows = tuple((each.game, *_baseline_figures(each)) for each in known)
         other_engine = any(each.models and not each.comparable for each in known)
-        title = f"baselines ({circumstances})" if circumstances else "baselines"
+        title = f"baselines ({label})" if label else "baselines"
         yield TextTable(title, columns, rows, (PAPERS, *([OTHER_ENGINE] if other_engine else [])))
 
 
@@ -152,9 +153,7 @@ def _score(known: Baseline | None, decimals: int) -> str:
 def _capabilities(profiles: Sequence[Profile]) -> TextTable:
     weights = profiles[0].capabilities.weights
     whose = "the paper's weights" if weights == "paper" else "the original code's weights, degree - 1"
-    names = [
-        ", ".join(filter(None, [p.condition.player + "*" * p.privileged, p.condition.circumstances])) for p in profiles
-    ]
+    names = [", ".join(filter(None, [p.condition.player + "*" * p.privileged, p.condition.label])) for p in profiles]
     rows = [
         (capability, *(with_interval(p.capabilities.scores[index].estimate, 2) for p in profiles))
         for index, capability in enumerate(CAPABILITIES)
@@ -194,6 +193,6 @@ def _value(value: Any) -> str:
     return "none" if value is None else str(value)
 
 
-def _title(what: str, summary: Summary) -> str:
+def _title(what: str, summary: RunSummary) -> str:
     given = shared(summary)
     return f"{what} ({given})" if given else what

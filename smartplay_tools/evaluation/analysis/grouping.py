@@ -19,8 +19,8 @@ from typing import Any
 
 from smartplay_tools.episode.budgets import SMALLEST_AUTO_CAP, resolve
 from smartplay_tools.episode.config import RULES, Rules
-from smartplay_tools.evaluation.rows import Row
 from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.records.rows import Row
 from smartplay_tools.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import STRATEGIES, Budget
@@ -30,8 +30,8 @@ CAPS = ("prompt_tokens", "reply_tokens", "episode_tokens", "slack", *STRATEGIES)
 WORDS = ("history", "tool_calls")
 """The fields of a budget for which "game" means a different number in every game."""
 
-USUAL = {**dict(Rules()), "tokenizer": DEFAULT_TOKENIZER, **Budget().model_dump(), **STRATEGIES}
-"""The defaults of a condition."""
+USUAL = {**dict(Rules()), "tokenizer": DEFAULT_TOKENIZER}
+"""The defaults of a condition, its budget apart."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +70,11 @@ class Condition:
     cells: tuple[PlayedCell, ...]
 
     @property
-    def circumstances(self) -> str:
+    def label(self) -> str:
         """What the player was given, in a few words; what is as by default is not mentioned."""
-        given = {**self.rules, "tokenizer": self.tokenizer, **self.budget}
-        said = [f"{name} {value}" for name, value in given.items() if value != USUAL.get(name)]
-        return ", ".join([*said, *([self.variant] if self.variant else [])])
+        given = {**self.rules, "tokenizer": self.tokenizer}
+        unusual = [f"{name} {value}" for name, value in given.items() if value != USUAL[name]]
+        return ", ".join(filter(None, [*unusual, Budget(**self.budget).describe(), self.variant]))
 
 
 def _facts(row: Row) -> dict[str, Any]:

@@ -9,8 +9,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, percent, short, with_interval
-from smartplay_tools.evaluation.analysis.summary import CellSummary, Summary
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, percent, with_interval
+from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary
+from smartplay_tools.quantities import short
 
 CUT = "\N{DAGGER}"
 """The mark of cells in which tool results were cut to fit."""
@@ -52,7 +53,7 @@ Named = tuple[str, CellSummary]
 """A cell and its name in a table."""
 
 
-def headline(summary: Summary, title: str = "") -> TextTable:
+def headline(summary: RunSummary, title: str = "") -> TextTable:
     """Return the short table of a run: score, share of the human's, tokens and cost for every game and player."""
     rows: list[tuple[str, ...]] = []
     for game, cells in by_game(summary):
@@ -62,21 +63,21 @@ def headline(summary: Summary, title: str = "") -> TextTable:
     return TextTable(title or shared(summary), columns, tuple(rows), (INTERVALS, *warnings(summary.cells)))
 
 
-def by_game(summary: Summary) -> list[tuple[str, list[Named]]]:
+def by_game(summary: RunSummary) -> list[tuple[str, list[Named]]]:
     """Return the cells of each game with their names: the player, and what distinguishes its cells of the game."""
-    circumstances = [_circumstances(summary, cell) for cell in summary.cells]
+    labels = [_label(summary, cell) for cell in summary.cells]
     players = Counter((game_name(cell), cell.cell.player) for cell in summary.cells)
     games: dict[str, list[Named]] = {}
-    for cell, given in zip(summary.cells, circumstances, strict=True):
+    for cell, given in zip(summary.cells, labels, strict=True):
         game, player = game_name(cell), cell.cell.player
         name = f"{player_name(cell)}, {given}" if given and players[game, player] > 1 else player_name(cell)
         games.setdefault(game, []).append((name, cell))
     return list(games.items())
 
 
-def shared(summary: Summary) -> str:
+def shared(summary: RunSummary) -> str:
     """Return a short description of the run's condition; empty for the default, or if players' conditions differ."""
-    given = {_circumstances(summary, cell) for cell in summary.cells}
+    given = {_label(summary, cell) for cell in summary.cells}
     return given.pop() if len(given) == 1 else ""
 
 
@@ -110,9 +111,9 @@ def game_name(cell: CellSummary) -> str:
     return f"{cell.cell.game} ({', '.join(made)})" if made else cell.cell.game
 
 
-def _circumstances(summary: Summary, cell: CellSummary) -> str:
+def _label(summary: RunSummary, cell: CellSummary) -> str:
     conditions = (profile.condition for profile in summary.profiles)
-    return next((each.circumstances for each in conditions if cell.cell in each.cells), "")
+    return next((each.label for each in conditions if cell.cell in each.cells), "")
 
 
 def _figures(cell: CellSummary, decimals: int) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ ALL_EQUAL = "all episodes are equal, so the bootstrap sees no spread"
 
 
 @dataclass(frozen=True)
-class Estimate:
+class MeanEstimate:
     """A mean over episodes with its 95 % interval; `low` and `high` are None if that is unknown."""
 
     mean: float
@@ -55,13 +55,13 @@ class Estimate:
     """The reason why the interval is missing or degenerate, if it is."""
 
 
-def mean_estimate(values: Sequence[float]) -> Estimate:
-    """Estimate the mean of a sample, which must not be empty."""
+def mean_estimate(values: Sequence[float]) -> MeanEstimate:
+    """MeanEstimate the mean of a sample, which must not be empty."""
     return mean_estimates([values])[0]
 
 
-def mean_estimates(samples: Sequence[Sequence[float]]) -> list[Estimate]:
-    """Estimate the mean of every sample, each as if it were alone.
+def mean_estimates(samples: Sequence[Sequence[float]]) -> list[MeanEstimate]:
+    """MeanEstimate the mean of every sample, each as if it were alone.
 
     Samples of the same size share the random numbers, whose drawing takes most of the time, so all statistics of a run
     are best computed in one call.
@@ -120,15 +120,15 @@ def _digest(*parts: Values) -> bytes:
     return digest.digest()
 
 
-def named_estimates(groups: Iterable[Mapping[str, Sequence[float]]]) -> list[dict[str, Estimate]]:
-    """Estimate the named samples of every group in one call; empty samples have no estimate."""
+def named_estimates(groups: Iterable[Mapping[str, Sequence[float]]]) -> list[dict[str, MeanEstimate]]:
+    """MeanEstimate the named samples of every group in one call; empty samples have no estimate."""
     groups = [{name: values for name, values in group.items() if values} for group in groups]
     found = iter(mean_estimates([values for group in groups for values in group.values()]))
     return [{name: next(found) for name in group} for group in groups]
 
 
-def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[Sequence[float]]) -> list[Estimate]:
-    """Estimate, for every weighting, the sum of weight x mean over samples that are resampled independently.
+def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[Sequence[float]]) -> list[MeanEstimate]:
+    """MeanEstimate, for every weighting, the sum of weight x mean over samples that are resampled independently.
 
     The samples are drawn once for all weightings. A sample of one episode has no spread: if it has
     a weight other than 0, there is no interval.
@@ -170,23 +170,23 @@ def _ordered(sample: Sequence[float]) -> Sample:
     return tuple(sorted(map(float, sample)))
 
 
-def _plain_estimate(sample: Sample) -> Estimate:
+def _plain_estimate(sample: Sample) -> MeanEstimate:
     """The mean, and the interval if it needs no bootstrap."""
     return _weighted_estimate([sample], [1.0])
 
 
-def _weighted_estimate(samples: Sequence[Sample], weights: Sequence[float]) -> Estimate:
+def _weighted_estimate(samples: Sequence[Sample], weights: Sequence[float]) -> MeanEstimate:
     """The weighted sum, with its interval only if that needs no bootstrap."""
     total = math.fsum(weight * math.fsum(sample) / len(sample) for sample, weight in zip(samples, weights, strict=True))
     episodes = sum(map(len, samples))
     weighed = [sample for sample, weight in zip(samples, weights, strict=True) if weight]
     if any(len(sample) == 1 for sample in weighed):
-        return Estimate(total, None, None, episodes, ONE_EPISODE)
+        return MeanEstimate(total, None, None, episodes, ONE_EPISODE)
     # Sums of floats differ by rounding: rewards that were added in another order still count as equal.
     rounding = 1e-9 * max(1.0, abs(total))
     if all(sample[-1] - sample[0] <= rounding for sample in weighed):
-        return Estimate(total, total, total, episodes, ALL_EQUAL)
-    return Estimate(total, None, None, episodes)
+        return MeanEstimate(total, total, total, episodes, ALL_EQUAL)
+    return MeanEstimate(total, None, None, episodes)
 
 
 def _skew(samples: Sequence[Values], weights: Values) -> Values:

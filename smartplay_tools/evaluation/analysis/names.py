@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell
-from smartplay_tools.evaluation.analysis.windows import WindowComparison
+from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison
+from smartplay_tools.types import STRATEGIES, Budget
 
 
 def series_name(comparison: WindowComparison, among: Sequence[WindowComparison]) -> str:
@@ -22,24 +22,15 @@ def _facts(cell: PlayedCell) -> dict[str, str]:
     return {name: str(value) for name, value in {**cell.rules, **others}.items()}
 
 
-PLAIN = "dropping"
-"""What is called the strategy that drops what is too old or does not fit, and does nothing else."""
-
-
-def strategy_name(budget: Mapping[str, Any]) -> str:
-    """Return what a budget does with the past: masking, notes 200, summary 300, several of these, or dropping."""
-    said = ["masking"] if budget["beyond_history"] == "mask" else []
-    said += [f"notes {budget['notes_tokens']:,}"] if budget["notes_tokens"] is not None else []
-    said += [f"summary {budget['summary_tokens']:,}"] if budget["summary_tokens"] is not None else []
-    return " + ".join(said) or PLAIN
+def strategy_name(cell: PlayedCell) -> str:
+    """Return what the budget of a cell does with the past, which may be dropping alone."""
+    return _part(cell, STRATEGIES).describe() or Budget().words()["beyond_history"]
 
 
 def window_name(cell: PlayedCell) -> str:
-    """Return a description of a cell's window: 5 steps, 1,000 tokens, slack 0.5."""
-    history, tokens, slack = (cell.budget[name] for name in ("history", "prompt_tokens", "slack"))
-    said = ["all steps" if history is None else f"{history} step{'' if history == 1 else 's'}"]
-    said += [] if tokens is None else [f"{tokens:,} tokens"]
-    said += [f"slack {slack:g}"] if slack else []
-    strategy = strategy_name(cell.budget)
-    said += [strategy] if strategy != PLAIN else []
-    return ", ".join(said)
+    """Return a description of a cell's window: history 5, prompts <= 1,000, slack 0.5."""
+    return _part(cell, WINDOW).describe()
+
+
+def _part(cell: PlayedCell, fields: Iterable[str]) -> Budget:
+    return Budget(**{name: cell.budget[name] for name in fields})

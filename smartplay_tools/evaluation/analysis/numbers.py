@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from smartplay_tools.evaluation.analysis.intervals import ALL_EQUAL, Estimate
+from smartplay_tools.evaluation.analysis.intervals import ALL_EQUAL, MeanEstimate
 
 NOTHING = "-"
 """The text for a missing number."""
 
 
-def decimals_of(estimates: Iterable[Estimate | None]) -> int:
+def decimals_of(estimates: Iterable[MeanEstimate | None]) -> int:
     """Return the number of decimals for estimates that are printed next to each other: about four digits."""
     ends = [
         end
@@ -26,7 +26,7 @@ def decimals_of(estimates: Iterable[Estimate | None]) -> int:
     return 2 if largest < 100 else 1 if largest < 1000 else 0
 
 
-def with_interval(estimate: Estimate | None, decimals: int, *, factor: float = 1, sign: str = "-") -> str:
+def with_interval(estimate: MeanEstimate | None, decimals: int, *, factor: float = 1, sign: str = "-") -> str:
     """Return "mean [low, high]"; "mean =" if all episodes are equal, and the mean alone if there is only one.
 
     `factor` is 100 for percent; `sign` is "+" for differences, which are printed with their sign.
@@ -48,14 +48,6 @@ def percent(share: float | None) -> str:
     if 0 < share < 0.005:
         return "<1%"
     return ">99%" if 0.995 <= share < 1 else f"{share:.0%}"
-
-
-def short(number: float) -> str:
-    """Return a count in five characters or so: 1234567 is 1.2M."""
-    for unit, size in (("G", 1_000_000_000), ("M", 1_000_000), ("k", 1_000)):
-        if number >= size:
-            return f"{number / size:.1f}{unit}"
-    return f"{number:.0f}"
 
 
 def dollars(amount: float | None) -> str:

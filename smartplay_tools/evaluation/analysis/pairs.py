@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
-from smartplay_tools.evaluation.analysis.intervals import Estimate, mean_estimate
-from smartplay_tools.evaluation.rows import Row
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimate
+from smartplay_tools.records.rows import Row
 
 Measure = Callable[[Row], float | None]
 """A value of one episode; None if it has none."""
@@ -68,7 +68,7 @@ def differences(rows: Iterable[Row], reference: Iterable[Row], measure: Measure)
     return [value - counterpart for value, counterpart in pairs if value is not None and counterpart is not None]
 
 
-def paired_difference(rows: Iterable[Row], reference: Iterable[Row], measure: Measure) -> Estimate | None:
-    """Estimate the mean of the `differences`; its `episodes` are the pairs. None if there is no pair."""
+def paired_difference(rows: Iterable[Row], reference: Iterable[Row], measure: Measure) -> MeanEstimate | None:
+    """MeanEstimate the mean of the `differences`; its `episodes` are the pairs. None if there is no pair."""
     found = differences(rows, reference, measure)
     return mean_estimate(found) if found else None

@@ -18,8 +18,8 @@ from smartplay_tools.episode.deviations import differs
 from smartplay_tools.evaluation.analysis.baselines import Baselines, find_baselines
 from smartplay_tools.evaluation.analysis.capabilities import Capabilities, Weights, capability_scores
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
-from smartplay_tools.evaluation.analysis.intervals import Estimate, named_estimates
-from smartplay_tools.evaluation.rows import Row, is_unplayed
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates
+from smartplay_tools.records.rows import Row, is_unplayed
 from smartplay_tools.types import EndReason
 
 COUNTS = (
@@ -36,7 +36,7 @@ COUNTS = (
 """Fields of a row that are added up over a cell."""
 
 FAMILIES_WITHOUT_OBJECTIVE = ("bandit", "rock_paper_scissors", "crafter")
-"""Games that cannot be completed, so they have no completion rate (paper, section 3.2)."""
+"""Games that cannot be completed, so they have no completion rate (paper, section 4.2)."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +84,11 @@ class CellSummary:
 
     cell: PlayedCell
     episodes: int
-    reward: Estimate
-    completion: Estimate | None
+    reward: MeanEstimate
+    completion: MeanEstimate | None
     """The share of episodes that reached the objective; None for games that have none."""
-    score: Estimate
-    normalized_score: Estimate | None
+    score: MeanEstimate
+    normalized_score: MeanEstimate | None
     """None unless the setting has a human score and the engine is comparable."""
     counts: Mapping[str, int]
     """`COUNTS`, added up."""
@@ -138,7 +138,7 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class Summary:
+class RunSummary:
     """The statistics of a run."""
 
     cells: tuple[CellSummary, ...]
@@ -147,7 +147,7 @@ class Summary:
     failures: tuple[Failures, ...]
 
 
-def summarize(rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Weights = "paper") -> Summary:
+def summarize(rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Weights = "paper") -> RunSummary:
     """Summarise a run, from `RunFolder.rows` (finished episodes) and `RunFolder.failures` (failed attempts)."""
     rows = list(rows)
     groups = by_cell(rows)
@@ -160,7 +160,7 @@ def summarize(rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Wei
         (condition, [(c.cell, c.score, c.normalized_score) for c in cells if c.cell in condition.cells])
         for condition in found
     ]
-    return Summary(tuple(cells), tuple(profiles), tuple(find_baselines(played)), tuple(lost))
+    return RunSummary(tuple(cells), tuple(profiles), tuple(find_baselines(played)), tuple(lost))
 
 
 def _measured(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, list[float]]:
@@ -174,7 +174,7 @@ def _measured(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, list[float]]:
     }
 
 
-def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str, Estimate]) -> CellSummary:
+def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str, MeanEstimate]) -> CellSummary:
     costs = [row["cost"] for row in rows]
     ends = Counter(row["end_reason"] for row in rows)
     return CellSummary(

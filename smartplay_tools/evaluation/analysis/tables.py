@@ -17,9 +17,9 @@ from typing import Any
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation.analysis.grouping import Condition
-from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, Summary, TokenSummary
-from smartplay_tools.evaluation.rows import Row
-from smartplay_tools.types import Budget, EpisodeResult, Tokens
+from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
+from smartplay_tools.records.rows import Row
+from smartplay_tools.types import STRATEGIES, Budget, EpisodeResult, Tokens
 
 _STRINGS = ("key", "game", "engine", "player", *RULES, "tokenizer", "prompts")
 _TOKENS = ("prompt", "reply", "prefix")
@@ -41,8 +41,10 @@ COLUMNS: dict[str, tuple[str, str]] = {
     **{name: (name, "string") for name in ("end_reason", "error", "detail")},
     **{f"budget_{name}": (f"budget.{name}", "int64") for name in _CAPS},
     "budget_slack": ("budget.slack", "float64"),
-    "budget_beyond_history": ("budget.beyond_history", "string"),
-    **{f"budget_{name}": (f"budget.{name}", "int64") for name in ("notes_tokens", "summary_tokens")},
+    **{
+        f"budget_{name}": (f"budget.{name}", "int64" if usual is None else "string")
+        for name, usual in STRATEGIES.items()
+    },
     **{name: (name, "int64") for name in sorted(EpisodeResult.later)},
     **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in sorted(Tokens.later)},
     **{name: (name, "json") for name in ("asked", "options", "player_options", "deviations", "versions")},
@@ -57,7 +59,7 @@ LATER: dict[str, Any] = {
 
 PROPERTIES: dict[type, tuple[str, ...]] = {
     CellSummary: ("privileged", "cut_share"),
-    Condition: ("circumstances",),
+    Condition: ("label",),
     Drift: ("difference", "ratio"),
     TokenSummary: ("prefix_share",),
 }
@@ -90,7 +92,7 @@ def write_parquet(rows: Iterable[Row], path: str | Path) -> None:
     parquet.write_table(pyarrow.Table.from_pylist([flat(row) for row in rows], schema=schema), str(path))
 
 
-def summary_json(summary: Summary) -> dict[str, Any]:
+def summary_json(summary: RunSummary) -> dict[str, Any]:
     """Return a summary as JSON."""
     found: dict[str, Any] = plain(summary)
     return found

@@ -8,8 +8,9 @@ from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.grouping import USUAL
 from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS
 from smartplay_tools.evaluation.analysis.names import window_name
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, percent, short, with_interval
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, percent, with_interval
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
+from smartplay_tools.quantities import short
 
 NOTES = (
     "+-: to full context, paired by seed; [ ]: 95 % bootstrap interval (BCa); =: all episodes are equal",
@@ -37,7 +38,7 @@ def windows_table(comparisons: Sequence[WindowComparison]) -> TextTable:
 
 
 def is_cut(comparison: WindowComparison) -> bool:
-    """Whether so many results of a cell were cut that its score does not measure its window alone."""
+    """Whether too many results of a cell were cut for its score to measure its window alone."""
     return (comparison.cut_share or 0.0) >= MANY_CUTS
 
 

@@ -20,10 +20,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.intervals import Estimate, named_estimates
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences, values
 from smartplay_tools.evaluation.analysis.pareto import pareto_front
-from smartplay_tools.evaluation.rows import Row
+from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES
 
 WINDOW = ("history", "prompt_tokens", "slack", *STRATEGIES)
@@ -41,9 +41,9 @@ class WindowComparison:
     episodes: int
     full: PlayedCell
     """The cell that it is compared with; itself, if it is full context."""
-    means: Mapping[str, Estimate]
+    means: Mapping[str, MeanEstimate]
     """By the names of `pairs.MEASURES`, as far as the episodes have them."""
-    differences: Mapping[str, Estimate]
+    differences: Mapping[str, MeanEstimate]
     """Paired, this cell less full context; empty for full context itself."""
     cut_share: float | None
     """The share of tool results that were cut to their cap; None without a tool call."""
@@ -135,7 +135,7 @@ def _differences(rows: Sequence[Row], reference: Sequence[Row]) -> dict[str, lis
 
 
 def _fronts(
-    groups: Sequence[tuple[PlayedCell, list[Row]]], means: Sequence[Mapping[str, Estimate]], price: str
+    groups: Sequence[tuple[PlayedCell, list[Row]]], means: Sequence[Mapping[str, MeanEstimate]], price: str
 ) -> list[bool | None]:
     """For every group whether it is on its game's front of score against a price; None if prices are missing."""
     games: dict[str, list[int]] = {}
@@ -167,7 +167,7 @@ def as_row(comparison: WindowComparison) -> dict[str, Any]:
     return row | {"on_token_front": comparison.on_token_front, "on_cost_front": comparison.on_cost_front}
 
 
-def _columns(name: str, found: Estimate | None) -> dict[str, float | None]:
+def _columns(name: str, found: MeanEstimate | None) -> dict[str, float | None]:
     if found is None:
         return {name: None, f"{name}_low": None, f"{name}_high": None}
     return {name: found.mean, f"{name}_low": found.low, f"{name}_high": found.high}

@@ -15,14 +15,14 @@ from importlib import metadata, resources
 from pathlib import Path
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation import templates
-from smartplay_tools.evaluation.analysis.intervals import ALL_EQUAL, Estimate
+from smartplay_tools.evaluation.analysis.intervals import ALL_EQUAL, MeanEstimate
+from smartplay_tools.evaluation.board.submissions.bundle import Limits
+from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked, checking
+from smartplay_tools.evaluation.board.submissions.plan import Allowed
+from smartplay_tools.evaluation.board.submissions.report import report_json
 from smartplay_tools.evaluation.board.table import Board, make_board
-from smartplay_tools.evaluation.rows import Row
-from smartplay_tools.evaluation.submissions.bundle import Limits
-from smartplay_tools.evaluation.submissions.check import NOT_PROVED, Checked, checking
-from smartplay_tools.evaluation.submissions.plan import Allowed
-from smartplay_tools.evaluation.submissions.report import report_json
+from smartplay_tools.evaluation.pages import templates
+from smartplay_tools.records.rows import Row
 
 REPLAYS = 1
 """Episodes of every game and budget that the replay page of a submission shows."""
@@ -47,7 +47,7 @@ def build_board(
         out: the folder of the site; its page is `index.html`. Files of an earlier board are replaced.
         title: the page's title.
         seeds: the file of the seeds that the board has issued.
-        allowed: what a replay may use besides what is always safe.
+        allowed: what a replay may use in addition to what is always safe.
         workers: processes that replay records.
         limits: how much a bundle and its check may take.
         replays: episodes of every game and budget on a submission's replay page; 0 makes no such page.
@@ -80,7 +80,7 @@ def _write_files(place: Path, one: Checked, unpacked: Path | None, replays: int)
     (place / "report.json").write_text(report, encoding="ascii", newline="\n")
     if not (one.verified and unpacked is not None and replays):
         return
-    from smartplay_tools.evaluation.report import write_report
+    from smartplay_tools.evaluation.pages.report import write_report
 
     with tempfile.TemporaryDirectory() as folder:
         _pick(unpacked, Path(folder), one.rows, replays)
@@ -129,7 +129,7 @@ def figure(value: float | None, digits: int = 2) -> str:
     return f"{value:,.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
-def estimate(value: Estimate | None, digits: int = 2) -> str:
+def estimate(value: MeanEstimate | None, digits: int = 2) -> str:
     """Print an estimate with the ends of its interval, where there are any."""
     if value is None:
         return "\N{EN DASH}"

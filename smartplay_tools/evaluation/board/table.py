@@ -13,18 +13,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.intervals import Estimate, mean_estimates, weighted_estimates
-from smartplay_tools.evaluation.rows import Row
-from smartplay_tools.evaluation.submissions.check import Checked
-from smartplay_tools.evaluation.submissions.metadata import Submission
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimates, weighted_estimates
+from smartplay_tools.evaluation.board.submissions.check import Checked
+from smartplay_tools.evaluation.board.submissions.metadata import Submission
+from smartplay_tools.records.rows import Row
+from smartplay_tools.types import Budget
 
 
 @dataclass(frozen=True)
 class GameScore:
     """The score of one game."""
 
-    score: Estimate
-    normalized: Estimate | None
+    score: MeanEstimate
+    normalized: MeanEstimate | None
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Entry:
     submission: Submission
     issued: bool
     """Whether the board issued the seed of its run."""
-    mean: Estimate | None
+    mean: MeanEstimate | None
     """The mean of the normalised scores; None where no game has one."""
     games: Mapping[str, GameScore]
     episodes: int
@@ -63,14 +64,7 @@ class BudgetClass:
     @property
     def name(self) -> str:
         """The budget in words."""
-        words = []
-        if "prompt_tokens" in self.asked:
-            words.append(f"prompts of {self.asked['prompt_tokens']:,} tokens")
-        else:
-            words.append("no cap on prompts")
-        rest = {name: value for name, value in self.asked.items() if name != "prompt_tokens"}
-        words += [f"{name.replace('_', ' ')} {'all' if value is None else value}" for name, value in rest.items()]
-        return ", ".join(words)
+        return Budget(**self.asked).describe() or "default budget"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Crafter (paper section 3.5): an open world of 64 by 64 cells in which a player gathers, crafts, fights and survives.
+"""Crafter (paper section 3.6): an open world of 64 by 64 cells in which a player gathers, crafts, fights and survives.
 
 The modules, lowest first: `facts` (the rules as tables), `stream` (the random stream of a world), `noise` and
 `worldgen` (the generation of a world), `world` (ground, things and chunks), `player`, `creatures` and `balance` (what

@@ -10,12 +10,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
 from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, ACTIONS, LENGTH, NOOP
 from smartplay_tools.games.crafter.game import SMALLEST_PICTURE, Crafter
 from smartplay_tools.games.crafter.observations import CARRIED, IMAGE, OBSERVATIONS, TEXT, space_of
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.worlds import make_worlds
+from smartplay_tools.games.seeds import check_seed
 
 _ONE = np.zeros(1, np.intp)
 DRAWN_SEEDS = 2**31 - 1
@@ -71,11 +72,13 @@ class CrafterEnv(gymnasium.Env[NDArray[Any], Any]):
         self._worlds = make_worlds(1, engine)
         self._seed: int | None = None
         self._episode = 0
+        self._playing = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Start the first episode of a seed or, without one, the next episode."""
+        seed = None if seed is None else check_seed(seed)
         super().reset(seed=seed)
         if seed is not None:
             self._seed, self._episode = seed, 0
@@ -85,14 +88,18 @@ class CrafterEnv(gymnasium.Env[NDArray[Any], Any]):
         self._worlds.begin(_ONE, [self._seed], [self._episode])
         if self._opening_noop:
             self._worlds.step(_ONE, np.array([NOOP]))
+        self._playing = True
         return self._observe(), self._info(0.0)
 
     def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
-        """Play an action."""
+        """Play an action; `ResetNeededError` before the first reset and after the end."""
+        if not self._playing:
+            raise ResetNeededError("CrafterEnv takes no step before its reset, nor after its end: call reset().")
         number = checked_actions(np.array([action]), 1)
         self._worlds.step(_ONE, number)
         reward = float(self._worlds.rewards[0])
         dead, over = bool(self._worlds.health[0] <= 0), bool(self._worlds.steps[0] >= LENGTH)
+        self._playing = not (dead or over)
         return self._observe(), reward, dead, over, self._info(reward)
 
     def _observe(self) -> NDArray[Any]:

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
 from smartplay_tools.games.crafter.environment import DRAWN_SEEDS, checked_actions, named
 from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, ACTIONS, LENGTH, NOOP
 from smartplay_tools.games.crafter.game import TEXTS
@@ -19,6 +19,7 @@ from smartplay_tools.games.crafter.observations import CARRIED, OBSERVATIONS, TE
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.text import CHARACTERS, LONGEST, describe
 from smartplay_tools.games.crafter.worlds import Numbers, make_worlds
+from smartplay_tools.games.seeds import check_seeds, whole
 from smartplay_tools.games.spaces import Words
 
 Mask = NDArray[np.bool_]
@@ -43,6 +44,9 @@ class CrafterVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
     new arrays or fills the same array again; `max_episode_steps`, where an episode is truncated, 10,000 by
     default; `history` is accepted but unused, since only the `info` of the text game has a history.
     """
+
+    closed = True
+    """Nothing is open until the worlds are made: older releases of Gymnasium close what refused its options."""
 
     def __init__(
         self,
@@ -87,6 +91,7 @@ class CrafterVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         self._copy = copy
         self._length = max_episode_steps
         self._worlds = make_worlds(num_envs, engine, threads=threads)
+        self.closed = False
         self._all: Numbers = np.arange(num_envs)
         self._seeds: list[int | None] = [None] * num_envs
         self._episodes = [0] * num_envs
@@ -101,11 +106,9 @@ class CrafterVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in every world, or with `options={"reset_mask": ...}` in the worlds of the mask."""
-        super().reset(seed=seed if isinstance(seed, int) else None)
+        seeds = check_seeds(seed, self.num_envs)
         which = self._all if not (options and "reset_mask" in options) else self._masked(options["reset_mask"])
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
-        if seeds is not None and len(seeds) != self.num_envs:
-            raise InvalidArgumentError(f"seed must be a number or {self.num_envs} of them, not {len(seeds)}.")
+        super().reset(seed=whole(seed))
         self._begin(which, seeds)
         return self._observe(which), self._info(which)
 
@@ -140,12 +143,12 @@ class CrafterVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
 
     def step(self, actions: Any) -> tuple[Any, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Play an action in each world; worlds whose episode has ended are treated by the autoreset mode."""
+        if new := [number for number, episode in enumerate(self._episodes) if episode == 0]:
+            raise ResetNeededError(f"Worlds {new} have not begun: call reset().")
         chosen = checked_actions(actions, self.num_envs)
         ended = np.flatnonzero(self._ended)
         if len(ended) and self.autoreset_mode == AutoresetMode.DISABLED:
-            raise InvalidArgumentError(
-                f"The episodes of worlds {ended.tolist()} have ended: reset them with a reset_mask."
-            )
+            raise ResetNeededError(f"The episodes of worlds {ended.tolist()} have ended: reset them with a reset_mask.")
         playing = np.flatnonzero(~self._ended) if len(ended) else self._all
         self._worlds.step(playing, chosen)
         self._steps[playing] += 1

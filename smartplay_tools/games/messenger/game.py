@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -22,15 +22,17 @@ class Messenger(TextGame):
     goal is reached; a rollout has 4, 64 or 128 steps.
 
     Arguments: `level`, 1 to 3; `split`, the games and texts of the "test" (default), "val" or "train" set; `texts`, a
-    folder with the original's text files (default: the environment variable `SMARTPLAY_MESSENGER_TEXTS`, else our own
-    sentences); `text`, "original" (default) or "corrected", which says in words that you were caught.
+    folder with text files to read instead of ours (default: the environment variable `SMARTPLAY_MESSENGER_TEXTS`, if
+    it is set); `sentences`, which sentences these have to be: "grammar" (ours), "original", or "other:" and the first
+    16 digits of their file's sha256 (default: any); `text`, "original" (default) or "corrected", which says in words
+    that you were caught.
 
     Attributes:
-        texts: the source of the manuals' sentences, "grammar" (ours) or "original".
+        sentences: which sentences are played, as the argument says it.
     """
 
     actions = words.ACTIONS
-    options = ("split", "texts", "text")
+    options = ("split", "texts", "sentences", "text")
 
     def __init__(
         self,
@@ -38,6 +40,7 @@ class Messenger(TextGame):
         level: int,
         split: rules.Split = "test",
         texts: str | os.PathLike[str] | None = None,
+        sentences: str | None = None,
         text: Literal["original", "corrected"] = "original",
         **options: Any,
     ) -> None:
@@ -45,18 +48,31 @@ class Messenger(TextGame):
             raise InvalidArgumentError(f"level must be 1, 2 or 3, not {level!r}.")
         if text not in ("original", "corrected"):
             raise InvalidArgumentError(f"text must be 'original' or 'corrected', not {text!r}.")
-        folder = texts or os.environ.get(manuals.TEXTS_VARIABLE)
-        self.texts: Literal["grammar", "original"] = "original" if folder else "grammar"
-        self._sentences_by_entity = manuals.load(Path(folder) if folder else manuals.OUR_TEXTS, split)
+        folder = manuals.choose_folder(texts, split, sentences)
+        self.sentences = manuals.identify(folder, split)
+        self._sentences_by_entity = manuals.load(folder, split)
         self._level, self._split, self._text = level, split, text
         self._games = rules.GAMES[split]
         self.manual = words.compose(())
         super().__init__(longest_observation=words.longest_observation(), characters=words.CHARACTERS, **options)
 
+    @classmethod
+    def options_to_record(cls, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Add which sentences the machine's folder holds, unless they are ours."""
+        split, rest = options.get("split", "test"), {k: v for k, v in options.items() if k != "sentences"}
+        folder = manuals.choose_folder(options.get("texts"), split, options.get("sentences"))
+        sentences = manuals.identify(folder, split)
+        return rest if sentences == manuals.GRAMMAR else {**rest, "sentences": sentences}
+
+    @classmethod
+    def options_from_record(cls, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Our sentences, whatever folder this machine names, unless the record says something else."""
+        return dict(options) if "texts" in options else {"sentences": manuals.GRAMMAR, **options}
+
     def deviations(self) -> dict[str, Any]:
         """The differences from the paper: the source of the sentences, and options that were given."""
         paper = {"texts": "original", "split": "test", "text": "original"}
-        played = {"texts": self.texts, "split": self._split, "text": self._text}
+        played = {"texts": self.sentences, "split": self._split, "text": self._text}
         return {name: {"paper": paper[name], "played": played[name]} for name in paper if played[name] != paper[name]}
 
     def drawing(self) -> dict[str, Any]:

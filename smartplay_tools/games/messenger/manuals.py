@@ -8,9 +8,12 @@ can name their folder and play with those.
 from __future__ import annotations
 
 import functools
+import hashlib
 import json
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from numpy.random import Generator
 
@@ -38,13 +41,61 @@ TEXTS_VARIABLE = "SMARTPLAY_MESSENGER_TEXTS"
 
 OUR_TEXTS = Path(__file__).parent / "texts"
 
+GRAMMAR, ORIGINAL = "grammar", "original"
+
+ORIGINAL_SHA256 = MappingProxyType(
+    {
+        "train": "84947d99a9bc36dc5573065ae3ebf85bcf33155afc55f8b21115db1ef5c23623",
+        "val": "0f123ffcb646cbe2bf94c1973b536576895827ac5a2c7150cd5d676bbaec990d",
+        "test": "0501905522e051d0d84598d4881a08484d64ff1a3bdbf2f9f4fe48d54cf2826a",
+    }
+)
+"""The sha256 of the original's `text_{split}.json`, by split."""
+
+
+def choose_folder(texts: str | os.PathLike[str] | None, split: Split, sentences: str | None = None) -> Path:
+    """Return the folder to read: the one that is named, by the argument or the environment variable, or else ours.
+
+    If `sentences` says which sentences are wanted (see `identify`), it is the first of these that holds them.
+
+    Raises:
+        InvalidArgumentError: none of them holds the sentences that are wanted.
+    """
+    named = [Path(folder) for folder in (texts, os.environ.get(TEXTS_VARIABLE)) if folder]
+    if sentences is None:
+        return named[0] if named else OUR_TEXTS
+    for folder in (*named, OUR_TEXTS):
+        if (folder / _file_name(split)).is_file() and identify(folder, split) == sentences:
+            return folder
+    raise InvalidArgumentError(
+        f"The sentences {sentences!r} of the split {split!r} are not here: "
+        f"name the folder that holds them in {TEXTS_VARIABLE}."
+    )
+
+
+@functools.cache
+def identify(folder: Path, split: Split) -> str:
+    """Return which sentences a split has in a folder: "grammar" (ours), "original", or "other:" and their sha256."""
+    load(folder, split)
+    content = _sha256(folder, split)
+    known = {_sha256(OUR_TEXTS, split): GRAMMAR, ORIGINAL_SHA256[split]: ORIGINAL}
+    return known.get(content, f"other:{content[:16]}")
+
+
+def _sha256(folder: Path, split: Split) -> str:
+    return hashlib.sha256((folder / _file_name(split)).read_bytes()).hexdigest()
+
+
+def _file_name(split: Split) -> str:
+    return f"text_{split}.json"
+
 
 @functools.cache
 def load(folder: Path, split: Split) -> Texts:
     """Read the texts of a split: the file `text_{split}.json` of the folder."""
     if split not in SPLITS:
         raise InvalidArgumentError(f"split must be one of {', '.join(SPLITS)}, not {split!r}.")
-    file = folder / f"text_{split}.json"
+    file = folder / _file_name(split)
     try:
         texts: Texts = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""Minecraft creative navigation (paper section 3.6): walk until the biome of the task is found.
+"""Minecraft creative navigation (paper section 3.7): walk until the biome of the task is found.
 
 The tasks and the text are the same for all engines, which are interchangeable:
 

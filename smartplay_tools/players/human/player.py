@@ -1,6 +1,6 @@
 """The human player: a person at a terminal, under exactly the window and the budget that an agent has.
 
-The screen shows the prompt and nothing else: what has left the window is no longer on the screen. On a terminal every
+The screen shows only the prompt: what has left the window has left the screen, too. On a terminal every
 prompt is drawn on the alternate screen, which cannot be scrolled back; a prompt taller than the terminal is shown in
 pages. Without a terminal (piped input, a log) prompts are printed one after another.
 

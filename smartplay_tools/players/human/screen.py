@@ -19,7 +19,7 @@ from rich.text import Text
 
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.messages import Message, calls_of, text_of
-from smartplay_tools.players.human.gauges import gauges
+from smartplay_tools.players.human.budget_bars import budget_bars
 from smartplay_tools.types import Prompt
 
 KEYS = "o observe, m manual, ? help, q leave"
@@ -71,7 +71,7 @@ class Screen:
         self._console.print(Text("> ", style="bold"), end="")
 
     def answered(self, typed: str) -> None:
-        """Echo the input if there was no terminal to do so."""
+        """Echo the input if no terminal did."""
         if not self._echoed:
             self._console.print(Text(typed))
 
@@ -115,7 +115,7 @@ class Screen:
         self, prompt: Prompt, actions: Sequence[str], conversation: BaseConversation | None
     ) -> RenderableType:
         """Return what stands below the prompt, in the fullest form for which there is room."""
-        facts, keys = gauges(prompt, conversation), KEYS if prompt.tools else FREE_KEYS
+        facts, keys = budget_bars(prompt, conversation), KEYS if prompt.tools else FREE_KEYS
         short = Text(", ".join(fact.short for fact in facts), style="cyan")
         full = Columns([Text(fact.full, style="cyan") for fact in facts], padding=(0, 3))
         hint = Text(keys, style="dim")

@@ -28,7 +28,7 @@ class Memory:
     """The newest memory in a prompt."""
 
     facts: dict[str, Any] | None
-    """What was kept; None if there is no memory to be seen. `clock` says how much of the play it covers."""
+    """What was kept; None if no memory is visible. `clock` says how much of the play it covers."""
     since: Reading
     """What was seen after it was written; everything, if there is none."""
 

@@ -73,7 +73,7 @@ WATER_NEAR, WATER_SHARE = 30, 25
 
 
 @dataclass(frozen=True)
-class Thing:
+class SeenThing:
     """A line of the view, with the place of its thing."""
 
     name: str
@@ -84,7 +84,7 @@ class Thing:
 
 
 @dataclass(frozen=True)
-class Sight:
+class MinecraftSight:
     """The content of an observation."""
 
     x: float
@@ -93,7 +93,7 @@ class Sight:
     facing: str
     action: str | None
     """The heading of the walk that led there."""
-    things: tuple[Thing, ...]
+    things: tuple[SeenThing, ...]
 
 
 def plays(reading: Reading) -> bool:
@@ -113,25 +113,25 @@ def decide(reading: Reading) -> Message:
     return call("act", action=f"Move {heading.title()}")
 
 
-def look(observation: str) -> Sight | None:
+def look(observation: str) -> MinecraftSight | None:
     """Parse an observation."""
     place = PLACE.search(observation)
     if place is None or place[4].partition("-")[0] not in HEADINGS:
         return None
     x, y, z = (float(place[i]) for i in (1, 2, 3))
     took = TOOK.search(observation)
-    return Sight(x, y, z, place[4], took[1].lower() if took else None, tuple(_things(observation, x, z)))
+    return MinecraftSight(x, y, z, place[4], took[1].lower() if took else None, tuple(_things(observation, x, z)))
 
 
-def _things(observation: str, x: float, z: float) -> Iterator[Thing]:
+def _things(observation: str, x: float, z: float) -> Iterator[SeenThing]:
     for line in THING.finditer(observation):
         ways = [HEADINGS[word] for word in line["where"].split("-") if word in HEADINGS]
         far = float(line["distance"]) / math.sqrt(max(len(ways), 1))
         dx, dz = (sum(way[axis] for way in ways) * far for axis in (0, 1))
-        yield Thing(line["name"], float(line["distance"]), int(line["share"]), x + dx, z + dz)
+        yield SeenThing(line["name"], float(line["distance"]), int(line["share"]), x + dx, z + dz)
 
 
-def choose_heading(sights: list[Sight], clues: Mapping[str, float]) -> str:
+def choose_heading(sights: list[MinecraftSight], clues: Mapping[str, float]) -> str:
     """The heading to take after these sights (oldest first)."""
     here = sights[-1]
     ahead = here.action or here.facing.partition("-")[0]
@@ -152,7 +152,7 @@ def choose_heading(sights: list[Sight], clues: Mapping[str, float]) -> str:
     return _search(here, ahead, blocked | {s.action for s in sights if s.action and _is_water_ahead(s)})
 
 
-def _is_crossing(sights: list[Sight]) -> bool:
+def _is_crossing(sights: list[MinecraftSight]) -> bool:
     """Whether water has to be crossed: it is on all sides, or it is being crossed already."""
     if len(sights) < 2:
         return False
@@ -160,7 +160,7 @@ def _is_crossing(sights: list[Sight]) -> bool:
     return len({sight.action for sight in sights}) > 2 or (before.action == here.action and _is_water_ahead(before))
 
 
-def _search(here: Sight, ahead: str, blocked: set[str]) -> str:
+def _search(here: MinecraftSight, ahead: str, blocked: set[str]) -> str:
     """Walk out to a square around the origin, and then clockwise along it."""
     sides = {"east": here.x, "south": here.z, "west": -here.x, "north": -here.z}
     outward = max(sides, key=lambda side: (sides[side], side == ahead))
@@ -178,7 +178,7 @@ def _turns(heading: str) -> tuple[str, str, str]:
     return order[(at + 1) % 4], order[at - 1], order[at - 2]
 
 
-def _towards_clues(sights: list[Sight], clues: Mapping[str, float]) -> list[str]:
+def _towards_clues(sights: list[MinecraftSight], clues: Mapping[str, float]) -> list[str]:
     """The headings towards the best evidence in sight, the one with the longer distance first."""
     here = sights[-1]
     for sight in reversed(sights):
@@ -205,18 +205,18 @@ def _weight(name: str, clues: Mapping[str, float]) -> float:
     return next((clues[word] for word in name.split() if word in clues), 0)
 
 
-def _blocked(sights: list[Sight]) -> set[str]:
+def _blocked(sights: list[MinecraftSight]) -> set[str]:
     """Headings that were blocked recently, according to the visible sights."""
     steps = itertools.pairwise(sights)
     return {after.action for before, after in steps if after.action and _is_stuck(before, after)}
 
 
-def _is_stuck(before: Sight, after: Sight) -> bool:
+def _is_stuck(before: MinecraftSight, after: MinecraftSight) -> bool:
     step = abs(after.x - before.x) + abs(after.z - before.z)
     return step < (STUCK_SWIMMING if min(before.y, after.y) < SEA_LEVEL else STUCK)
 
 
-def _is_water_ahead(sight: Sight) -> bool:
+def _is_water_ahead(sight: MinecraftSight) -> bool:
     if sight.y < SEA_LEVEL:
         return False
     water = [thing for thing in sight.things if thing.name in ("water", "ice")]

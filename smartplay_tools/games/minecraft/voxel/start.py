@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from smartplay_tools.games.minecraft.voxel.blocks import SOLID, Block
 from smartplay_tools.games.minecraft.voxel.climate import SHORE, SPACING, Biome, biomes, climate
@@ -26,6 +25,14 @@ _SCALE = 2 * SPACING
 _STARTS = 6
 """The map's points from the origin to the farthest start, along x and z; the map itself reaches a goal further.
 As in the real game, worlds begin near the origin of their coordinates."""
+_REACH = _STARTS + FARTHEST_GOAL // _SCALE + 1
+"""The map's points from the origin to its edge."""
+_INNER = slice(_REACH - _STARTS, _REACH + _STARTS + 1)
+"""The points of an axis where a start can be."""
+_SQUARES = (np.arange(2 * _REACH + 1)[_INNER, None] - np.arange(2 * _REACH + 1)) ** 2
+"""By point of an axis where a start can be, and by point of the whole axis: the squared distance."""
+_NOWHERE = 1 << 30
+"""The squared distance to a goal that a row of the map does not have."""
 _ROOM = 32
 """A player who can walk this far in three of the four directions is not enclosed."""
 _TRIES = 6
@@ -51,19 +58,28 @@ def make_world(seed: int, goals: frozenset[int]) -> tuple[World, tuple[float, fl
 
 def _places(seed: int, goals: frozenset[int]) -> Iterator[tuple[int, int]]:
     """Columns with the nearest goal in bounds, in random order."""
-    reach = _STARTS + FARTHEST_GOAL // _SCALE + 1
-    axis = np.arange(-reach, reach + 1) * _SCALE
+    axis = np.arange(-_REACH, _REACH + 1) * _SCALE
     fields = climate(seed, axis[:, None], axis[None, :])
     biome = biomes(fields)
-    good = (fields.land > SHORE) & ~_one_of(_UNPLEASANT)[biome]
+    good = ((fields.land > SHORE) & ~_one_of(_UNPLEASANT)[biome])[_INNER, _INNER]
     if goals:
-        away = ndimage.distance_transform_edt(~_one_of(goals)[biome]) * _SCALE
+        away = goal_distances(_one_of(goals)[biome])
         good &= (away >= NEAREST_GOAL) & (away <= FARTHEST_GOAL)
-    inner = slice(reach - _STARTS, reach + _STARTS + 1)
-    x, z = np.nonzero(good[inner, inner])
+    x, z = np.nonzero(good)
     order = np.argsort(hashed(seed, 301, x, z), kind="stable")
     for i, j in zip(x[order].tolist(), z[order].tolist(), strict=True):
         yield (i - _STARTS) * _SCALE, (j - _STARTS) * _SCALE
+
+
+def goal_distances(goal: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """The distance in blocks from each possible start to the nearest goal of a map; without a goal, far off the map.
+
+    A squared distance is the sum of one along x and one along z: first the nearest goal in each row of the map, then
+    the nearest of all rows.
+    """
+    across = np.where(goal[:, None, :], _SQUARES, _NOWHERE).min(axis=2)
+    distances: NDArray[np.float64] = np.sqrt((_SQUARES[:, :, None] + across).min(axis=1)) * _SCALE
+    return distances
 
 
 def _one_of(some: Iterable[int]) -> NDArray[np.bool_]:

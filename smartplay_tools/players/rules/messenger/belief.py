@@ -25,7 +25,7 @@ from smartplay_tools.players.rules.messenger.board import (
     MOVEMENTS,
     NOWHERE,
     WIDTH,
-    Board,
+    BoardTables,
     Floats,
     Ints,
     Truths,
@@ -33,7 +33,7 @@ from smartplay_tools.players.rules.messenger.board import (
     sight_code,
 )
 from smartplay_tools.players.rules.messenger.casts import Cast, Part
-from smartplay_tools.players.rules.messenger.sight import View
+from smartplay_tools.players.rules.messenger.sight import SeenEntities
 
 CASES = 100
 """The number of cases that are drawn. Twice as many take twice the time and do not improve the score."""
@@ -63,7 +63,7 @@ class Cases:
     """Thing -> whether it is on the board but hidden, because the other thing of its name is nearer."""
 
 
-def believe(weighted: Sequence[tuple[float, Cast]], views: Sequence[View], count: int = CASES) -> Cases | None:
+def believe(weighted: Sequence[tuple[float, Cast]], views: Sequence[SeenEntities], count: int = CASES) -> Cases | None:
     """Return the cases that fit the views, or None if there are none."""
     tables = board()
     paths = _paths(tables, views)
@@ -76,7 +76,7 @@ def believe(weighted: Sequence[tuple[float, Cast]], views: Sequence[View], count
     return _draw(window, [cast for _, cast in weighted], weights, count)
 
 
-def _paths(tables: Board, views: Sequence[View]) -> list[Ints]:
+def _paths(tables: BoardTables, views: Sequence[SeenEntities]) -> list[Ints]:
     """Return our cell at each view, in every case in which everything that was seen is on the board."""
     paths = [np.arange(CELLS * CELLS)]
     for view in views[1:]:
@@ -91,7 +91,7 @@ def _paths(tables: Board, views: Sequence[View]) -> list[Ints]:
 class _Window:
     """The visible views, and the tracks of the things that may move through them."""
 
-    def __init__(self, tables: Board, views: Sequence[View], paths: Sequence[Ints]) -> None:
+    def __init__(self, tables: BoardTables, views: Sequence[SeenEntities], paths: Sequence[Ints]) -> None:
         self.tables, self.views, self.paths = tables, views, paths
         self.apart = [tables.apart[path] for path in paths]
         self._before = _before_the_window(starts=views[0].action is None)

@@ -44,12 +44,12 @@ DIRECTIONS = ("you", "north", "south", "west", "east", "north-west", "north-east
 
 
 def sight_code(distance: int, direction: str) -> int:
-    """Return the code of a distance and a direction in `Board.shown`."""
+    """Return the code of a distance and a direction in `BoardTables.shown`."""
     return distance * len(DIRECTIONS) + DIRECTIONS.index(direction)
 
 
 @dataclass(frozen=True)
-class Board:
+class BoardTables:
     """The tables by cell and place. The first axis is our cell, if there is one."""
 
     next_cell: Ints
@@ -85,7 +85,7 @@ class Board:
 
 
 @functools.cache
-def board() -> Board:
+def board() -> BoardTables:
     """Return the tables, which are computed once."""
     cell_x, cell_y = (axis.ravel() for axis in np.indices((CELLS, CELLS)))
     x, y = (axis.ravel() for axis in np.indices((WIDTH, WIDTH)))
@@ -95,7 +95,7 @@ def board() -> Board:
     direction = np.array([[0, 4, 3], [2, 8, 7], [1, 6, 5]])[np.sign(cells_south), np.sign(cells_east)]
     steps = [(cell_x + dx, cell_y + dy) for dx, dy in (*SIDES, (0, 0))]
     stays = np.arange(CELLS * CELLS)
-    return Board(
+    return BoardTables(
         next_cell=np.array(
             [
                 np.where(np.isin(to_x, cell_x) & np.isin(to_y, cell_y), to_x * CELLS + to_y, stays)

@@ -23,7 +23,7 @@ from smartplay_tools.players.rules.messenger.board import ACTIONS
 from smartplay_tools.players.rules.messenger.casts import FEW_SENTENCES, Cast, Part, casts
 from smartplay_tools.players.rules.messenger.foresight import persistence, worths
 from smartplay_tools.players.rules.messenger.manual import Claim, claims
-from smartplay_tools.players.rules.messenger.sight import View
+from smartplay_tools.players.rules.messenger.sight import SeenEntities
 
 VIEWS = 4
 """The most observations that are used: each further one doubles the cost of a decision."""
@@ -36,7 +36,7 @@ def plays(reading: Reading) -> bool:
 
 def decide(reading: Reading) -> Message:
     """Read the manual, observe, then take the action with the highest value."""
-    return _decide(reading, tuple(map(View.of, reading.observations))[-VIEWS:])
+    return _decide(reading, tuple(map(SeenEntities.of, reading.observations))[-VIEWS:])
 
 
 def remember(reading: Reading, cap: int | None) -> tuple[Message, str]:
@@ -44,15 +44,17 @@ def remember(reading: Reading, cap: int | None) -> tuple[Message, str]:
     memory = recall(reading)
     facts = memory.facts or {"clock": 0}
     kept = (
-        View(action, has_message, {name: (distance, direction) for name, (distance, direction) in things.items()})
+        SeenEntities(
+            action, has_message, {name: (distance, direction) for name, (distance, direction) in things.items()}
+        )
         for action, has_message, things in facts.get("views", ())
     )
-    since = tuple(map(View.of, memory.since.observations))
+    since = tuple(map(SeenEntities.of, memory.since.observations))
     views = (*kept, *since)[-VIEWS:]
     return _decide(reading, views), _memory(facts["clock"] + len(since), views, cap)
 
 
-def _decide(reading: Reading, views: Sequence[View]) -> Message:
+def _decide(reading: Reading, views: Sequence[SeenEntities]) -> Message:
     if "MESSENGER" not in reading.system and reading.is_start:
         return call("read_manual")
     if not views or not views[-1].things:
@@ -60,14 +62,14 @@ def _decide(reading: Reading, views: Sequence[View]) -> Message:
     return call("act", action=choose(claims(reading.system), views))
 
 
-def _memory(clock: int, views: Sequence[View], cap: int | None) -> str:
+def _memory(clock: int, views: Sequence[SeenEntities], cap: int | None) -> str:
     """The line that holds these observations; under a cap in tokens, as many of the newest as fit."""
     kept = [[view.action, view.has_message, view.things] for view in views]
     lines = [line({"clock": clock, "views": kept[oldest:]}) for oldest in range(len(kept) + 1)]
     return lines[0] if cap is None else next((each for each in lines if fits(each, cap)), lines[-1])
 
 
-def choose(said: tuple[Claim, ...], views: Sequence[View]) -> str:
+def choose(said: tuple[Claim, ...], views: Sequence[SeenEntities]) -> str:
     """Return the best action. If the views fit no case, the oldest are dropped until they do."""
     now = views[-1]
     possible = _casts(said, views)
@@ -80,7 +82,7 @@ def choose(said: tuple[Claim, ...], views: Sequence[View]) -> str:
     return "Do Nothing"
 
 
-def _casts(said: tuple[Claim, ...], views: Sequence[View]) -> tuple[tuple[float, Cast], ...]:
+def _casts(said: tuple[Claim, ...], views: Sequence[SeenEntities]) -> tuple[tuple[float, Cast], ...]:
     possible = casts(said, _names(said, views))
     if views[-1].has_message and len(said) <= FEW_SENTENCES and len(views[-1].things) == len(said):
         # Level 1 may start with the message in hand; the message on the board must then not be touched.
@@ -92,7 +94,7 @@ def _unwanted(parts: tuple[Part, ...]) -> tuple[Part, ...]:
     return tuple(part._replace(role="enemy") if part.role == "message" else part for part in parts)
 
 
-def _names(said: Sequence[Claim], views: Sequence[View]) -> tuple[str, str, str]:
+def _names(said: Sequence[Claim], views: Sequence[SeenEntities]) -> tuple[str, str, str]:
     """Return the three names of the game: those in view, then those with the most sentences, then placeholders."""
     in_view = [name for view in reversed(views) for name in view.things]
     spoken_of = [claim.entity for claim in said if claim.entity]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class View:
+class SeenEntities:
     """The content of an observation."""
 
     action: str | None
@@ -18,7 +18,7 @@ class View:
     """Name -> distance in cells, direction."""
 
     @classmethod
-    def of(cls, text: str) -> View:
+    def of(cls, text: str) -> SeenEntities:
         """Parse an observation."""
         action = re.search(r"^You took action (.+)\.$", text, flags=re.MULTILINE)
         things = re.findall(r"^- (\w+) (\d+) steps (?:to your |with )([\w-]+)$", text, flags=re.MULTILINE)

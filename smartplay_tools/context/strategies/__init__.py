@@ -1,0 +1,23 @@
+"""Strategies: what becomes of the past, one object for each way to deal with it.
+
+Each is a class in a file of its own: the field of `Budget` that asks for it, what it refuses, the tools it adds, the
+tokens it reserves, what it hides, pins or asks for. `Strategies` makes the objects of one episode, which combine; the
+rest of the package asks it and names none of them. To add one, write its class, list it in `KINDS` and add its field to
+`Budget`.
+"""
+
+from smartplay_tools.context.strategies.base import Strategy, StrategyTool, ToolAnswer, share_kept
+from smartplay_tools.context.strategies.every import KINDS, Strategies, refusal
+from smartplay_tools.context.strategies.summaries import Summaries, Summary
+
+__all__ = [
+    "KINDS",
+    "Strategies",
+    "Strategy",
+    "StrategyTool",
+    "Summaries",
+    "Summary",
+    "ToolAnswer",
+    "refusal",
+    "share_kept",
+]

@@ -1,0 +1,73 @@
+"""The base class of strategies, and the tools that a strategy can add."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import ClassVar
+
+from smartplay_tools.context.turns import Turn
+from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.types import Budget, ToolSpec
+
+
+@dataclass(frozen=True)
+class ToolAnswer:
+    """The answer to a call of a strategy's tool."""
+
+    text: str
+    data: Mapping[str, str] = field(default_factory=dict)
+    """What the record holds of the call."""
+    mistake: str | None = None
+    """The kind of mistake, if the call is refused; `text` is then the reason."""
+
+
+@dataclass(frozen=True)
+class StrategyTool:
+    """A tool that a strategy adds. It takes one text."""
+
+    spec: ToolSpec
+    argument: str
+    """The name of its argument."""
+    usage: str
+    """How to call it, for errors."""
+    answer: Callable[[str], ToolAnswer]
+
+
+class Strategy:
+    """One way to deal with the past, in one episode. A method that is not overridden changes nothing."""
+
+    name: ClassVar[str]
+    """The field of `Budget` that asks for it."""
+    option_help: ClassVar[str]
+    """The help of the command-line option with that name."""
+    reserve = 0
+    """The tokens that a window leaves free when it moves."""
+    tools: Sequence[StrategyTool] = ()
+    """The tools that it adds."""
+
+    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+        """Set it up for one episode."""
+
+    @classmethod
+    def is_asked_for(cls, budget: Budget) -> bool:
+        """Whether a budget asks for it."""
+        return cls.name in budget.strategies
+
+    @classmethod
+    def refusal(cls, budget: Budget, history: int | None) -> str | None:
+        """Return why a budget that asks for it cannot be enforced, in one sentence; None if it can be.
+
+        `history` is the budget's in numbers.
+        """
+        return None
+
+    def pinned(self, turn: Turn) -> int | None:
+        """Return the turn to pin after this one, with its observations masked, where it fits; None for none."""
+        return None
+
+
+def share_kept(slack: float) -> Fraction | int:
+    """Return 1 - slack, read as a decimal: in floats, ceil((1 - .7) x 10) is 4. Without slack it is the integer 1."""
+    return 1 - Fraction(str(slack)) if slack else 1

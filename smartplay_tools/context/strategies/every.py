@@ -1,0 +1,45 @@
+"""The strategies that there are, and those of one episode, which act together."""
+
+from __future__ import annotations
+
+from smartplay_tools.context.strategies.ageing import Ageing
+from smartplay_tools.context.strategies.base import Strategy
+from smartplay_tools.context.strategies.notes import Notes
+from smartplay_tools.context.strategies.summaries import Summaries
+from smartplay_tools.context.turns import Turn
+from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.types import Budget
+
+KINDS: tuple[type[Strategy], ...] = (Ageing, Notes, Summaries)
+"""Every strategy, in the order in which they are asked."""
+
+
+class Strategies:
+    """The strategies of one episode: those that its budget asks for, as objects of its own."""
+
+    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+        asked = [kind(budget, counter) for kind in KINDS if kind.is_asked_for(budget)]
+        self.ageing = Ageing(budget, counter)
+        """What becomes of turns that are too old."""
+        self.summaries = next((strategy for strategy in asked if isinstance(strategy, Summaries)), None)
+        """What asks the agent for words when turns leave; None where nothing does."""
+        self.tools = tuple(tool for strategy in asked for tool in strategy.tools)
+        """The tools that they add."""
+        self.reserve = sum(strategy.reserve for strategy in asked)
+        """R: the tokens that a window leaves free when it moves."""
+        self.reserved_for = ", ".join(f"{s.name}={getattr(budget, s.name)}" for s in asked if s.reserve)
+        """The fields of the budget that need the reserve."""
+        self._pinning = [strategy for strategy in asked if type(strategy).pinned is not Strategy.pinned]
+
+    def pinned(self, turn: Turn) -> int | None:
+        """Return the turn to pin after this one; None for none."""
+        for strategy in self._pinning:
+            if (pinned := strategy.pinned(turn)) is not None:
+                return pinned
+        return None
+
+
+def refusal(budget: Budget, history: int | None) -> str | None:
+    """Return why what a budget asks for cannot be enforced, in one sentence; `history` is the budget's in numbers."""
+    reasons = (kind.refusal(budget, history) for kind in KINDS if kind.is_asked_for(budget))
+    return next((reason for reason in reasons if reason is not None), None)

@@ -1,0 +1,80 @@
+"""Summaries: the agent is asked for one when turns leave the window, and it is shown in their place.
+
+A window with `Budget.summary_tokens` asks the agent for a summary whenever turns are about to leave. So that neither
+the question nor the longest answer can end an episode, a window that moves leaves room for both: `reserve` tokens. The
+message that is shown never takes more than its part of them. Tokens of joined texts do not add up, so the text is cut
+as it will be shown, behind its frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from smartplay_tools import prompts
+from smartplay_tools.context.strategies.ageing import drops_old_turns
+from smartplay_tools.context.strategies.base import Strategy, share_kept
+from smartplay_tools.messages import Message
+from smartplay_tools.tokens import TokenCounter, truncation
+from smartplay_tools.types import Budget
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A summary as it is shown."""
+
+    text: str
+    """The agent's words, cut to their cap; empty if nothing can be shown."""
+    message: Message
+    """The message that shows them after the head."""
+    tokens: int
+    """The budget tokens of the message."""
+
+
+class Summaries(Strategy):
+    """Asks for a summary of the turns that leave, and shows it after the head."""
+
+    name = "summary_tokens"
+    option_help = "Cap on summaries of the turns that leave; none: not asked for."
+
+    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+        assert budget.summary_tokens is not None
+        self._counter = counter
+        self._cap = cap = budget.summary_tokens
+        self._frame = f"{prompts.text('summary')}\n"
+        self.question: Message = {"role": "user", "content": prompts.text("summary_request").format(tokens=cap)}
+        """The last message of a prompt that asks for a summary."""
+        self.question_tokens = counter.message(self.question)
+        longest = 3 + counter.text("user") + counter.text(self._frame) + cap
+        self.reserve = self.question_tokens + longest  # for the question and for the longest answer
+
+    @classmethod
+    def refusal(cls, budget: Budget, history: int | None) -> str | None:
+        """Return why summaries cannot be asked for: it would be at every step, or never."""
+        if budget.slack == 0:
+            return "summary_tokens at slack 0 would ask for a summary at every step; give a slack, such as 0.5."
+        aged = history if drops_old_turns(budget) else None
+        if aged is not None and aged == math.ceil(share_kept(budget.slack) * aged):
+            return (
+                f"summary_tokens with history={history} and slack={budget.slack:g} would ask for a summary at every "
+                "step; raise one of the two."
+            )
+        if aged is None and budget.prompt_tokens is None:
+            return "summary_tokens has nothing to summarise where no turn ever leaves; give prompt_tokens a number."
+        return None
+
+    def cut(self, said: str) -> str:
+        """Return the agent's words as they can be shown: whole, cut at their end with a notice, or nothing."""
+        if not said.strip():
+            return ""
+        shown = said if self._count(said) <= self._cap else truncation.cut_end(said, self._cap, self._count)
+        return shown if shown.strip() else ""  # where not even the notice fits
+
+    def show(self, text: str) -> Summary:
+        """Return the summary that shows words of `cut`."""
+        message: Message = {"role": "user", "content": f"{self._frame}{text}"}
+        return Summary(text, message, self._counter.message(message))
+
+    def _count(self, text: str) -> int:
+        """The tokens that a text adds to its frame."""
+        return self._counter.text(f"{self._frame}{text}") - self._counter.text(self._frame)

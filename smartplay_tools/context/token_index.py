@@ -1,0 +1,84 @@
+"""An index of tokens: what every turn costs, whole and masked, and where every observation is shown.
+
+Turns are only appended, so running sums suffice: the tokens of consecutive turns are the difference of two sums. Steps
+never decrease, so a turn is found by bisection, and of all turns only one, the first that is not older than a step, can
+be partly too old: every earlier one is masked whole, and every later one is shown whole.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+
+from smartplay_tools.context.turns import Turn
+from smartplay_tools.messages import Message, text_of
+from smartplay_tools.prompts import OBSERVATION_LEFT
+from smartplay_tools.tokens import TokenCounter
+
+
+class TokenIndex:
+    """The turns of a conversation with their tokens; every question takes at most a bisection."""
+
+    def __init__(self, counter: TokenCounter) -> None:
+        self.turns: list[Turn] = []
+        self._counter = counter
+        self._whole, self._masked = [0], [0]
+        """Tokens of the turns before each, with no observation masked, and with all of them masked."""
+        self._steps: list[int] = []
+        self._showing: list[int] = []
+        """The turns that show an observation."""
+        self._messages: list[Message] = []
+        self._starts = [0]
+        """Every message, unmasked, and how many are before each turn."""
+        self._lines: list[bytes] = []
+        """The canonical JSON of the messages, as far as it was asked for."""
+
+    def append(self, turn: Turn) -> None:
+        """Add a turn."""
+        tokens = turn.tokens(self._counter)
+        self._whole.append(self._whole[-1] + tokens)
+        self._masked.append(self._masked[-1] + tokens - self.saved(turn, turn.step + 1))
+        if turn.shows:
+            self._showing.append(len(self.turns))
+        self._steps.append(turn.step)
+        self._messages.extend(turn.messages)
+        self._starts.append(len(self._messages))
+        self.turns.append(turn)
+
+    def messages(self, first: int, stop: int) -> list[Message]:
+        """Return the messages of the turns from `first` to before `stop`, with no observation masked."""
+        return self._messages[self._starts[first] : self._starts[stop]]
+
+    def lines(self, first: int, stop: int) -> list[bytes]:
+        """Return the canonical JSON of `messages`; each is encoded once, when it is first asked for."""
+        known = bisect_left(self._starts, len(self._lines))
+        for turn in self.turns[known:stop]:
+            self._lines.extend(turn.canonical)
+        return self._lines[self._starts[first] : self._starts[stop]]
+
+    def whole(self, first: int, stop: int) -> int:
+        """Tokens of the turns from `first` to before `stop`, with no observation masked."""
+        return self._whole[stop] - self._whole[first]
+
+    def masked(self, first: int, stop: int) -> int:
+        """Tokens of the turns from `first` to before `stop`, with every observation masked."""
+        return self._masked[stop] - self._masked[first]
+
+    def saved(self, turn: Turn, oldest: int) -> int:
+        """Tokens saved by masking a turn's observations before `oldest`; negative if the marker is longer than they."""
+        count = self._counter.text
+        texts = [text_of(turn.items[at].message) for at in turn.masked(oldest)]
+        return sum(map(count, texts)) - len(texts) * count(OBSERVATION_LEFT) if texts else 0
+
+    def first_from(self, step: int) -> int:
+        """The first turn that is not older than a step; the number of turns if there is none."""
+        return bisect_left(self._steps, step)
+
+    def first_showing(self, first: int, stop: int) -> int | None:
+        """The first turn from `first` to before `stop` that shows an observation."""
+        at = bisect_left(self._showing, first)
+        return self._showing[at] if at < len(self._showing) and self._showing[at] < stop else None
+
+    def last_showing(self, first: int, stop: int) -> int | None:
+        """The last turn from `first` to before `stop` that shows an observation."""
+        at = bisect_left(self._showing, stop) - 1
+        return self._showing[at] if at >= 0 and self._showing[at] >= first else None

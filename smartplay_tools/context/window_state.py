@@ -1,0 +1,123 @@
+"""The state of a window after a number of turns: what is old, what is pinned, and what any run of turns then costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from smartplay_tools.context.token_index import TokenIndex
+from smartplay_tools.context.view import Head, Selection
+from smartplay_tools.messages import Message
+
+
+@dataclass
+class WindowState:
+    """The facts after a number of turns, from which the selection is made."""
+
+    index: TokenIndex
+    turns: int
+    """How many turns there are."""
+    step: int
+    """t, the newest observation shown so far."""
+    oldest: int
+    """b: older observations are masked."""
+    boundary: int
+    """The first turn that is not older than `oldest`: the only one that can be partly too old."""
+    saved: int
+    """The tokens saved by masking the boundary's old observations; negative if the marker is longer than they are."""
+    newest: int | None
+    """o, the latest turn that shows observation t."""
+    head: Head
+    notes: int | None = None
+    """q, the turn with the notes, while it is pinned as that and nothing else."""
+
+    @classmethod
+    def after(cls, index: TokenIndex, oldest: int, newest: int | None, head: Head) -> WindowState:
+        """Return the state after all turns of an index, without notes."""
+        turns = index.turns
+        boundary = index.first_from(oldest)
+        saved = index.saved(turns[boundary], oldest) if boundary < len(turns) else 0
+        return cls(index, len(turns), turns[-1].step if turns else 0, oldest, boundary, saved, newest, head)
+
+    def with_notes(self, notes: int) -> WindowState:
+        """Return the state with the notes pinned."""
+        return replace(self, notes=notes)
+
+    @property
+    def last(self) -> int:
+        """The newest turn, -1 before the first."""
+        return self.turns - 1
+
+    @cached_property
+    def _newest_tokens(self) -> int:
+        return 0 if self.newest is None else self.run(self.newest, self.newest + 1)
+
+    @cached_property
+    def _notes_tokens(self) -> int:
+        return 0 if self.notes is None else self.index.masked(self.notes, self.notes + 1)
+
+    def run(self, first: int, stop: int) -> int:
+        """Tokens of the turns from `first` to before `stop`, with every observation older than `oldest` masked."""
+        boundary = self.boundary
+        if first > boundary:
+            return self.index.whole(first, stop)
+        if stop <= boundary:
+            return self.index.masked(first, stop)
+        return self.index.masked(first, boundary) + self.index.whole(boundary, stop) - self.saved
+
+    def tokens(self, first: int) -> int:
+        """V: tokens of head, the run from `first` to the newest turn, and the pinned turns before it."""
+        total = self.head.tokens + self.run(first, self.turns)
+        if self.newest is not None and self.newest < first:
+            total += self._newest_tokens
+        if self.notes is not None and self.notes < first:
+            total += self._notes_tokens
+        return total
+
+    def selected(self, first: int) -> Selection:
+        """Return the selection whose run begins at `first`."""
+        hidden = self.notes if self.notes is not None and self.notes < first else None
+        newest = self.newest if self.newest is not None and self.newest < first else None
+        pinned = tuple(sorted(index for index in (newest, hidden) if index is not None))
+        return Selection(pinned, first, self.last, self.oldest, hidden)
+
+    def selection_tokens(self, chosen: Selection) -> int:
+        """Tokens of head and the selected turns."""
+        pins = sum(self._notes_tokens if index == chosen.hidden else self._newest_tokens for index in chosen.pinned)
+        return self.head.tokens + pins + self.run(chosen.first, chosen.last + 1)
+
+    def messages(self, chosen: Selection) -> list[Message]:
+        """Return the messages of the selected turns."""
+        found: list[Message] = []
+        whole, turns = self._whole_from(chosen), self.index.turns
+        for index in (*chosen.pinned, *range(chosen.first, whole)):
+            found += turns[index].seen(chosen.oldest_of(turns[index]))
+        return found + self.index.messages(whole, chosen.last + 1)
+
+    def lines(self, chosen: Selection) -> list[bytes]:
+        """Return the canonical JSON of `messages`."""
+        found: list[bytes] = []
+        whole, turns = self._whole_from(chosen), self.index.turns
+        for index in (*chosen.pinned, *range(chosen.first, whole)):
+            found += turns[index].canonical_seen(chosen.oldest_of(turns[index]))
+        return found + self.index.lines(whole, chosen.last + 1)
+
+    def _whole_from(self, chosen: Selection) -> int:
+        """The turn of a selection's run from which on no observation is masked."""
+        return min(max(chosen.first, self.boundary + 1), chosen.last + 1)
+
+    def visible(self, chosen: Selection) -> int:
+        """How many observations a selection shows; they have no gaps, for nothing is newer than a pinned turn's."""
+        for index in chosen.pinned:
+            if index != chosen.hidden:
+                return self.step + 1 - self._first_visible(index)
+        stop = chosen.last + 1
+        first = self.index.first_showing(max(chosen.first, self.boundary), stop)
+        if first is None:
+            return 0
+        last = self.index.last_showing(first, stop)
+        assert last is not None
+        return self.index.turns[last].step + 1 - self._first_visible(first)
+
+    def _first_visible(self, index: int) -> int:
+        return next(step for step in self.index.turns[index].shows if step >= self.oldest)

@@ -1,0 +1,26 @@
+"""Figures of a run. They need the extra `evaluation`; `save_figure` writes PNG, SVG and PDF."""
+
+from smartplay_tools.evaluation.analysis.figures.curves import (
+    effects_of_slack,
+    score_against_history,
+    score_against_prompt_tokens,
+)
+from smartplay_tools.evaluation.analysis.figures.frontier import frontier
+from smartplay_tools.evaluation.analysis.figures.progress import score_over_steps
+from smartplay_tools.evaluation.analysis.figures.run import run_figures, write_figures
+from smartplay_tools.evaluation.analysis.figures.spider import capability_spider
+from smartplay_tools.evaluation.analysis.figures.strategies import effects_of_strategies
+from smartplay_tools.evaluation.analysis.figures.style import save_figure
+
+__all__ = [
+    "capability_spider",
+    "effects_of_slack",
+    "effects_of_strategies",
+    "frontier",
+    "run_figures",
+    "save_figure",
+    "score_against_history",
+    "score_against_prompt_tokens",
+    "score_over_steps",
+    "write_figures",
+]

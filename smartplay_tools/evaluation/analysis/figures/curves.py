@@ -1,0 +1,137 @@
+"""Figures of the score against the limits of a prompt: past steps, tokens, and slack.
+
+The axis of a limit is ordinal: the limits that were played are placed at equal distances, from the narrowest window to
+no limit. The labels are exact; the distance between two labels has no meaning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.analysis.figures.style import (
+    CUT_NOTE,
+    GREY,
+    Series,
+    draw_estimates,
+    figure,
+    from_zero,
+    legend_below,
+    mark_cut,
+    panels,
+    sample_note,
+    spread,
+)
+from smartplay_tools.evaluation.analysis.names import series_name, window_name
+from smartplay_tools.evaluation.analysis.window_tables import is_cut
+from smartplay_tools.evaluation.analysis.windows import WindowComparison, family, is_widest_but
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+UNLIMITED = {"history": "all", "prompt_tokens": "no cap"}
+
+
+@figure
+def score_against_history(comparisons: Sequence[WindowComparison]) -> Figure:
+    """Draw mean scores against the past steps that a prompt may show, a panel for each game.
+
+    A line is a player under the widest of the other limits; its bars are 95 % intervals.
+    """
+    return _score_against("history", "past steps visible (history)", comparisons)
+
+
+@figure
+def score_against_prompt_tokens(comparisons: Sequence[WindowComparison]) -> Figure:
+    """Draw mean scores against the cap on prompts, a panel for each game; otherwise as `score_against_history`."""
+    return _score_against("prompt_tokens", "cap on every prompt (budget tokens)", comparisons)
+
+
+@figure
+def effects_of_slack(comparisons: Sequence[WindowComparison]) -> Figure:
+    """Draw the effect of slack on score and prefix-stable share, with 95 % intervals of the paired differences.
+
+    `comparisons` are made along slack alone: `compare_windows(rows, along=("slack",))`.
+    """
+    lines = _lines(comparisons)
+    drawn, (scores, shares) = panels(2)
+    amounts = sorted({c.cell.budget["slack"] for members in lines.values() for c in members})
+    for index, (label, members) in enumerate(lines.items()):
+        look, beside = Series.number(index), spread(index, len(lines))
+        found = [c for c in members if "score" in c.differences]
+        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in found]
+        draw_estimates(scores, positions, [c.differences["score"] for c in found], look, label)
+        found = [c for c in members if "prefix_share" in c.means]
+        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in found]
+        draw_estimates(shares, positions, [c.means["prefix_share"] for c in found], look, label)
+    scores.axhline(0, color=GREY, linewidth=1)
+    scores.set(title="What slack does to the score", ylabel=f"score less that at slack {amounts[0]:g} (points)")
+    shares.set(title="What it does to the prompts", ylabel="prompt tokens in a stable prefix (%)", ylim=(0, 1))
+    shares.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f}")
+    for panel in (scores, shares):
+        panel.set(xlabel="slack (share of the window given up at once)", xlim=(-0.4, len(amounts) - 0.6))
+        panel.set_xticks(range(len(amounts)), [f"{amount:g}" for amount in amounts])
+    members = [c for line in lines.values() for c in line]
+    legend_below(drawn, columns=2, note=sample_note(c.episodes for c in members))
+    return drawn
+
+
+def _score_against(field: str, label: str, comparisons: Sequence[WindowComparison]) -> Figure:
+    shown = [c for c in comparisons if is_widest_but(c, field)]
+    if not shown:
+        raise InvalidArgumentError("There is nothing to draw: the run has no finished episode.")
+    games = list(dict.fromkeys(c.cell.game for c in shown))
+    names = list(dict.fromkeys(series_name(c, shown) for c in shown))
+    drawn, axes = panels(len(games))
+    for panel, game in zip(axes, games, strict=True):
+        members = [c for c in shown if c.cell.game == game]
+        steps = sorted({c.cell.budget[field] for c in members}, key=_narrow_first)
+        for index, name in enumerate(names):
+            line = sorted((c for c in members if series_name(c, shown) == name), key=lambda c: _place(c, field, steps))
+            positions = [_place(c, field, steps) + spread(index, len(names)) for c in line]
+            if line:
+                draw_estimates(panel, positions, [c.means["score"] for c in line], Series.number(index), name)
+                cut = [(x, c.means["score"].mean) for x, c in zip(positions, line, strict=True) if is_cut(c)]
+                mark_cut(panel, cut)
+        _draw_human(panel, members)
+        panel.set(title=game, xlabel=label, ylabel="mean score (points)")
+        panel.yaxis.set_major_formatter(lambda points, _: f"{points:,g}")
+        panel.set_xticks(range(len(steps)), [UNLIMITED[field] if step is None else f"{step:,}" for step in steps])
+        from_zero(panel, [low for c in members if (low := c.means["score"].low) is not None] or [0])
+    notes = [sample_note(c.episodes for c in shown), *([CUT_NOTE] if any(map(is_cut, shown)) else [])]
+    legend_below(drawn, note="; ".join(notes))
+    return drawn
+
+
+def _narrow_first(limit: float | None) -> float:
+    return float("inf") if limit is None else limit
+
+
+def _place(comparison: WindowComparison, field: str, steps: Sequence[Any]) -> int:
+    return steps.index(comparison.cell.budget[field])
+
+
+def _draw_human(axes: Axes, members: Iterable[WindowComparison]) -> None:
+    """Draw the human score of a game, if scores may be compared with it."""
+    comparable = [c.cell.spec.human_score for c in members if "normalized_score" in c.means]
+    if comparable and comparable[0] is not None:
+        axes.axhline(comparable[0], color=GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
+
+
+def _lines(comparisons: Sequence[WindowComparison]) -> dict[str, list[WindowComparison]]:
+    """The cells of each window by slack, with a name that describes the window."""
+    families: dict[str, list[WindowComparison]] = {}
+    for comparison in comparisons:
+        families.setdefault(family(comparison.cell, ("slack",)), []).append(comparison)
+    lines: dict[str, list[WindowComparison]] = {}
+    for members in families.values():
+        if len(members) > 1:
+            first = members[0]
+            window = window_name(min(members, key=lambda c: c.cell.budget["slack"]).cell)
+            name = ", ".join([first.cell.game, series_name(first, comparisons), window])
+            lines[name] = sorted(members, key=lambda c: c.cell.budget["slack"])
+    if not lines:
+        raise InvalidArgumentError("There is nothing to draw: the run has no two cells that differ in slack alone.")
+    return lines

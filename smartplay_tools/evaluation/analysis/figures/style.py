@@ -1,0 +1,191 @@
+"""The style of all figures, and how they are written.
+
+Colours are those of Okabe and Ito, which people with any of the common colour-vision deficiencies can distinguish.
+Every series also has its own marker and line style, so that colour is never the only difference. Legends are below the
+panels, where there is no data, and state the number of episodes of a mean and what the bars are. The same figure always
+has the same bytes, because it contains no date and no random ids.
+
+matplotlib is imported when a figure is drawn, and never its `pyplot`, which keeps a global list of open windows.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec
+
+from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.evaluation.analysis.headline import CUT
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's palette, without the yellow that is too pale for a line on white."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
+"""The lengths of the three lists have no common divisor, so that many series differ in their combination."""
+
+WIDEST_SPREAD = 0.6
+"""How far apart the first and the last of several series stand at most, of a distance of 1 between two places."""
+
+LEGEND_ROW = 0.22
+"""Inches that every further row of a legend adds to a figure, so that the panels keep their height."""
+
+CUT_NOTE = f"{CUT}: tool results were cut"
+
+GREY = "#6E6E6E"
+"""The colour of references: the human score, the axes of a spider chart."""
+
+RULES: Any = {
+    "figure.dpi": 100,
+    "savefig.dpi": 150,
+    "font.family": "DejaVu Sans",  # ships with matplotlib, so letters have the same width everywhere
+    "font.size": 10,
+    "axes.titlesize": 11,
+    "axes.titleweight": "bold",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.8,
+    "lines.markersize": 6,
+    "legend.frameon": False,
+    "svg.hashsalt": "smartplay-tools",
+    "svg.fonttype": "path",
+    "pdf.fonttype": 42,  # text stays text
+}
+
+FORMATS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
+"""The formats of a figure, each with the metadata that is left out: the same figure has the same bytes."""
+
+Given = ParamSpec("Given")
+
+
+def figure(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
+    """Decorate a function that draws a figure: it draws with `RULES`, and needs matplotlib."""
+
+    @functools.wraps(draw)
+    def styled(*args: Given.args, **kwargs: Given.kwargs) -> Figure:
+        try:
+            import matplotlib
+        except ImportError:
+            raise MissingExtraError("Drawing figures", "evaluation") from None
+        with matplotlib.rc_context(RULES):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+def panels(count: int, *, columns: int = 2, size: tuple[float, float] = (4.6, 3.4)) -> tuple[Figure, Sequence[Axes]]:
+    """Return a figure and its `count` panels, in rows of at most `columns`, with room for a legend below."""
+    from matplotlib.figure import Figure
+
+    columns = min(columns, count)
+    rows = -(-count // columns)
+    drawn = Figure(figsize=(size[0] * columns, size[1] * rows + 0.5), layout="constrained")
+    axes = list(drawn.subplots(rows, columns, squeeze=False).flat)
+    for spare in axes[count:]:
+        spare.remove()
+    return drawn, axes[:count]
+
+
+@dataclass(frozen=True)
+class Series:
+    """The colour, marker and line style of one series."""
+
+    colour: str
+    marker: str
+    line: Any
+
+    @classmethod
+    def number(cls, index: int) -> Series:
+        """The look of the series with that index."""
+        return cls(COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)], LINES[index % len(LINES)])
+
+
+def draw_estimates(
+    axes: Axes, positions: Sequence[float], estimates: Sequence[MeanEstimate], look: Series, label: str | None
+) -> None:
+    """Draw means as a line with markers, and their intervals, if any, as bars."""
+    means = [found.mean for found in estimates]
+    axes.plot(positions, means, color=look.colour, marker=look.marker, linestyle=look.line, label=label)
+    axes.errorbar(positions, means, yerr=bars(estimates), color=look.colour, capsize=3, elinewidth=1.2, fmt="none")
+
+
+def bars(estimates: Sequence[MeanEstimate]) -> list[list[float]]:
+    """The lengths of intervals below and above their means; 0 if there is no interval."""
+    below = [0.0 if found.low is None else found.mean - found.low for found in estimates]
+    above = [0.0 if found.high is None else found.high - found.mean for found in estimates]
+    return [below, above]
+
+
+def sample_note(episodes: Iterable[int], *, bars: str = "bars") -> str:
+    """Return a note with the number of episodes of the means, and the kind of intervals."""
+    counts = sorted(set(episodes))
+    many = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    return f"means of n = {many} episodes; {bars}: 95 % bootstrap intervals (BCa)"
+
+
+def mark_cut(axes: Axes, points: Iterable[tuple[float, float]]) -> None:
+    """Mark points at which tool results were cut, so that their scores are not those of less memory alone."""
+    for point in points:
+        axes.annotate(CUT, point, (5, 5), textcoords="offset points", fontsize=11, fontweight="bold", zorder=6)
+
+
+def spread(index: int, count: int) -> float:
+    """How far series `index` of `count` stands beside its place, so that intervals do not cover each other."""
+    return min(0.08, WIDEST_SPREAD / count) * (index - (count - 1) / 2)
+
+
+def from_zero(axes: Axes, values: Iterable[float]) -> None:
+    """Let the axis of scores begin at 0, or below if there are negative scores."""
+    lowest, top = min(values), axes.get_ylim()[1]
+    # A mark at the lowest place is seen whole.
+    near = lowest < 0.05 * top
+    axes.set_ylim(bottom=lowest - 0.06 * (top - lowest) if lowest < 0 or near else 0)
+
+
+def legend_below(drawn: Figure, *, columns: int = 4, note: str = "") -> None:
+    """Add one legend for all panels below them, with each series once. The note is its title."""
+    entries: dict[str, Any] = {}
+    for axes in drawn.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    if entries:
+        further = -(-len(entries) // min(columns, len(entries))) - 1
+        width, height = drawn.get_size_inches()
+        drawn.set_size_inches(width, height + LEGEND_ROW * further)
+        drawn.legend(
+            list(entries.values()),
+            list(entries),
+            loc="outside lower center",
+            ncols=min(columns, len(entries)),
+            handlelength=3.2,
+            title=note or None,
+            title_fontsize=9,
+        )
+
+
+def save_figure(drawn: Figure, stem: str | Path, *, formats: Sequence[str] = tuple(FORMATS)) -> list[Path]:
+    """Write a figure as STEM.png, STEM.svg and STEM.pdf, or in some of these formats, and return the paths."""
+    import matplotlib
+
+    stem = Path(stem)
+    if not stem.name:
+        raise InvalidArgumentError("Name a figure by a path without suffix, such as figures/frontier.")
+    if unknown := [name for name in formats if name not in FORMATS]:
+        raise InvalidArgumentError(f"A figure is written as {', '.join(FORMATS)}, not {unknown[0]!r}.")
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    written = []
+    with matplotlib.rc_context(RULES):
+        for name in formats:
+            written.append(stem.with_name(f"{stem.name}.{name}"))
+            drawn.savefig(written[-1], metadata=dict.fromkeys(FORMATS[name]))
+    return written

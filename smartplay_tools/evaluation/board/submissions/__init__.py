@@ -1,0 +1,41 @@
+"""Submissions: a run in one file that proves itself, and the check that replays it.
+
+metadata   who submits what: `submission.json`
+bundle     the zip file, written deterministically and unpacked as hostile
+prepare    a bundle from a run
+plan       cells, keys and seeds of a submitted run, and what of it is safe to replay
+records    one record, checked
+workers    processes that check records under limits of time and memory
+results    means of games and budgets
+check      everything together
+report     what was found, as text and JSON
+seeds      seeds that a board issues
+
+Nothing here imports what plays a run.
+"""
+
+from smartplay_tools.evaluation.board.submissions.bundle import BundleError, Limits
+from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked, check_submission
+from smartplay_tools.evaluation.board.submissions.findings import Finding
+from smartplay_tools.evaluation.board.submissions.metadata import Submission
+from smartplay_tools.evaluation.board.submissions.plan import Allowed
+from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
+from smartplay_tools.evaluation.board.submissions.report import report_json, report_text
+from smartplay_tools.evaluation.board.submissions.seeds import IssuedSeed, issue_seed, read_seeds
+
+__all__ = [
+    "NOT_PROVED",
+    "Allowed",
+    "BundleError",
+    "Checked",
+    "Finding",
+    "IssuedSeed",
+    "Limits",
+    "Submission",
+    "check_submission",
+    "issue_seed",
+    "prepare_submission",
+    "read_seeds",
+    "report_json",
+    "report_text",
+]

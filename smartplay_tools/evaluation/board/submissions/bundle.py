@@ -1,0 +1,204 @@
+"""Bundles: a run's folder with its metadata in one zip file, written the same for the same run, and read as hostile.
+
+    submission.json       who submits what (`metadata`)
+    environment.json      the packages that prepared the bundle, and those that played
+    manifest.json         the plan of the run, as in its folder
+    results.jsonl         the rows
+    episodes/KEY.jsonl    the records of finished episodes
+    attempts/KEY.N.jsonl  the records of attempts without a result
+
+A bundle comes from a stranger, so nothing in it is believed when it is unpacked. A name decides where a file goes only
+if it is exactly one of those above; sizes are counted while they are unpacked, not read from the file; links, encrypted
+files, doubled names and other compressions are refused. What is refused is a `BundleError` with one sentence.
+"""
+
+from __future__ import annotations
+
+import re
+import stat
+import struct
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+
+NAMES = re.compile(
+    r"(submission|environment|manifest)\.json|results\.jsonl|episodes/[0-9a-f]{16}\.jsonl"
+    r"|attempts/[0-9a-f]{16}\.[1-9][0-9]{0,5}\.jsonl",
+    re.ASCII,
+)
+"""What a file of a bundle may be called."""
+
+REQUIRED = ("submission.json", "manifest.json", "results.jsonl")
+
+EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The time of every file in a bundle, so that the same run gives the same bytes."""
+
+CHUNK = 1 << 16
+
+_END = b"PK\x05\x06"
+_END_64 = b"PK\x06\x07"
+_END_SIZE = 22
+_LONGEST_COMMENT = 0xFFFF
+
+
+class BundleError(SmartPlayError, ValueError):
+    """A file is not a bundle, or is damaged, too large or hostile."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How much a bundle, and the check of it, may take."""
+
+    bundle_bytes: int = 1 << 30
+    """The zip file itself."""
+    directory_bytes: int = 16 << 20
+    """The list of files at the end of the zip file."""
+    unpacked_bytes: int = 4 << 30
+    """All files together."""
+    record_bytes: int = 64 << 20
+    """One record."""
+    line_bytes: int = 8 << 20
+    """One line of a record or of the results."""
+    json_bytes: int = 32 << 20
+    """The manifest; metadata and environment may have a thirty-second of it."""
+    seconds: float = 120
+    """The check of one record."""
+    total_seconds: float = 3 * 3600
+    """The check of all records."""
+    memory_bytes: int = 4 << 30
+    """A process that checks records (on Unix)."""
+
+    def most(self, name: str) -> int:
+        """Return the bytes that a file of this name may have."""
+        if name == "manifest.json":
+            return self.json_bytes
+        if name.endswith(".json"):
+            return self.json_bytes // 32
+        return self.unpacked_bytes if name == "results.jsonl" else self.record_bytes
+
+
+def write_bundle(path: Path, files: Iterable[tuple[str, bytes | Path]]) -> None:
+    """Write a bundle; the same files give the same bytes. An existing file is never overwritten."""
+    part = path.with_name(f".{path.name}.part")
+    if path.exists():
+        raise InvalidArgumentError(f"{path} exists; name a new file for the bundle.")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, allowZip64=False) as bundle:
+            for name, content in sorted(files):
+                entry = zipfile.ZipInfo(name, EPOCH)
+                entry.compress_type, entry.create_system, entry.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
+                data = content.read_bytes() if isinstance(content, Path) else content
+                bundle.writestr(entry, data, compresslevel=9)
+        part.replace(path)
+    except zipfile.LargeZipFile:
+        raise InvalidArgumentError(
+            "The run is too large for one bundle (65,535 files, 4 GB); submit its players one by one."
+        ) from None
+    except OSError as error:
+        raise InvalidArgumentError(f"{path} cannot be written: {error.strerror}.") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def unpacked(path: str | Path, limits: Limits | None = None) -> Iterator[Path]:
+    """Unpack a bundle into a temporary folder, and yield it; a bundle that is refused is a `BundleError`."""
+    path, limits = Path(path), limits or Limits()
+    with tempfile.TemporaryDirectory(prefix="smartplay-bundle-") as folder:
+        try:
+            size = path.stat().st_size
+            if path.is_dir():
+                raise InvalidArgumentError(f"{path} is a folder; a bundle is a zip file, which submit prepare writes.")
+            _check_directory(path, size, limits)
+            with zipfile.ZipFile(path) as bundle:
+                _unpack(bundle, Path(folder), limits)
+        except FileNotFoundError:
+            raise InvalidArgumentError(f"There is no file {path}.") from None
+        except (zipfile.BadZipFile, zlib.error, EOFError, struct.error, NotImplementedError, ValueError) as error:
+            if isinstance(error, SmartPlayError):
+                raise
+            raise BundleError(f"The bundle is not a readable zip file: {_said(error)}.") from None
+        except OSError as error:
+            raise InvalidArgumentError(f"{path} cannot be unpacked: {error.strerror or _said(error)}.") from None
+        yield Path(folder)
+
+
+def _said(error: Exception) -> str:
+    return " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__
+
+
+def _check_directory(path: Path, size: int, limits: Limits) -> None:
+    """Refuse what could make the list of files large before it is read: that list is read as a whole."""
+    if size > limits.bundle_bytes:
+        raise BundleError(f"The bundle has {size:,} bytes; {limits.bundle_bytes:,} are allowed.")
+    with path.open("rb") as file:
+        file.seek(max(0, size - _END_SIZE - _LONGEST_COMMENT))
+        tail = file.read()
+    at = tail.rfind(_END)
+    if at < 0 or len(tail) - at < _END_SIZE:
+        raise BundleError("The bundle is not a readable zip file: it has no list of files at its end.")
+    (listed,) = struct.unpack_from("<L", tail, at + 12)
+    if _END_64 in tail[max(0, at - 20) : at] or listed == 0xFFFFFFFF:
+        raise BundleError("The bundle is a zip64 file, which no bundle has to be.")
+    if listed > limits.directory_bytes:
+        raise BundleError(f"The bundle's list of files has {listed:,} bytes; {limits.directory_bytes:,} are allowed.")
+
+
+def _unpack(bundle: zipfile.ZipFile, folder: Path, limits: Limits) -> None:
+    entries = bundle.infolist()
+    _check_entries(entries, limits)
+    for name in ("episodes", "attempts"):
+        (folder / name).mkdir()
+    left = limits.unpacked_bytes
+    for entry in entries:
+        with bundle.open(entry) as source:
+            left -= _copy(
+                entry.filename, source, folder / entry.filename, min(left, limits.most(entry.filename)), limits
+            )
+
+
+def _check_entries(entries: list[zipfile.ZipInfo], limits: Limits) -> None:
+    seen: set[str] = set()
+    for entry in entries:
+        name = entry.filename
+        shown = repr(name[:100])
+        if not NAMES.fullmatch(name):
+            raise BundleError(f"The bundle holds {shown}, which does not belong in a bundle.")
+        if name in seen:
+            raise BundleError(f"The bundle holds {shown} twice.")
+        seen.add(name)
+        if entry.flag_bits & 1:
+            raise BundleError(f"{shown} in the bundle is encrypted.")
+        if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise BundleError(f"{shown} in the bundle is compressed in a way that is not allowed; use deflate.")
+        if stat.S_IFMT(entry.external_attr >> 16) not in (0, stat.S_IFREG):
+            raise BundleError(f"{shown} in the bundle is a link or a device, not a file.")
+    if missing := [name for name in REQUIRED if name not in seen]:
+        raise BundleError(f"The bundle has no {', '.join(missing)}.")
+    if (total := sum(entry.file_size for entry in entries)) > limits.unpacked_bytes:
+        raise BundleError(f"The bundle unpacks to {total:,} bytes; {limits.unpacked_bytes:,} are allowed.")
+
+
+def _copy(name: str, source: Iterable[bytes], target: Path, most: int, limits: Limits) -> int:
+    """Copy a file in chunks and return its size; one that is larger than `most`, or has a huge line, is refused."""
+    size = line = 0
+    read = source.read  # type: ignore[attr-defined]
+    with target.open("xb") as file:
+        while chunk := read(CHUNK):
+            size += len(chunk)
+            if size > most:
+                raise BundleError(f"{name} in the bundle has more than the {most:,} bytes that are allowed.")
+            first, *others = chunk.split(b"\n")
+            longest = max([line + len(first), *map(len, others)])
+            line = len(others[-1]) if others else line + len(first)
+            if name.endswith(".jsonl") and longest > limits.line_bytes:
+                raise BundleError(f"{name} in the bundle has a line of more than {limits.line_bytes:,} bytes.")
+            file.write(chunk)
+    return size

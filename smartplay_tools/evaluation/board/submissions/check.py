@@ -1,0 +1,297 @@
+"""The check of a submission: everything in a bundle that can be proved is proved again from its records.
+
+Every record is replayed, every row computed anew, every prompt rebuilt to its sha256. The plan has to be complete and
+its seeds have to follow from one; a suite that is named has to be covered; what the metadata says of results has to be
+what the records say. A bundle that cannot even be read has a report like any other. What no check can prove stands in
+every report.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.board.submissions.bundle import BundleError, Limits, unpacked
+from smartplay_tools.evaluation.board.submissions.findings import Finding, error, remark, some
+from smartplay_tools.evaluation.board.submissions.metadata import Submission, read_submission
+from smartplay_tools.evaluation.board.submissions.plan import (
+    Allowed,
+    SubmittedPlan,
+    check_plan,
+    check_suite,
+    read_plan,
+)
+from smartplay_tools.evaluation.board.submissions.records import CheckedRecord, RecordJob, check_record
+from smartplay_tools.evaluation.board.submissions.results import cell_results
+from smartplay_tools.evaluation.board.submissions.seeds import IssuedSeed, read_seeds
+from smartplay_tools.evaluation.board.submissions.workers import Lost, run_limited
+from smartplay_tools.records.rows import Row
+
+NOT_PROVED = (
+    "Who wrote the replies: that the named model did is the submitter's word.",
+    "That the player knew nothing but its prompts, such as the game's program or an earlier play of the same seed.",
+    "That this is the only play: several plays of one seed, of which the best was submitted, leave no trace.",
+    "What a provider counted and charged: its usage, and the prices, are as the submitter recorded them.",
+)
+"""What the check cannot prove, whatever the bundle holds."""
+
+
+@dataclass
+class Checked:
+    """What the check of a submission found."""
+
+    bundle: str
+    """The name of the file."""
+    sha256: str
+    findings: list[Finding] = field(default_factory=list)
+    submission: Submission | None = None
+    """Its metadata; None if they cannot be read."""
+    seed: int | None = None
+    """The seed of the run."""
+    issued: IssuedSeed | None = None
+    """The board's line for the seed; None if it issued none, or was not asked."""
+    rows: list[Row] = field(default_factory=list)
+    """The rows of the records that replay, computed from them, in the order of the plan."""
+    planned: int = 0
+    replies: int = 0
+    prompts: int = 0
+    calls: int = 0
+    attempts: dict[str, int] = field(default_factory=dict)
+    """Attempts without a result, by why they have none."""
+
+    @property
+    def errors(self) -> list[Finding]:
+        """What keeps the submission from being verified."""
+        return [finding for finding in self.findings if finding.level == "error"]
+
+    @property
+    def verified(self) -> bool:
+        """Whether everything that can be proved is."""
+        return not self.errors
+
+
+def check_submission(
+    bundle: str | Path,
+    *,
+    seeds: str | Path | None = None,
+    allowed: Allowed | None = None,
+    workers: int = 1,
+    limits: Limits | None = None,
+) -> Checked:
+    """Check a bundle and return what was found.
+
+    Arguments:
+        bundle: the zip file that `prepare_submission` wrote.
+        seeds: the file of the seeds that the board has issued; the run's has to be among them.
+        allowed: what a replay may use in addition to what is always safe.
+        workers: processes that replay records; 0 replays them here, without limits of time and memory, which is for
+            bundles of your own.
+        limits: how much the bundle and its check may take.
+
+    A file that is not there, or a file of seeds that cannot be read, is an `InvalidArgumentError`. Whatever is wrong
+    with the bundle itself is a finding.
+    """
+    with checking(bundle, seeds=seeds, allowed=allowed, workers=workers, limits=limits) as (checked, _):
+        return checked
+
+
+@contextmanager
+def checking(
+    bundle: str | Path,
+    *,
+    seeds: str | Path | None = None,
+    allowed: Allowed | None = None,
+    workers: int = 1,
+    limits: Limits | None = None,
+) -> Iterator[tuple[Checked, Path | None]]:
+    """Check a bundle like `check_submission`; yield what was found and the folder that it was unpacked to.
+
+    The folder is None if the bundle cannot be unpacked. It is gone after the block.
+    """
+    path, limits = Path(bundle), limits or Limits()
+    issued = None if seeds is None else read_seeds(seeds)
+    checked = Checked(path.name, _sha256(path))
+    try:
+        with unpacked(path, limits) as folder:
+            _Check(checked, folder, issued, allowed or Allowed(), workers, limits).run()
+            yield checked, folder
+    except BundleError as refused:
+        checked.findings.append(error("bundle", str(refused)))
+        yield checked, None
+
+
+def _sha256(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as fault:
+        raise InvalidArgumentError(f"{path} cannot be read: {fault.strerror}.") from None
+
+
+class _Check:
+    """The check of an unpacked bundle, step by step."""
+
+    def __init__(
+        self,
+        checked: Checked,
+        folder: Path,
+        issued: Sequence[IssuedSeed] | None,
+        allowed: Allowed,
+        workers: int,
+        limits: Limits,
+    ) -> None:
+        self._checked, self._folder, self._issued = checked, folder, issued
+        self._allowed, self._workers, self._limits = allowed, workers, limits
+
+    def run(self) -> None:
+        """Check everything; findings go to the report."""
+        found = self._checked.findings
+        self._read_metadata()
+        try:
+            plan = read_plan(self._json("manifest.json"))
+        except InvalidArgumentError as fault:
+            found.append(error("plan", str(fault)))
+            return
+        checked = check_plan(plan, self._allowed)
+        found += checked.findings
+        self._checked.seed, self._checked.planned = plan.seed, len(plan.episodes)
+        self._check_seed(plan)
+        if self._checked.submission is not None:
+            found += check_suite(plan, self._checked.submission.suite, self._checked.submission.submission_type)
+        found += self._check_coverage(plan)
+        self._check_records(plan, checked.replayable)
+        if self._checked.submission is not None:
+            found += self._check_results(plan)
+
+    def _json(self, name: str) -> Any:
+        try:
+            return json.loads((self._folder / name).read_bytes())
+        except (ValueError, RecursionError):
+            raise InvalidArgumentError(f"{name} in the bundle is not JSON.") from None
+
+    def _read_metadata(self) -> None:
+        try:
+            self._checked.submission = read_submission(self._json("submission.json"))
+            if (self._folder / "environment.json").exists():
+                self._json("environment.json")
+        except InvalidArgumentError as fault:
+            self._checked.findings.append(error("metadata", str(fault)))
+
+    def _check_seed(self, plan: SubmittedPlan) -> None:
+        if self._issued is None:
+            text = f"The run's seed is {plan.seed}; whether it was issued was not checked, so its worlds may be chosen."
+            self._checked.findings.append(remark("seed", text))
+            return
+        submission = self._checked.submission
+        ours = next((one for one in self._issued if one.seed == plan.seed), None)
+        if ours is None:
+            self._checked.findings.append(error("seed", f"The run's seed, {plan.seed}, was not issued."))
+        elif submission is not None and ours.name != submission.model_name:
+            text = f"The run's seed was issued to {ours.name!r}, not to {submission.model_name!r}."
+            self._checked.findings.append(error("seed", text))
+        elif submission is not None and ours.suite not in (None, submission.suite):
+            self._checked.findings.append(error("seed", f"The run's seed was issued for the suite {ours.suite}."))
+        else:
+            self._checked.issued = ours
+
+    def _check_coverage(self, plan: SubmittedPlan) -> Iterator[Finding]:
+        """Hold plan, records and rows against each other."""
+        planned = {episode.key for episode in plan.episodes}
+        records = {path.stem for path in (self._folder / "episodes").iterdir()}
+        if missing := sorted(planned - records):
+            yield error("coverage", f"{len(missing)} planned episodes have no record: {some(missing)}.")
+        if others := sorted(records - planned):
+            yield error("coverage", f"{len(others)} records are of no planned episode: {some(others)}.")
+        tried = {path.name.partition(".")[0] for path in (self._folder / "attempts").iterdir()}
+        if others := sorted(tried - planned):
+            yield error("coverage", f"{len(others)} attempts are at no planned episode: {some(others)}.")
+        lines = Counter(key for key, _ in self._row_lines())
+        if doubled := [key for key, count in lines.items() if count > 1]:
+            yield error("coverage", f"{len(doubled)} episodes have several rows: {some(doubled)}.")
+        if others := [key for key in lines if key not in planned]:
+            yield error("coverage", f"{len(others)} rows are of no planned episode: {some(map(repr, others))}.")
+
+    def _row_lines(self) -> Iterator[tuple[str, bytes]]:
+        """Yield key and line of every row; rows are parsed one by one, so they are never in memory together."""
+        with (self._folder / "results.jsonl").open("rb") as lines:
+            for number, line in enumerate(lines, start=1):
+                try:
+                    row = json.loads(line)
+                except (ValueError, RecursionError):
+                    row = None
+                key = row.get("key") if isinstance(row, dict) else None
+                yield (key if isinstance(key, str) else f"line {number}, which is not a row"), line
+
+    def _check_records(self, plan: SubmittedPlan, replayable: set[int]) -> None:
+        rows = {key: line for key, line in self._row_lines() if len(key) == 16}
+        attempts: dict[str, list[Path]] = {}
+        for path in sorted((self._folder / "attempts").iterdir(), key=lambda one: int(one.name.split(".")[1])):
+            attempts.setdefault(path.name.partition(".")[0], []).append(path)
+        submission = self._checked.submission
+        standard = submission is not None and submission.submission_type == "standard"
+        jobs = []
+        for episode in plan.episodes:
+            record = self._folder / "episodes" / f"{episode.key}.jsonl"
+            if episode.cell in replayable and record.exists():
+                config = plan.config(episode)
+                jobs.append(
+                    RecordJob(
+                        record,
+                        config,
+                        episode.trial,
+                        rows.get(episode.key),
+                        plan.price(config.player),
+                        tuple(attempts.get(episode.key, ())),
+                        self._allowed.tokenizer,
+                        standard,
+                    )
+                )
+        answers = {job.record: answer for job, answer in run_limited(check_record, jobs, self._workers, self._limits)}
+        for job in jobs:
+            self._add(job, answers[job.record])
+        self._remark_on_records([answer for answer in answers.values() if isinstance(answer, CheckedRecord)])
+
+    def _add(self, job: RecordJob, answer: CheckedRecord | Lost) -> None:
+        checked = self._checked
+        if isinstance(answer, Lost):
+            checked.findings.append(error("record", f"The record was not checked: {answer.why}.", job.config.key))
+            return
+        checked.findings += answer.findings
+        checked.rows += [] if answer.row is None else [answer.row]
+        checked.replies += answer.replies
+        checked.prompts += answer.prompts
+        checked.calls += answer.calls
+        for reason in answer.attempts:
+            checked.attempts[reason] = checked.attempts.get(reason, 0) + 1
+
+    def _remark_on_records(self, answers: Sequence[CheckedRecord]) -> None:
+        versions = {answer.versions.get("smartplay-tools", "unknown") for answer in answers}
+        here = metadata.version("smartplay-tools")
+        if versions - {here}:
+            text = f"Played with smartplay-tools {some(sorted(versions))}, and replayed with {here}."
+            self._checked.findings.append(remark("record", text))
+        if len(versions) > 1:
+            self._checked.findings.append(remark("record", "The records were made with several versions."))
+        if without := sum(not answer.provider for answer in answers):
+            text = f"{without} of {len(answers)} records hold no count of tokens by a provider; ours is exact for both."
+            self._checked.findings.append(remark("record", text))
+
+    def _check_results(self, plan: SubmittedPlan) -> Iterator[Finding]:
+        """Hold the results in the metadata against those of the records."""
+        submission = self._checked.submission
+        assert submission is not None
+        modified = any(finding.kind == "prompts" for finding in self._checked.findings)
+        if modified and not submission.methodology.verification.modified_prompts:
+            yield error("metadata", "submission.json says that no prompts were modified, but the records show it.")
+        if len(self._checked.rows) < len(plan.episodes):
+            return  # there is an error for every episode that is not here
+        if submission.results != cell_results(self._checked.rows):
+            yield error("results", "The results in submission.json are not those of the records.")

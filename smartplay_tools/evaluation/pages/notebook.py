@@ -1,0 +1,104 @@
+"""Runs in notebooks: progress, tables and replays as the output of a cell, and rows as data frames.
+
+Nothing here is needed outside of a notebook, which calls an object's `_repr_html_`; only the progress imports IPython.
+The code that computes tables and replays is imported at first use, so that playing a run does not load it.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.records.rows import Row
+
+if TYPE_CHECKING:
+    import pandas
+
+    from smartplay_tools.evaluation.pages.report.widget import ReplayWidget
+    from smartplay_tools.records.snapshot import RunSnapshot
+
+_DTYPES = {"string": "string", "json": "string", "int64": "Int64", "float64": "Float64", "bool": "boolean"}
+"""The data frame's type for each kind of column; all of them can be missing."""
+
+
+def rows_to_pandas(rows: Sequence[Row]) -> pandas.DataFrame:
+    """Return rows as a data frame with the columns of `write_csv`; without pandas, a `MissingExtraError`."""
+    try:
+        import pandas
+    except ImportError:
+        raise MissingExtraError("A data frame", "notebook") from None
+    from smartplay_tools.evaluation.analysis.tables import COLUMNS, flat
+
+    frame = pandas.DataFrame([flat(row) for row in rows], columns=list(COLUMNS))
+    return frame.astype({name: _DTYPES[kind] for name, (_, kind) in COLUMNS.items()})
+
+
+def run_as_html(rows: Sequence[Row], failures: Sequence[Row], planned: int) -> str:
+    """Return the progress of a run, its headline and its failures as markup."""
+    from smartplay_tools.evaluation.analysis import headline, summarize, to_html
+    from smartplay_tools.evaluation.analysis.details import failures_table
+
+    summary = summarize(rows, failures)
+    tables = [headline(summary)] if summary.cells else []
+    tables += [failures_table(summary.failures)] if summary.failures else []
+    return f"<p>{len(rows)} of {planned} episodes finished</p>\n{to_html(tables)}"
+
+
+def replay_widget(
+    rows: Sequence[Row], transcript: Callable[[str], Path], episode: int | str | Row, height: int
+) -> ReplayWidget:
+    """Return the replay of an episode, given by its row, its index in the rows, or its key."""
+    from smartplay_tools.evaluation.pages.report.widget import ReplayWidget
+
+    if isinstance(episode, Mapping):
+        key = episode["key"]
+    elif isinstance(episode, str):
+        key = episode
+    elif -len(rows) <= episode < len(rows):
+        key = rows[episode]["key"]
+    else:
+        raise InvalidArgumentError(f"The run has {len(rows)} finished episodes, so {episode} is out of range.")
+    if not transcript(key).exists():
+        raise InvalidArgumentError(f"The run has no finished episode {key!r}.")
+    return ReplayWidget(transcript(key), height=height)
+
+
+@contextmanager
+def shown_below_the_cell() -> Iterator[Callable[[RunSnapshot], None]]:
+    """Show snapshots of a run below the cell, each in place of the one before.
+
+    It needs no widgets, and what is left of it when the notebook is saved is how the run ended.
+    """
+    from IPython import display
+
+    show: Any = display.display  # whether it has types depends on the version
+    handles: list[Any] = []
+
+    def update(snapshot: RunSnapshot) -> None:
+        if handles:
+            handles[0].update(_Progress(snapshot))
+        else:
+            handles.append(show(_Progress(snapshot), display_id=True))
+
+    yield update
+
+
+class _Progress:
+    """A snapshot as HTML, a bar and a line of figures, and as text."""
+
+    def __init__(self, snapshot: RunSnapshot) -> None:
+        self._snapshot = snapshot
+
+    def __repr__(self) -> str:
+        error = self._snapshot.latest_error
+        return self._snapshot.describe() + (f"\nlatest failure: {error}" if error else "")
+
+    def _repr_html_(self) -> str:
+        now = self._snapshot
+        bar = f'<progress value="{now.finished}" max="{now.planned}" style="width: 20em"></progress>'
+        latest = f"<br>latest failure: {html.escape(now.latest_error)}" if now.latest_error else ""
+        return f"<div>{bar} {html.escape(now.describe())}{latest}</div>"

@@ -1,0 +1,30 @@
+"""The replay page: a run, or a single transcript, as one HTML file that opens from disk and needs no network.
+
+    sources    the episodes, finished or not
+    episodes   a transcript for the page: turns, the contents of each prompt, tokens
+    drawings   the states of the game, from playing the record again; `walks` and `textures` for two games
+    summary    the tables of the run, `pictures` its figures
+    reading    an episode's record checked, drawn and packed, by several processes if there are many
+    page       all of it put into one file; the templates, the styles and the scripts lie beside it
+
+The page does not contain prompts: it contains the turns and what each prompt showed of them, and its script assembles a
+prompt when it is opened. Nothing that a model wrote becomes markup: texts are stored compressed and in base64, and a
+script inserts them as text.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from smartplay_tools.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from smartplay_tools.evaluation.pages.report.page import render_report, write_report
+    from smartplay_tools.evaluation.pages.report.widget import ReplayWidget
+
+__all__ = ["ReplayWidget", "render_report", "write_report"]
+
+if not TYPE_CHECKING:  # a process that reads records needs neither templates nor tables
+    __getattr__, __dir__ = lazy_exports(
+        __name__, {"page": ("render_report", "write_report"), "widget": ("ReplayWidget",)}
+    )

@@ -1,0 +1,138 @@
+"""The states of the game at every step, which the page draws.
+
+Most come from playing the recorded actions again on a new game, which has information that the text does not contain:
+the true odds, the roles, the map. If record and game disagree there is no drawing, because a wrong picture would be
+worse than none. Minecraft's path is read from the text, because its engines may need a server.
+
+A drawing lists changes: a value that does not change is not repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from smartplay_tools.arguments import read
+from smartplay_tools.episode.config import EpisodeConfig, Setting
+from smartplay_tools.episode.tools import Tools
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.games.registry import packages_are_imported
+from smartplay_tools.games.specs import GAMES
+from smartplay_tools.prompts import GAME_IS_OVER
+from smartplay_tools.records.record import Record
+from smartplay_tools.transcript.events import CallEvent, Event
+
+if TYPE_CHECKING:
+    from smartplay_tools.games.base import TextGame
+
+REPLAYED = (
+    "Drawn from the game itself: the recorded actions were played again when this page was made, and every state "
+    "hash in the record was met. The player saw the text only."
+)
+
+
+class _NoDrawingError(Exception):
+    """There is no drawing; the message is a sentence that says why."""
+
+
+class Drawings:
+    """Draws one episode after the other; those of a cell are played on the same game, which is made once."""
+
+    def __init__(self) -> None:
+        self._made: tuple[Any, TextGame, Tools] | None = None
+
+    def __enter__(self) -> Drawings:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._close()
+
+    def draw(self, config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
+        """Return the drawing of an episode: its `kind`, its `source`, and the state at every step.
+
+        Without a drawing `kind` is None and `source` says why.
+        """
+        try:
+            if GAMES[config.game].family == "minecraft":
+                from smartplay_tools.evaluation.pages.report.walks import (
+                    draw_walk,  # the voxel world takes half a second
+                )
+
+                return draw_walk(config, events)
+            return self._replay(config, events)
+        except _NoDrawingError as error:
+            why = str(error)
+        except (SmartPlayError, KeyError, TypeError, ValueError) as error:
+            why = f"the game cannot be played again here. {error}"
+        self._close()
+        return {"kind": None, "source": f"No drawing: {why}"}
+
+    def _replay(self, config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
+        game, tools = self._game_of(config)
+        game.reset(seed=config.seed)
+        states = [game.drawing()]
+        if not states[0]:
+            return {"kind": None, "source": "This game has no drawing of its own."}
+        acts = [call for call in Record(events).calls if call["data"].get("legal") is True]
+        actions = []
+        for act in acts:
+            actions.append(_play_again(game, tools, act))
+            states.append(game.drawing())
+        kind = "text" if states[0].keys() == {"text"} else GAMES[config.game].family
+        return {
+            "kind": kind,
+            "source": REPLAYED,
+            "changes": list(changes(states)),
+            "names": game.actions,
+            "actions": actions,
+            "rewards": [act["data"]["reward"] for act in acts],
+        }
+
+    def _game_of(self, config: EpisodeConfig) -> tuple[TextGame, Tools]:
+        cell = (config.game, config.setting, config.engine, config.options, config.budget.history)
+        if self._made is None or self._made[0] != cell:
+            self._close()
+            if not packages_are_imported() and config.setting.kwargs != Setting.of(GAMES[config.game]).kwargs:
+                # Numbers of a stranger could ask for a world of any size.
+                raise _NoDrawingError(f"{config.game} has other numbers here; --plugins draws it.")
+            game = config.make_game(config.spec)
+            self._made = (cell, game, Tools(game))
+        return self._made[1], self._made[2]
+
+    def _close(self) -> None:
+        """Close the game. One that disagreed with a record is not used again: it may be broken."""
+        if self._made is not None:
+            self._made[1].close()
+            self._made = None
+
+
+def _play_again(game: TextGame, tools: Tools, act: CallEvent) -> int:
+    """Play a recorded action and return its index; `_NoDrawingError` if anything else comes of it."""
+    data = act["data"]
+    step = data["step"]
+    try:
+        action = tools.parse(act["name"], read(act["arguments"])).action
+        assert action is not None
+        text, reward, _, _ = game.advance(action)
+    except Exception as error:  # a record may say anything, and an engine may break: no drawing, with the reason
+        raise _differently(f"Step {step} cannot be played ({type(error).__name__}).") from error
+    if "state_hash" in data and data["state_hash"] != game.state_hash():
+        raise _differently(f"Step {step} has a different state hash.")
+    if data["reward"] != reward:
+        raise _differently(f"Step {step} has a different reward.")
+    # What was cut for the player says less than the hash.
+    if not act["cut"] and act["text"] not in (text, f"{text}\n{GAME_IS_OVER}"):
+        raise _differently(f"Step {step} has a different text.")
+    return action
+
+
+def _differently(how: str) -> _NoDrawingError:
+    return _NoDrawingError(f"the game played differently when it was played again. {how}")
+
+
+def changes(states: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield the part of each state that differs from the previous one."""
+    before: dict[str, Any] = {}
+    for state in states:
+        yield {name: value for name, value in state.items() if name not in before or before[name] != value}
+        before = state

@@ -1,0 +1,239 @@
+"""The assembly of the page from templates, styles, scripts and packed episodes.
+
+A content security policy in the head of the file makes it safe: it allows only the styles and scripts of this package,
+by their hashes, and pictures from the file itself; no network, no inline handlers and no forms.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata, resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from smartplay_tools.errors import (
+    InvalidArgumentError,
+)
+from smartplay_tools.evaluation.analysis.comparison import compare
+from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
+from smartplay_tools.evaluation.analysis.details import deviations_table
+from smartplay_tools.evaluation.analysis.formats import TextTable
+from smartplay_tools.evaluation.analysis.summary import RunSummary
+from smartplay_tools.evaluation.analysis.window_tables import windows_table
+from smartplay_tools.evaluation.analysis.windows import compare_windows
+from smartplay_tools.evaluation.pages import templates
+from smartplay_tools.evaluation.pages.report.choice import choose
+from smartplay_tools.evaluation.pages.report.episodes import WORDS
+from smartplay_tools.evaluation.pages.report.pairs import pairs_of
+from smartplay_tools.evaluation.pages.report.pictures import figures
+from smartplay_tools.evaluation.pages.report.reading import pack, reading
+from smartplay_tools.evaluation.pages.report.sources import ShownRun, find_runs
+from smartplay_tools.evaluation.pages.report.summary import (
+    failed_row,
+    interval,
+    lines,
+    summarize_rows,
+    totals,
+)
+from smartplay_tools.evaluation.pages.report.textures import sheet
+from smartplay_tools.games.registry import importing_packages
+from smartplay_tools.games.specs import GAMES
+from smartplay_tools.records.rows import Row, unplayed
+from smartplay_tools.types import MISTAKES
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+SCRIPTS = (
+    *("basics.js", "prompts.js", "charts.js", "window.js", "worlds.js", "drawings.js"),
+    *("episode.js", "turn.js", "player.js", "compare.js", "page.js"),
+)
+"""The page's scripts, in the order of their dependencies."""
+
+STYLES = ("page.css", "compare.css")
+
+
+def write_report(
+    run: str | Path | Sequence[str | Path],
+    out: str | Path,
+    *,
+    title: str | None = None,
+    episodes: str | None = None,
+    plugins: bool = False,
+    workers: int = 1,
+) -> Path:
+    """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
+
+    Several runs become one page that compares them, pair by pair. `episodes` chooses those that the page holds: a
+    number, "mistakes", "failed", keys with commas or "all"; a run of more than a thousand needs it. An existing file
+    is replaced: a page can be made again, a record cannot. Games of installed packages, which records name, are
+    imported for the drawings and figures only with `plugins`. Records are read by up to `workers` processes, where
+    there are so many that it saves time; a script that asks for several needs `if __name__ == "__main__":`.
+    """
+    out = Path(out)
+    if out.suffix != ".html":
+        raise InvalidArgumentError(f"The page is an HTML file, so its name has to end in .html, unlike {out}.")
+    page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    # A lone surrogate that a model wrote cannot be encoded in UTF-8; the packed record contains it nevertheless.
+    out.write_text(page, encoding="utf-8", errors="replace", newline="\n")
+    return out
+
+
+def render_report(
+    run: str | Path | Sequence[str | Path],
+    *,
+    title: str | None = None,
+    episodes: str | None = None,
+    plugins: bool = False,
+    workers: int = 1,
+    open_first: bool = False,
+) -> str:
+    """Return the replay page; with `open_first` it begins with its first episode."""
+    environment = _environment()
+    with importing_packages(plugins):
+        runs = choose(find_runs([run] if isinstance(run, str | Path) else run), episodes)
+        pages = [_page_of_run(run, workers=workers, plugins=plugins) for run in runs]
+        contents = _contents(pages, title)
+    contents["open"] = runs[0].sources.episodes[0].key if open_first else None
+    return environment.get_template("page.html.j2").render(contents)
+
+
+def _environment() -> Environment:
+    environment = templates.environment(__package__, "The replay page")
+    environment.filters["number"] = number
+    environment.filters["interval"] = interval
+    environment.filters["mistakes"] = lambda result: sum(result[name] for name in MISTAKES)
+    return environment
+
+
+def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
+    """Return the variables of the templates."""
+    runs = [page.run for page in pages]
+    episodes = [episode for page in pages for episode in page.episodes]
+    packed = {key: data for page in pages for key, data in page.packed.items()}
+    index = {"words": WORDS, "mistakes": MISTAKES, "episodes": [_listed(episode) for episode in episodes]}
+    if any(episode["family"] == "crafter" for episode in episodes):
+        index["textures"] = sheet()
+    scripts = [_static(name) for name in SCRIPTS]
+    style = "".join(map(_static, STYLES))
+    names = [run.path.resolve().name.removesuffix(".jsonl") for run in runs]
+    return {
+        "title": title or " and ".join(names),
+        "runs": [{"letter": run.letter, "name": name} for run, name in zip(runs, names, strict=True)],
+        "failures": [(page.run.letter, failure) for page in pages for failure in page.summary.failures],
+        "lines": [{**line, "run": page.run.letter} for page in pages for line in lines(page.summary)],
+        "totals": [{**totals(page.summary), "run": page.run.letter} for page in pages],
+        "comparison": list(_comparison(pages)),
+        "pairs": list(pairs_of(episodes)) if len(runs) > 1 else [],
+        "tables": [(page.run.letter, table) for page in pages for table in _tables(page.summary, page.rows)],
+        "profiles": [
+            (page.run.letter, profile)
+            for page in pages
+            for profile in page.summary.profiles
+            if profile.capabilities.settings
+        ],
+        "privileged": any(cell.privileged for page in pages for cell in page.summary.cells),
+        "left_out": sum(len(page.rows) - sum(cell.episodes for cell in page.summary.cells) for page in pages),
+        "episodes": episodes,
+        "figures": [
+            {**figure, "name": f"{page.run.letter} {figure['name']}".strip()}
+            for page in pages
+            for figure in page.figures
+        ],
+        "manifests": [(run.letter, run.sources.manifest) for run in runs if run.sources.manifest],
+        "warnings": [warning for page in pages for warning in unplayed(page.rows)],
+        "chosen": _chosen(runs),
+        "waiting": sum(run.sources.waiting for run in runs),
+        "style": style,
+        "scripts": scripts,
+        "policy": _policy(style, scripts),
+        "index": pack(index),
+        "packed": packed,
+        "version": metadata.version("smartplay-tools"),
+    }
+
+
+def _chosen(runs: Sequence[ShownRun]) -> dict[str, int] | None:
+    """How many of how many episodes the page holds; None if all."""
+    held = sum(len(run.sources.episodes) for run in runs)
+    left_out = sum(len(run.sources.left_out) for run in runs)
+    return {"held": held, "all": held + left_out} if left_out else None
+
+
+@dataclass(frozen=True)
+class _RunPage:
+    """What a page says of one run."""
+
+    run: ShownRun
+    episodes: Sequence[dict[str, Any]]
+    packed: Mapping[str, str]
+    rows: Sequence[Row]
+    summary: RunSummary
+    figures: Sequence[Mapping[str, str]]
+
+
+def _page_of_run(run: ShownRun, *, workers: int, plugins: bool) -> _RunPage:
+    with reading(run.sources.episodes, run.letter, workers=workers, plugins=plugins) as read:
+        drawn = list(figures(run.path, run.sources.rows))
+        # Computes the intervals while the others read; the summary below finds them remembered.
+        summarize_rows(run.sources.rows, ())
+        shown = read()
+    episodes = [episode.facts for episode in shown]
+    packed = {episode.facts["key"]: episode.packed for episode in shown}
+    rows = [episode.row for episode in shown if episode.row is not None]
+    rows += [source.row for source in run.sources.left_out if source.row is not None]
+    failures: Sequence[Row] | None = run.sources.failures
+    if failures is None:
+        failures = [failed_row(episode["key"], episode) for episode in episodes if episode["status"] == "failed"]
+    return _RunPage(run, episodes, packed, rows, summarize_rows(rows, failures), drawn)
+
+
+def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
+    """The tables of several runs against each other; none where no two of them have a game in common."""
+    rows = {str(page.run.path): [row for row in page.rows if row["game"] in GAMES] for page in pages}
+    if len(rows) > 1:
+        with contextlib.suppress(InvalidArgumentError):
+            yield from comparison_tables(compare(rows))
+
+
+def _tables(summary: RunSummary, rows: Sequence[Row]) -> Iterator[TextTable]:
+    """The tables below the results: the cost of windows, and the differences from the paper."""
+    comparisons = compare_windows([row for row in rows if row["game"] in GAMES])
+    if any(not comparison.is_full for comparison in comparisons):
+        yield windows_table(comparisons)
+    if summary.cells:
+        yield deviations_table(summary.cells)
+
+
+def _listed(episode: dict[str, Any]) -> dict[str, Any]:
+    """Return the facts about an episode that the page needs before it is unpacked."""
+    return {name: episode[name] for name in ("key", "run", "game", "player", "seed", "status")}
+
+
+def _static(name: str) -> str:
+    return resources.files(__package__).joinpath("static", name).read_text(encoding="utf-8")
+
+
+def _policy(style: str, scripts: list[str]) -> str:
+    """The content security policy: nothing but these scripts, this style and pictures from the file itself."""
+    allowed = {"script-src": " ".join(map(_hash, scripts)), "style-src": _hash(style), "img-src": "data:"}
+    rest = {"default-src": "'none'", "base-uri": "'none'", "form-action": "'none'"}
+    return "; ".join(f"{what} {source}" for what, source in {**rest, **allowed}.items())
+
+
+def _hash(text: str) -> str:
+    # The template inserts the text between tags unchanged, because the browser computes the hash of exactly that.
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """Format a number for people: with separated thousands, without trailing zeros, and a dash for None."""
+    if value is None:
+        return "\N{EN DASH}"
+    text = f"{value:,.{digits}f}"
+    return (text.rstrip("0").rstrip(".") if "." in text else text).replace("-", "\N{MINUS SIGN}")

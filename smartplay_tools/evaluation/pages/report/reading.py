@@ -1,0 +1,106 @@
+"""The reading of records for a page: each is checked, drawn and packed, which is most of the work of a report.
+
+A page of thousands of episodes is read by several processes; what it says does not depend on their number.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from operator import itemgetter
+from typing import Any
+
+from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
+from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
+from smartplay_tools.evaluation.pages.report.drawings import Drawings
+from smartplay_tools.evaluation.pages.report.episodes import episode_data
+from smartplay_tools.evaluation.pages.report.sources import Source
+from smartplay_tools.evaluation.pages.report.summary import rules
+from smartplay_tools.games.registry import importing_packages
+from smartplay_tools.json_text import encoder
+from smartplay_tools.records.parallel import parallel_map, worth
+from smartplay_tools.records.rows import COPIED, Row
+from smartplay_tools.transcript.file import read_transcript
+from smartplay_tools.types import EpisodeResult
+
+WORTH_A_PROCESS = 8_000_000
+"""Bytes of records for which another process is started: fewer are read before it has imported what it needs."""
+
+PACKED_ONLY = ("head", "tools", "first_observations", "turns", "drawing", "traceback", "check")
+"""What is needed only when an episode is opened; it takes most of the memory of a long one."""
+
+
+@dataclass(frozen=True)
+class ShownEpisode:
+    """An episode in the form that a page needs."""
+
+    facts: dict[str, Any]
+    """What the lists and tables of the page say of it."""
+    packed: str
+    """All that the page's script reads of it."""
+    row: Row | None
+    """Its row for the statistics; None if it is not finished."""
+
+
+@contextmanager
+def reading(
+    sources: Sequence[Source], letter: str, *, workers: int = 1, plugins: bool = False
+) -> Iterator[Callable[[], list[ShownEpisode]]]:
+    """Read the episodes of a run; the value returns them, in the order of their sources, when it is called.
+
+    At most `workers` processes read them, including this one, and fewer if there is little to read. The others begin at
+    once, this one when the value is called. `plugins` says whether they import games of installed packages; a game
+    that only this process knows is not drawn in any other, so it then reads alone.
+    """
+    processes = worth(workers, (source.transcript for source in sources), WORTH_A_PROCESS, plugins=plugins)
+    with parallel_map(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes) as found:
+        yield lambda: [episode for _, episodes in sorted(found, key=itemgetter(0)) for episode in episodes]
+
+
+def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode]:
+    with importing_packages(plugins), Drawings() as drawings:
+        return [_read(source, letter, drawings) for source in sources]
+
+
+def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
+    events = read_transcript(source.transcript)
+    try:
+        config = EpisodeConfig.from_event(events[0])
+        start = recorded_facts(events[0], config)
+        data = {
+            **episode_data(source.key, start, events, source.facts),
+            "drawing": drawings.draw(config, events),
+            "run": letter,
+        }
+        if data["result"] is not None:
+            EpisodeResult.model_validate(data["result"])
+        row = _row(source.key, start, data["result"], source.facts) if data["status"] == "finished" else None
+        facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
+        facts["rules"] = rules(facts)
+    except TranscriptError:
+        raise
+    except (AttributeError, KeyError, TypeError, IndexError, StopIteration, ValueError) as error:
+        kind = "" if isinstance(error, SmartPlayError) else f"{type(error).__name__}: "
+        what = f"{kind}{in_one_line(error)[:200]}".rstrip(".")
+        raise TranscriptError(f"{source.transcript} cannot be shown: {what}.") from error
+    return ShownEpisode(facts, pack(data), row)
+
+
+def _row(key: str, start: Mapping[str, Any], result: Mapping[str, Any], facts: Mapping[str, Any]) -> Row:
+    """The row of a finished episode, also if no run has written one; `start` are its recorded facts."""
+    copied = {name: start[name] for name in COPIED} | {"player": start["player"] or "unnamed"}
+    return {"key": key, **result, **copied, "trial": facts.get("trial"), "cost": facts.get("cost")}
+
+
+def pack(value: Any) -> str:
+    """Return JSON, compressed and in base64, which has no character with a meaning in HTML."""
+    # The same run always gives the same page; gzip would otherwise write the time.
+    plain = _encode(value).encode("ascii")
+    return base64.b64encode(gzip.compress(plain, mtime=0)).decode("ascii")
+
+
+_encode = encoder(separators=(",", ":"))

@@ -1,0 +1,103 @@
+"use strict";
+// What is said of an episode as a whole: its figures, its rules, where something went wrong.
+
+function describeEpisode(episode) {
+  const result = episode.result;
+  $("episode-title").replaceChildren(
+    `${episode.game} `,
+    element("span", { class: "by" }, `played by ${episode.player ?? "an unnamed player"}`),
+  );
+  document.title = `${episode.game}, ${episode.player ?? "unnamed"}, seed ${episode.seed}`;
+  const end = result ? result.end_reason.replaceAll("_", " ") : (episode.error ?? "the record stops before the end");
+  const wrong = result && page.mistakes.reduce((sum, name) => sum + result[name], 0);
+  const chips = [
+    [episode.status, end, `status ${episode.status}`],
+    [
+      "score",
+      result
+        ? number(result.score) +
+          (result.normalized_score === null ? "" : ` (${percent(result.normalized_score)} of a human's)`)
+        : "–",
+    ],
+    [
+      "steps",
+      result
+        ? `${number(result.steps)} of ${number(episode.rollout)}`
+        : `${number(episode.facts.at(-1)?.step ?? 0)} of ${number(episode.rollout)}`,
+    ],
+    ["turns", number(episode.turns.length)],
+    ["prompt tokens", result ? number(result.tokens.prompt) : "–"],
+    ["prefix-stable", result?.tokens.prompt ? percent(result.tokens.prefix / result.tokens.prompt) : "–"],
+    ["mistakes", number(wrong)],
+    ["seed", String(episode.seed)],
+    ...(episode.trial === null ? [] : [["trial", number(episode.trial)]]),
+    ...(episode.cost === null ? [] : [["cost", `$${number(episode.cost, 4)}`]]),
+  ];
+  $("chips").replaceChildren(
+    ...chips.map(([name, value, kind]) =>
+      element("div", { class: `chip ${kind ?? ""}` }, element("dt", {}, name), element("dd", {}, value)),
+    ),
+  );
+  describeRules(episode);
+  drawMistakes(episode);
+}
+
+function describeRules(episode) {
+  const { check } = episode;
+  const proof =
+    check.differ === null
+      ? `${plural(check.prompts, "prompt")}; too many to check each of them here, \`smartplay-tools replay\` does`
+      : check.differ.length
+        ? `the prompts of turns ${check.differ.join(", ")} are NOT what the record's sha256 says`
+        : `all ${plural(check.prompts, "prompt")} rebuilt and found to have the record's sha256`;
+  const facts = {
+    budget: Object.values(episode.limits).join(", "),
+    manual: episode.manual,
+    "calls in one message": episode.batch,
+    protocol: episode.protocol,
+    "context owned by": episode.context,
+    engine: episode.engine ?? "the only one",
+    options: JSON.stringify(episode.options),
+    tokenizer: episode.tokenizer,
+    prompts: proof,
+    "differs from the paper in":
+      Object.entries(episode.result?.deviations ?? {})
+        .map(([name, { paper, played }]) => `${name}: ${JSON.stringify(played)} for ${JSON.stringify(paper)}`)
+        .join("; ") || "nothing that is recorded",
+    versions: Object.entries(episode.result?.versions ?? {})
+      .map((pair) => pair.join(" "))
+      .join(", "),
+  };
+  const rows = Object.entries(facts).map(([name, value]) =>
+    element("div", {}, element("dt", {}, name), element("dd", {}, value)),
+  );
+  const failure = episode.error
+    ? [
+        element("p", { class: "caption bad" }, episode.error),
+        episode.traceback ? element("pre", {}, episode.traceback) : null,
+      ]
+    : [];
+  $("rules").replaceChildren(element("dl", { class: "facts" }, rows), ...failure.filter(Boolean));
+}
+
+// Marks under the slider where something went wrong.
+function drawMistakes(episode) {
+  const wrong = mistakes(episode);
+  const count = Math.max(1, episode.turns.length - 1);
+  const marks = wrong.map((turn) =>
+    shape("rect", { class: "mistake", x: (1000 * turn) / count - 1.5, y: 0, width: 3, height: 8 }),
+  );
+  const strip = picture(1000, 8, wrong.length ? `Mistakes in ${plural(wrong.length, "turn")}` : "No mistakes", marks);
+  strip.setAttribute("preserveAspectRatio", "none");
+  $("mistakes").replaceChildren(strip);
+  $("next-mistake").disabled = wrong.length === 0;
+}
+
+function mistakes(episode) {
+  return episode.turns.flatMap((turn, at) => (isMistaken(turn) ? [at] : []));
+}
+
+function isMistaken(turn) {
+  const idle = turn.items.some(({ by }) => by === "library");
+  return idle || (!turn.message && turn.view) || turn.choice?.fallback || turn.items.some(({ call }) => call?.is_error);
+}

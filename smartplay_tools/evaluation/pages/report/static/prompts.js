@@ -1,0 +1,162 @@
+"use strict";
+// Prompts, word for word. The page holds turns, and for each prompt which turns it showed and which results it marked;
+// here they become the messages that were sent. A test compares every one of them with what the library rebuilds.
+
+function textOf(message) {
+  const content = message.content;
+  if (content === null || content === undefined) return "";
+  if (typeof content === "string") return content;
+  return content.map((part) => (typeof part === "string" ? part : (part.text ?? part.refusal))).join("");
+}
+
+// What each turn added to the running facts: the manual that has been read, and how far the game has come.
+function runningFacts(episode) {
+  let [manual, step, score, reward, spent, errors] = [null, 0, 0, 0, 0, 0];
+  return episode.turns.map((turn) => {
+    for (const { call } of turn.items) {
+      if (!call) continue;
+      if (call.manual) manual = call.text;
+      if (call.legal) {
+        step = call.step;
+        score = call.score;
+        reward += call.reward;
+      }
+      if (call.is_error) errors += 1;
+    }
+    // A reply that never came is not charged, whatever its attempts cost.
+    if (Number.isInteger(turn.usage?.reply)) spent += turn.view.tokens + turn.usage.reply;
+    if (turn.summary) spent += turn.request.tokens + turn.summary.usage.reply;
+    return { manual, step, score, reward, spent, errors };
+  });
+}
+
+// The messages of the prompt that led to a turn; null where the record has none.
+function sentMessages(episode, words, number) {
+  return promptParts(episode, words, number)?.map((part) => part.message) ?? null;
+}
+
+// The messages of the prompt that asked for a summary before a turn; null where none was asked for.
+function requestMessages(episode, words, number) {
+  return requestParts(episode, words, number)?.map((part) => part.message) ?? null;
+}
+
+// It shows what the prompt of the turn before showed, without the turns that stay, and a question.
+function requestParts(episode, words, number) {
+  const view = episode.turns[number]?.request;
+  if (!view) return null;
+  const question = { role: "user", content: episode.summary_request };
+  return [...windowParts(episode, words, number - 1, view), { message: question }];
+}
+
+// The text of the summary that a prompt showed; empty if it showed none.
+function summaryIn(episode, view) {
+  return view.summary ? episode.summaries[view.summary - 1] : "";
+}
+
+// The results of a view whose observation was masked, as [turn, item]: listed, or those that are older than the view's
+// oldest observation. Of the turn with the notes, which is pinned before the others, all are.
+function markedResults(episode, view) {
+  if (view.oldest === undefined) return view.masked ?? [];
+  const marked = [];
+  for (const [first, last] of view.turns) {
+    for (let at = first; at <= last; at += 1) {
+      const oldest = at === view.notes ? Infinity : view.oldest;
+      episode.turns[at].items.forEach(({ call }, item) => {
+        if (call?.observation_step !== undefined && call.observation_step < oldest) marked.push([at, item]);
+      });
+    }
+  }
+  return marked;
+}
+
+// The same with where each message is from: `turn` (none for the head), and whether it was `marked`.
+function promptParts(episode, words, number) {
+  const view = episode.turns[number]?.view;
+  if (!view) return null;
+  return episode.protocol === "paper"
+    ? paperMessages(episode, words, number, view).map((message) => ({ message }))
+    : windowParts(episode, words, number, view);
+}
+
+function windowParts(episode, words, number, view) {
+  const manual = number > 0 ? episode.facts[number - 1].manual : null;
+  const plain = episode.turns[number].head ?? episode.head; // of its own where the host has changed its part
+  const head = manual === null ? plain : withManual(plain, manual);
+  const parts = head.map((message) => ({ message }));
+  const summary = summaryIn(episode, view);
+  if (summary) parts.push({ message: { role: "user", content: `${words.summary}\n${summary}` }, what: "summary" });
+  const marks = new Set(markedResults(episode, view).map(([turn, item]) => `${turn}.${item}`));
+  for (const [first, last] of view.turns) {
+    for (let at = first; at <= last; at += 1) {
+      const turn = episode.turns[at];
+      parts.push({ message: turn.message, turn: at, what: at === view.notes ? "notes" : undefined });
+      turn.items.forEach((item, index) => {
+        const marked = marks.has(`${at}.${index}`);
+        const message = messageOf(turn, item, words);
+        parts.push({ message: marked ? { ...message, content: words.observation_left } : message, turn: at, marked });
+      });
+    }
+  }
+  return parts;
+}
+
+// Once read, the manual is the last part of the system message.
+function withManual(head, manual) {
+  const at = head.findIndex((message) => message.role === "system" || message.role === "developer");
+  const system = { ...head[at], content: `${textOf(head[at])}\n\n${manual}` };
+  return [...head.slice(0, at), system, ...head.slice(at + 1)];
+}
+
+function messageOf(turn, item, words) {
+  if (item.message) return item.message;
+  const { manual, text, position } = item.call;
+  return {
+    role: "tool",
+    content: manual ? words.manual_is_above : text,
+    tool_call_id: turn.message.tool_calls[position].id,
+  };
+}
+
+// The paper's protocol makes every prompt anew: manual, history, observation, question.
+function paperMessages(episode, words, number, view) {
+  const system = [words.system, ...episode.head.slice(1).map(textOf)];
+  const past = [];
+  for (let step = view.first; step < view.step; step += 1) {
+    past.push(`Player Observation Step ${step}:\n${episode.observations[step]}`);
+  }
+  if (past.length) {
+    const title = `Most recent ${past.length} steps of the player's in-game observation:`;
+    system.push([title, ...past].join("\n\n").trim());
+  }
+  system.push(words.observation + episode.observations[view.step]);
+  const messages = system.map((content) => ({ role: "system", content }));
+  messages.push({ role: "user", content: words.question });
+  if (view.question === 2) {
+    messages.push({ role: "assistant", content: textOf(episode.turns[number - 1].message) });
+    messages.push({ role: "user", content: words.choice });
+  }
+  return messages;
+}
+
+// The observations by the original's count of steps, in the paper's protocol: those up to the reset's, then one for
+// each action.
+function observationsOf(episode) {
+  const found = [...episode.first_observations];
+  for (const turn of episode.turns) {
+    for (const { call } of turn.items) if (call) found.push(call.text);
+  }
+  return found;
+}
+
+// An episode out of the page, with what is worked out once when it is opened.
+async function openEpisode(key) {
+  const episode = await unpack(`episode-${key}`);
+  episode.facts = runningFacts(episode);
+  episode.summaries = episode.turns.flatMap(({ summary }) => (summary ? [summary.text] : []));
+  if (episode.protocol === "paper") episode.observations = observationsOf(episode);
+  if (episode.drawing.changes) {
+    let now = {};
+    episode.drawing.states = episode.drawing.changes.map((change) => (now = { ...now, ...change }));
+  }
+  return episode;
+}

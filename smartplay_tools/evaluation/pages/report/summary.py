@@ -1,0 +1,106 @@
+"""The summary of a run for the page: the statistics of `analysis`, formatted as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from smartplay_tools.episode.budgets import usual_tool_calls
+from smartplay_tools.episode.config import Rules
+from smartplay_tools.evaluation.analysis.intervals import ALL_EQUAL, MeanEstimate
+from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary, summarize
+from smartplay_tools.games.paper import HUMAN_SCORES, PAPER_RESULTS
+from smartplay_tools.games.specs import GAMES
+from smartplay_tools.records.rows import Row
+from smartplay_tools.types import MISTAKES, Budget, ResolvedBudget
+
+AXIS, MARGIN = 150, 6
+AXIS_SCORES = (0.0, 1.2)
+"""The normalised scores at the two ends of the axis."""
+
+
+def failed_row(key: str, episode: Mapping[str, Any]) -> Row:
+    """Return the row of a failed attempt that is not part of a run."""
+    reason = "exception" if episode["result"] is None else episode["result"]["end_reason"]
+    return {"key": key, "end_reason": reason, **{name: episode[name] for name in ("game", "player", "error")}}
+
+
+def summarize_rows(rows: Sequence[Row], failures: Iterable[Row]) -> RunSummary:
+    """Summarise the rows of games that are registered here."""
+    return summarize([row for row in rows if row["game"] in GAMES], failures)
+
+
+def lines(summary: RunSummary) -> Iterator[dict[str, Any]]:
+    """Yield a line of the table for every cell."""
+    for cell in summary.cells:
+        counted = {name: total / cell.episodes for name, total in cell.counts.items()}
+        yield {
+            "game": cell.cell.game,
+            "player": cell.cell.player + "*" * cell.privileged,
+            "rules": rules({**asdict(cell.cell), **cell.cell.rules}),
+            "episodes": cell.episodes,
+            "score": cell.score,
+            "normalized": cell.normalized_score,
+            "completion": cell.completion,
+            "steps": counted["steps"],
+            "prompt_tokens": cell.tokens.prompt / cell.episodes,
+            "stable": cell.tokens.prefix_share,
+            "mistakes": sum(counted[name] for name in MISTAKES),
+            "scale": scale(cell),
+        }
+
+
+def scale(cell: CellSummary) -> dict[str, Any] | None:
+    """Return the places of a score and the paper's scores on an axis; None if they are not comparable."""
+    if cell.normalized_score is None or cell.cell.game not in HUMAN_SCORES:
+        return None
+    game, ends = cell.cell.game, interval(cell.normalized_score)
+    human, *models = [paper.normalized[game] for paper in PAPER_RESULTS]
+    return {
+        "human": _place(human),
+        "models": models,
+        "places": [_place(model) for model in models],
+        "ends": None if ends is None else [_place(end) for end in ends],
+        "here": _place(cell.normalized_score.mean),
+    }
+
+
+def _place(normalized: float) -> float:
+    """The place of a normalised score on an axis of `AXIS` pixels, limited to its ends."""
+    low, high = AXIS_SCORES
+    return round(MARGIN + (min(max(normalized, low), high) - low) / (high - low) * (AXIS - 2 * MARGIN), 1)
+
+
+def interval(estimate: MeanEstimate) -> tuple[float, float] | None:
+    """Return the ends of an interval; None if there is none to print."""
+    if estimate.low is None or estimate.high is None or estimate.note == ALL_EQUAL:
+        return None
+    return estimate.low, estimate.high
+
+
+def rules(facts: Mapping[str, Any]) -> str:
+    """Return a short description of the budget and protocol of an episode."""
+    usual_budget = Budget(result_tokens=None, tool_calls=_usual_calls(facts["game"]))
+    words = [ResolvedBudget(**facts["budget"]).describe(beside=usual_budget)]
+    words += [f"{name} {facts[name]}" for name, usual in Rules() if facts[name] != usual]
+    words += [f"engine {facts['engine']}"] if facts["engine"] else []
+    words += [f"{name} {value}" for name, value in sorted((facts["options"] or {}).items())]
+    return ", ".join(words)
+
+
+def _usual_calls(game: str) -> int | None:
+    """The default cap on tool calls of a game; None if the game is not registered here."""
+    return usual_tool_calls(GAMES[game].rollout) if game in GAMES else None
+
+
+def totals(summary: RunSummary) -> dict[str, Any]:
+    """Return the totals of a run's results; the cost is None if that of any result is not known."""
+    costs = [cell.cost for cell in summary.cells]
+    return {
+        "finished": sum(cell.episodes for cell in summary.cells),
+        "steps": sum(cell.counts["steps"] for cell in summary.cells),
+        "prompt": sum(cell.tokens.prompt for cell in summary.cells),
+        "reply": sum(cell.tokens.reply for cell in summary.cells),
+        "cost": None if None in costs else sum(cost or 0.0 for cost in costs),
+    }

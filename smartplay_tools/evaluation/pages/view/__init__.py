@@ -1,0 +1,17 @@
+"""The site over run folders: which runs there are, their episodes, and what is being played now.
+
+runs        what a site shows of a run, as plain data, read again only where the folder has changed
+record      the same of a single transcript
+app         the routes, whom they answer, the stream of events; `playing` has those by which a person plays
+answers     headers with the content security policy, pages, scripts and styles
+server      an address that the site is served on, safe by default
+templates/  the pages; static/ has their scripts; an episode is the replay page, made when it is opened
+
+The site is read-only, unless it is started with a game that a person plays.
+"""
+
+from smartplay_tools.evaluation.pages.view.record import SiteRecord
+from smartplay_tools.evaluation.pages.view.runs import SiteRun, find_runs
+from smartplay_tools.evaluation.pages.view.server import ViewServer
+
+__all__ = ["SiteRecord", "SiteRun", "ViewServer", "find_runs"]

@@ -1,0 +1,81 @@
+"""What the site shows of a single record, finished or growing: a run of one episode."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.pages.view.runs import RECORD, figures, live_figures
+from smartplay_tools.records.record import Record
+from smartplay_tools.records.snapshot import Result
+from smartplay_tools.types import Budget
+
+KEY = "0" * 16
+"""The key in addresses: a record by itself has no plan that gives it another."""
+
+PLAYING = f"running/{KEY}.1"
+FINISHED = f"episodes/{KEY}"
+
+
+class SiteRecord:
+    """One transcript, from before its first event on."""
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
+        self.name = self._path.name
+        self._record = Record.follow(self._path)
+        self._lock = threading.Lock()
+
+    @property
+    def path(self) -> Path:
+        """The record."""
+        return self._path
+
+    def _refreshed(self) -> Record:
+        with self._lock:
+            return self._record.refresh()
+
+    def summary(self) -> dict[str, Any]:
+        """Return the counts of a run that has this episode only."""
+        record = self._refreshed()
+        has_failed = record.outcome == "failed"
+        return {
+            "name": self.name,
+            "planned": 1,
+            "finished": int(record.is_complete and not has_failed),
+            "running": len(self.playing()),
+            "paused": 0,
+            "failed": int(has_failed),
+            "tokens": record.totals.tokens,
+            "cost": record.totals.cost,
+            "seconds_left": None,
+        }
+
+    def episodes(self) -> list[list[Any]]:
+        """Return the episode as an array (`COLUMNS`), an empty list before its first event."""
+        record = self._refreshed()
+        if record.start is None:
+            return []
+        facts = record.facts
+        shown = [facts["game"], facts["player"], Budget(**facts["asked"]).describe(), None, facts["seed"]]
+        if record.ending is None:
+            return [[PLAYING, "running", *shown, *[None] * 8]]
+        if record.result_data is None:
+            return [[FINISHED, record.outcome, *shown, *[None] * 7, record.error]]
+        status = "failed" if record.outcome == "failed" else "finished"
+        return [[FINISHED, status, *shown, *figures(Result.of({**record.result_data, "cost": None}))]]
+
+    def playing(self) -> list[dict[str, Any]]:
+        """Return the episode while it is played, as `SiteRun.playing` does."""
+        record = self._refreshed()
+        if record.start is None or record.ending is not None:
+            return []
+        return [{"key": KEY, **live_figures(record), "record": PLAYING}]
+
+    def record(self, name: str) -> Path:
+        """Return the file, under any of its names."""
+        if not RECORD.fullmatch(name) or name not in (PLAYING, FINISHED) or not self._path.is_file():
+            raise InvalidArgumentError("There is no such record.")
+        return self._path

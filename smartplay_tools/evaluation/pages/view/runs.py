@@ -1,0 +1,192 @@
+"""What the site shows of a run, as plain data. A folder is read again only where it has changed.
+
+An episode of the list is an array of plain values, in the order of `COLUMNS`: ten thousand are about a megabyte of
+JSON. Records are opened only for what is being played, and for the episode that is on screen.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_named
+from smartplay_tools.records.record import Record
+from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.records.snapshot import Result, RunFollower, RunSnapshot
+from smartplay_tools.types import Budget
+
+COLUMNS = (
+    *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
+    *("tokens", "cost", "mistakes", "cut", "end"),
+)
+"""The values of an episode in the list."""
+
+SUMMARY = ("planned", "finished", "running", "paused", "failed", "tokens", "cost", "seconds_left")
+"""What the site shows of a snapshot."""
+
+RECORD = re.compile(r"(episodes/[0-9a-f]{16}|(attempts|running)/[0-9a-f]{16}\.[0-9]{1,6})")
+"""What names a record in an address; nothing else reaches the disk."""
+
+DEEPEST = 3
+"""How many folders below the one that is named runs are looked for."""
+
+
+class Shown(Protocol):
+    """What the site can show as a run: a run folder, or a single record."""
+
+    name: str
+
+    @property
+    def path(self) -> Path:
+        """Its folder, or its record."""
+        ...
+
+    def summary(self) -> dict[str, Any]:
+        """Return how far it is."""
+        ...
+
+    def episodes(self) -> list[list[Any]]:
+        """Return its episodes as arrays (`COLUMNS`)."""
+        ...
+
+    def playing(self) -> list[dict[str, Any]]:
+        """Return the episodes that are being played."""
+        ...
+
+    def record(self, name: str) -> Path:
+        """Return the file of a record; `InvalidArgumentError` if there is none."""
+        ...
+
+
+class SiteRun:
+    """One run folder."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.folder, self.name = RunFolder(path), name
+        self._follower = RunFollower(self.folder)
+        self._read: tuple[Any, list[list[Any]]] | None = None
+        self._lock = threading.Lock()
+
+    @property
+    def path(self) -> Path:
+        """The run's folder."""
+        return self.folder.path
+
+    def summary(self) -> dict[str, Any]:
+        """Return how far the run is: counts, spending, the time that is left; or what is wrong with its folder."""
+        try:
+            now = self._snapshot()
+        except SmartPlayError as error:
+            return {"name": self.name, "error": str(error)}
+        return {"name": self.name, **{name: getattr(now, name) for name in SUMMARY}}
+
+    def _snapshot(self) -> RunSnapshot:
+        with damage_named(self.path):
+            return self._follower.snapshot()
+
+    def episodes(self) -> list[list[Any]]:
+        """Return every episode and attempt as an array, in the order of the plan (`COLUMNS`)."""
+        with self._lock:
+            version = self._version()
+            if self._read is None or self._read[0] != version:
+                with damage_named(self.folder.path):
+                    self._read = version, self._list()
+            return self._read[1]
+
+    def playing(self) -> list[dict[str, Any]]:
+        """Return the episodes that are being played, with the tokens of their latest prompt against its cap."""
+        playing = self._snapshot().playing
+        return [{"key": record.key, **live_figures(record), "record": f"running/{record.name}"} for record in playing]
+
+    def record(self, name: str) -> Path:
+        """Return the file of a record, from what names it in an address; `InvalidArgumentError` if there is none.
+
+        An episode that was being played when the address was made may be finished by now.
+        """
+        if not RECORD.fullmatch(name):
+            raise InvalidArgumentError("There is no such record.")
+        kind, stem = name.split("/")
+        key, _, attempt = stem.partition(".")
+        places = [name, f"attempts/{key}.{attempt}", f"episodes/{key}"] if kind == "running" else [name]
+        for place in places:
+            if (found := self.folder.path / f"{place}.jsonl").is_file():
+                return found
+        raise InvalidArgumentError("There is no such record; its attempt may have been paused and continued.")
+
+    def _attempts(self) -> list[Path]:
+        return self.folder.attempts()
+
+    def _version(self) -> Any:
+        """What changes when the list does."""
+        running = [record.name for record in self.folder.running()]
+        return [*map(_stamp, (self.folder.path / "manifest.json", self.folder.path / "results.jsonl")), running] + [
+            record.name for record in self._attempts()
+        ]
+
+    def _list(self) -> list[list[Any]]:
+        manifest = self.folder.manifest()
+        budgets = [Budget(**cell.get("budget", {})).describe() for cell in manifest["cells"]]
+        self._follower.count()
+        results = self._follower.results
+        others: dict[str, list[list[Any]]] = {}
+        for lost in self.folder.failures() if self._attempts() else []:
+            record = f"attempts/{lost['key']}.{lost['attempt']}"
+            others.setdefault(lost["key"], []).append([record, _kind(lost["end_reason"]), lost["error"]])
+        for running in self.folder.running():
+            others.setdefault(running.stem.partition(".")[0], []).append([f"running/{running.stem}", "running", None])
+        found = []
+        for planned in manifest["episodes"]:
+            cell, key = manifest["cells"][planned["cell"]], planned["key"]
+            facts = [cell["game"], cell["player"], budgets[planned["cell"]], planned["trial"], planned["seed"]]
+            attempts = others.get(key, [])
+            if key in results:
+                found.append([f"episodes/{key}", "finished", *facts, *figures(results[key])])
+                attempts = [one for one in attempts if one[1] == "failed"]
+            for record, status, error in attempts:
+                found.append([record, status, *facts, None, None, None, None, None, None, None, error])
+            if key not in results and not attempts:
+                found.append([None, "waiting", *facts, None, None, None, None, None, None, None, None])
+        return found
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+def figures(result: Result) -> list[Any]:
+    """Return the values of an episode from `score` on (`COLUMNS`)."""
+    scores = [result.score, result.normalized_score, result.steps]
+    return [*scores, result.spent.tokens, result.spent.cost, result.mistakes, result.cut_results, result.end_reason]
+
+
+def live_figures(record: Record) -> dict[str, Any]:
+    """Return how far an episode is that is being played."""
+    facts = {name: getattr(record, name) for name in ("game", "player", "seed", "steps")}
+    used = {"calls": record.totals.replies, "tokens": record.totals.tokens, "cost": record.totals.cost}
+    return {**facts, **used, "silent": round(record.silent_seconds)}
+
+
+def _kind(reason: str | None) -> str:
+    return {"run_budget": "paused", "interrupted": "interrupted"}.get(reason or "", "failed")
+
+
+def find_runs(folders: Sequence[str | Path]) -> list[SiteRun]:
+    """Return the runs in folders, each a run or one that holds runs; none is an `InvalidArgumentError`."""
+    found: dict[Path, str] = {}
+    for folder in map(Path, folders):
+        if not folder.is_dir():
+            raise InvalidArgumentError(f"There is no folder {folder}; name a run's folder, or one that holds runs.")
+        for depth in range(DEEPEST + 1):
+            for manifest in sorted(folder.glob("*/" * depth + "manifest.json")):
+                path = manifest.parent
+                found.setdefault(path.resolve(), str(path.relative_to(folder)) if depth else path.resolve().name)
+    if not found:
+        raise InvalidArgumentError(f"{', '.join(map(str, folders))} holds no run; smartplay-tools eval makes one.")
+    return [SiteRun(path, name) for path, name in found.items()]

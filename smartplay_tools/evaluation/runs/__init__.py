@@ -1,0 +1,61 @@
+"""Playing the episodes of a run and keeping their records.
+
+plan          the episodes of a run, their seeds and keys
+players       the players of a run and their options
+attempt       playing and recording one planned episode
+executors/    running attempts in processes, on an event loop or on a cluster
+limits        caps on the tokens and cost of a whole run
+estimate      the expected tokens, cost and time of a run
+run_writer    writing the run's folder
+scheduler     the choice of the next episode, and the handling of every finished attempt
+progress      the one thread that writes the status file and shows a run while it is played
+notebooks     the notebook methods of runs and sweeps
+runner        `evaluate`
+sweeps        runs over a grid of budgets, compared with full context
+merge         merging shards
+audit         replaying every episode of a run
+browser_play  the episodes that a person plays in the browser
+"""
+
+from smartplay_tools.episode.cells import most_calls
+from smartplay_tools.evaluation.runs.audit import audit
+from smartplay_tools.evaluation.runs.browser_play import BrowserPlay
+from smartplay_tools.evaluation.runs.estimate import Estimate, estimate
+from smartplay_tools.evaluation.runs.limits import Caps
+from smartplay_tools.evaluation.runs.merge import merge
+from smartplay_tools.evaluation.runs.plan import (
+    Plan,
+    PlannedEpisode,
+    cell_name,
+    make_cells,
+    plan_episodes,
+    plan_suite,
+    player_of,
+)
+from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.runner import Run, evaluate, run_plan
+from smartplay_tools.evaluation.runs.scheduler import Progress
+from smartplay_tools.evaluation.suites import suite_games
+
+__all__ = [
+    "BrowserPlay",
+    "Caps",
+    "Estimate",
+    "Plan",
+    "PlannedEpisode",
+    "PlayerConfig",
+    "Progress",
+    "Run",
+    "audit",
+    "cell_name",
+    "estimate",
+    "evaluate",
+    "make_cells",
+    "merge",
+    "most_calls",
+    "plan_episodes",
+    "plan_suite",
+    "player_of",
+    "run_plan",
+    "suite_games",
+]

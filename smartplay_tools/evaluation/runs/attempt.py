@@ -1,0 +1,295 @@
+"""An attempt: one planned episode, played from its seed to its end, in any process or on any machine.
+
+It always leaves a record: of the whole episode, of an episode that failed, that was stopped between two turns or that
+was paused by a cap, or, if there was no episode yet, the exception. The record alone determines the outcome of the
+attempt. The return value has only times, which are not part of a result.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, AsyncExitStack, ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+from smartplay_tools.conversation.base import BaseConversation
+from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conversation, play
+from smartplay_tools.conversation.paper import PaperConversation
+from smartplay_tools.conversation.session import Conversation
+from smartplay_tools.episode.episode import Episode
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.evaluation.runs.limits import Account, Limits
+from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
+from smartplay_tools.messages import assistant_message
+from smartplay_tools.players import get_player
+from smartplay_tools.records.prices import Price
+from smartplay_tools.records.prompts import sent_prompts
+from smartplay_tools.records.record import UNANSWERED, Record
+from smartplay_tools.records.resumption import resume
+from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.file import append_exception, read_transcript
+from smartplay_tools.transcript.times import delete_record
+from smartplay_tools.types import AsyncPlayer, Player, Prompt
+
+PlayerFactory: TypeAlias = Callable[..., Player | AsyncPlayer]
+"""Makes a player from `seed`, the seed of its random draws, and the player's options, all keyword arguments. Worker
+processes import it by name, so it must be importable there."""
+
+
+class Stop(Protocol):
+    """A flag that the run has to stop: a `threading.Event`, or one that is shared with other processes."""
+
+    def is_set(self) -> bool:
+        """Whether to stop."""
+        ...
+
+    def set(self) -> None:
+        """Make the attempts stop between two turns."""
+        ...
+
+
+OnRecord = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """The input of an attempt. It is plain data, because it is sent to other processes."""
+
+    planned: PlannedEpisode
+    record: Path
+    """The file that it writes."""
+    previous: Path | None = None
+    """The record of an earlier attempt, from which the episode is continued if possible."""
+    factory: PlayerFactory | None = None
+    price: Price | None = None
+    secrets: Mapping[str, str] = field(default_factory=dict)
+    """Options of the player whose values are in environment variables: option -> variable. Not recorded."""
+
+
+@dataclass(frozen=True)
+class Times:
+    """The times of an attempt: elapsed seconds, processor seconds in the game, and in all of this thread."""
+
+    seconds: float
+    game_seconds: float
+    processor_seconds: float
+
+
+class StoppedError(Exception):
+    """The run is stopping: the episode ends between two turns."""
+
+
+def make_player(task: Task) -> Player | AsyncPlayer:
+    """Return a new player for an attempt."""
+    cell, seed = task.planned.cell, task.planned.seed
+    options = {**cell.player_options, **secret_values(player_of(cell), task.secrets)}
+    if task.factory is not None:
+        return task.factory(seed=seed, **options)
+    return get_player(player_of(cell), seed=seed, **options)
+
+
+def secret_values(player: str, secrets: Mapping[str, str]) -> dict[str, str]:
+    """Return the options of a player whose values are in environment variables."""
+    for option, variable in secrets.items():
+        if not os.environ.get(variable):
+            raise InvalidArgumentError(
+                f"The {option} of {player} is taken from the variable {variable}, which is not set."
+            )
+    return {option: os.environ[variable] for option, variable in secrets.items()}
+
+
+def continued(task: Task, player: Player | AsyncPlayer) -> AnyConversation | None:
+    """Return the conversation as an earlier attempt left it; None if the episode has to start over.
+
+    The earlier record is played again and compared in every event. A player with a state is asked the recorded prompts
+    again, and has to give the recorded replies; a model, which gets everything in each prompt, is not asked. If either
+    differs, or the record cannot be read, the episode cannot be continued, and the player must not be used any more.
+    """
+    if task.previous is None:
+        return None
+    try:
+        return _continue(task, player)
+    except (SmartPlayError, _DifferentReplyError):
+        delete_record(task.record)
+        return None
+
+
+def begun(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
+    """Return the conversation of an attempt that starts a new episode."""
+    cell = task.planned.cell
+    episode = Episode.from_config(cell.with_seed(task.planned.seed), transcript=task.record)
+    return new_conversation(episode, player.name, cell.protocol)
+
+
+def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
+    assert task.previous is not None
+    events = read_transcript(task.previous)
+    if not remembers_nothing(player):
+        _ask_again(player, events)
+    resumed = resume(events, transcript=task.record)
+    conversation = resumed.conversation
+    if resumed.episode.done or not isinstance(conversation, Conversation | PaperConversation):
+        resumed.episode.close()
+        raise _DifferentReplyError("The record has no conversation that could go on.")
+    return conversation
+
+
+def remembers_nothing(player: Player | AsyncPlayer) -> bool:
+    """Return whether a player's replies depend on its prompts alone, as a model's do; a person is not asked twice."""
+    return any(getattr(player, name, False) for name in ("serves_many", "interactive"))
+
+
+def _ask_again(player: Player | AsyncPlayer, events: list[Event]) -> None:
+    """Restore the state of a player: ask it the recorded prompts, and compare its replies."""
+    replies = Record(events).sent_replies
+    for sent in sent_prompts(events):
+        if sent.turn in replies:
+            reply = player.reply(sent.prompt) if isinstance(player, Player) else asyncio.run(player.areply(sent.prompt))
+            if assistant_message(reply.message) != replies[sent.turn]:
+                raise _DifferentReplyError(f"The player replies differently in turn {sent.turn}.")
+
+
+class _DifferentReplyError(Exception):
+    """An attempt cannot continue an earlier record."""
+
+
+def play_attempt(task: Task, limits: Limits | None, stop: Stop, on_record: OnRecord | None = None) -> Times:
+    """Play on this thread; an asynchronous player runs in a new event loop.
+
+    `on_record` is called before each call to the player and after each reply, once the record contains it.
+    """
+    clock = _Clock()
+    with _on_record(task), ExitStack() as stack:
+        player = make_player(task)
+        if not isinstance(player, Player):
+            asyncio.run(_aplay(task, clock, player, limits, stop, on_record=on_record))
+        else:
+            _open(player, stack)
+            conversation = continued(task, player)
+            if conversation is None and task.previous is not None:
+                player = make_player(task)
+                assert isinstance(player, Player)
+                _open(player, stack)
+            conversation = conversation or begun(task, player)
+            hooks = _watch(task, conversation, clock, limits, stop, stack, on_record)
+            if play(conversation, player, **hooks).end_reason == "closed":
+                stop.set()  # the person who plays has left, so no further episode begins
+    return clock.times()
+
+
+async def aplay_attempt(task: Task, limits: Limits | None, stop: Stop, shared: AsyncPlayer | None = None) -> Times:
+    """Play on the running event loop, with slow games' steps in threads; a shared player is not closed afterwards."""
+    clock = _Clock()
+    with _on_record(task):
+        await _aplay(task, clock, shared or make_player(task), limits, stop, close=shared is None)
+    return clock.times()
+
+
+async def _aplay(
+    task: Task,
+    clock: _Clock,
+    player: Player | AsyncPlayer,
+    limits: Limits | None,
+    stop: Stop,
+    *,
+    close: bool = True,
+    on_record: OnRecord | None = None,
+) -> None:
+    async with AsyncExitStack() as stack:
+        if close:
+            await _aopen(player, stack)
+        conversation = await _in_thread(continued, task, player)
+        if conversation is None:
+            if close and task.previous is not None:
+                player = make_player(task)
+                await _aopen(player, stack)
+            conversation = await _in_thread(begun, task, player)
+        assert conversation is not None
+        hooks = _watch(task, conversation, clock, limits, stop, stack, on_record)
+        await aplay(conversation, player, **hooks)
+
+
+def _open(player: Player, stack: ExitStack) -> None:
+    if isinstance(player, AbstractContextManager):
+        stack.enter_context(player)
+
+
+async def _aopen(player: Player | AsyncPlayer, stack: AsyncExitStack) -> None:
+    if isinstance(player, AbstractAsyncContextManager):
+        await stack.enter_async_context(player)
+    elif isinstance(player, AbstractContextManager):
+        stack.enter_context(player)
+
+
+async def _in_thread(
+    make: Callable[[Task, Player | AsyncPlayer], AnyConversation | None], task: Task, player: Player | AsyncPlayer
+) -> AnyConversation | None:
+    """Open an episode in a thread. The thread cannot be stopped, so an episode that it opens is always closed."""
+    opening = asyncio.ensure_future(asyncio.to_thread(make, task, player))
+    try:
+        return await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        conversation = await opening
+        if conversation is not None:
+            conversation.episode.close()
+        raise
+
+
+def _watch(
+    task: Task,
+    conversation: BaseConversation,
+    clock: _Clock,
+    limits: Limits | None,
+    stop: Stop,
+    stack: ExitStack | AsyncExitStack,
+    on_record: OnRecord | None,
+) -> dict[str, Any]:
+    """Return the callbacks for `play`; the episode is closed with the stack."""
+    episode = clock.episode = stack.enter_context(conversation.episode)
+    account = None if limits is None else stack.enter_context(Account(limits, episode, task.price))
+
+    def before_a_call(conversation: BaseConversation, prompt: Prompt) -> None:
+        if stop.is_set():
+            raise StoppedError
+        if account is not None:
+            account.reserve(conversation, prompt)
+        if on_record is not None:
+            on_record()
+
+    def after_a_reply(conversation: BaseConversation) -> None:
+        if account is not None:
+            account.settle()
+        if on_record is not None:
+            on_record()
+
+    return {"on_prompt": before_a_call, "on_turn": after_a_reply}
+
+
+@contextmanager
+def _on_record(task: Task) -> Iterator[None]:
+    """Record why an attempt did not reach the end of its episode."""
+    try:
+        yield
+    except StoppedError:
+        return
+    except asyncio.CancelledError:
+        append_exception(task.record, UNANSWERED)
+    except (Exception, SystemExit) as error:  # a player that exits ends its episode, not the run
+        append_exception(task.record, f"{type(error).__name__}: {error}", traceback.format_exc())
+
+
+class _Clock:
+    """Measures the times of an attempt, from its construction on."""
+
+    def __init__(self) -> None:
+        self.episode: Episode | None = None
+        self._began, self._processor = time.perf_counter(), time.thread_time()
+
+    def times(self) -> Times:
+        game = 0.0 if self.episode is None else self.episode.game_seconds
+        return Times(time.perf_counter() - self._began, game, time.thread_time() - self._processor)

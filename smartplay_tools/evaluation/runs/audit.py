@@ -1,0 +1,76 @@
+"""The audit of a run: every episode is replayed, and every row compared with its record.
+
+A replay that is identical bit for bit shows that the record follows from the game, the budget and the replies. The
+audit also checks that the row agrees with the record, and that the record is of the planned episode.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.records.parallel import parallel_map, worth
+from smartplay_tools.records.record import Record
+from smartplay_tools.records.replays import replay_record
+from smartplay_tools.records.rows import Row, row_of
+from smartplay_tools.records.run_folder import RunFolder
+
+WORTH_A_PROCESS = 300_000
+"""Bytes of records for which another process is started: fewer are mostly replayed before it is ready."""
+
+
+@dataclass(frozen=True)
+class EpisodeAudit:
+    """The result of the audit of an episode."""
+
+    key: str
+    game: str
+    differences: tuple[str, ...]
+    """One sentence each; empty if everything agrees."""
+
+
+def audit(
+    folder: RunFolder, workers: int, tokenizer: str | None = None, *, rows: Sequence[Row] | None = None
+) -> Iterator[EpisodeAudit]:
+    """Yield a finding for every finished episode of a run, as they come.
+
+    At most `workers` processes replay them, including this one, and only this one if no other knows a game that it has
+    registered. `tokenizer` names the records' tokenizer if its file was moved; rows are read from the folder unless
+    they are given.
+    """
+    rows = folder.rows() if rows is None else rows
+    records = [(folder.transcript(row["key"]), row) for row in rows]
+    processes = worth(workers, (record for record, _ in records), WORTH_A_PROCESS)
+    with parallel_map(functools.partial(_audit_all, tokenizer=tokenizer), records, processes) as found:
+        for _, findings in found:
+            yield from findings
+
+
+def _audit_all(records: Sequence[tuple[Path, Row]], *, tokenizer: str | None) -> list[EpisodeAudit]:
+    return [_audit(record, row, tokenizer=tokenizer) for record, row in records]
+
+
+def _audit(record: Path, row: Row, *, tokenizer: str | None) -> EpisodeAudit:
+    try:
+        read = Record.read(record)
+        replayed = replay_record(read, tokenizer=tokenizer)
+        differences = [*replayed.differences, *_row_differences(read, row)]
+    except SmartPlayError as error:
+        differences = [str(error)]
+    return EpisodeAudit(row["key"], row["game"], tuple(differences))
+
+
+def _row_differences(record: Record, row: Row) -> Iterator[str]:
+    if not record.is_complete:
+        yield "The record is incomplete: it has no end event."
+        return
+    key = record.config.key
+    if key != row["key"]:
+        yield f"The record is of another episode, {key}."
+    for name, value in row_of(record, row["trial"]).items():
+        # The cost follows from the run's prices, which are in the manifest.
+        if name not in ("cost", "key") and row.get(name) != value:
+            yield f"The field {name} is {row.get(name)!r} in the row, {value!r} in the record."

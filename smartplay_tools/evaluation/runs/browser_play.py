@@ -1,0 +1,128 @@
+"""Episodes that a person plays in the browser, one after the other, as a run of their own.
+
+The run is one like others, with the player `human`: its seeds follow from the run's seed, so a person meets the worlds
+that `eval` gives to models, its records replay, and `results` and `compare` read its folder. An episode that was left
+is continued from its record by the same command.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
+from smartplay_tools.evaluation.runs.runner import Run, run_plan
+from smartplay_tools.evaluation.runs.scheduler import Progress
+from smartplay_tools.games.specs import get_spec
+from smartplay_tools.players.human.browser import PICTURES, BrowserPlayer
+from smartplay_tools.records.rows import Row
+from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.types import Budget
+
+
+class BrowserPlay:
+    """A person's run of one game; `with` plays it in a thread.
+
+    Arguments:
+        game: the id of a setting.
+        out: the run's folder; one that holds this run already is continued.
+        budget: what may be seen and spent in an episode.
+        seed: the seed of the run.
+        pictures: whether the person may ask for pictures, in games that make some.
+        options: the game's own options.
+        rules: engine, tokenizer, and the fields of `Rules`.
+    """
+
+    def __init__(
+        self,
+        game: str,
+        out: str | Path,
+        *,
+        budget: Budget | None = None,
+        seed: int = 0,
+        pictures: bool = False,
+        options: Mapping[str, Any] | None = None,
+        **rules: Any,
+    ) -> None:
+        self.game, self.folder, self.player = game, RunFolder(out), BrowserPlayer()
+        draws_itself = PICTURES in get_spec(game).load().metadata["render_modes"]
+        own = {"render_mode": PICTURES} if pictures and draws_itself else {}
+        self._cells = make_cells([game], ["human"], [budget or Budget()], options={**(options or {}), **own}, **rules)
+        self._seed = seed
+        self._row: Row | None = None
+        self._error: str | None = None
+        self._wants_next = False
+        self._plan = self._next_plan()
+        self._thread = threading.Thread(target=self._play, name="play", daemon=True)
+
+    def __enter__(self) -> BrowserPlay:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.player.leave()
+        self._thread.join()
+
+    @property
+    def number(self) -> int:
+        """Changes when something else is to be shown."""
+        return self.player.number
+
+    def state(self) -> dict[str, Any]:
+        """Return what the page shows, as JSON: a prompt, the result of an episode, or why there is none."""
+        with self.player.changed:
+            asked = self.player.asked
+            over = None if self._row is None or asked is not None else self._row
+            state = "asking" if asked else "failed" if self._error else "over" if over else "waiting"
+            return {"number": self.number, "state": state, "asked": asked, "over": over, "error": self._error}
+
+    def next(self) -> None:
+        """Begin another episode, once one is over."""
+        with self.player.changed:
+            self._wants_next = self._row is not None or self._error is not None
+            self.player.changed.notify_all()
+
+    def _play(self) -> None:
+        while not self.player.has_left:
+            try:
+                run = run_plan(
+                    self._plan,
+                    self.folder.path,
+                    factories={"human": self._player},
+                    executor="inline",
+                    on_progress=self._take_in,
+                )
+                error = None if run.complete or self.player.has_left else _failure(run)
+            except SmartPlayError as problem:
+                error = str(problem)
+            with self.player.changed:
+                self._error = error
+                self.player.number += 1
+                self.player.changed.wait_for(lambda: self._wants_next or self.player.has_left)
+                self._wants_next, self._row, self._error = False, None, None
+            self._plan = self._next_plan()
+
+    def _player(self, *, seed: int, **options: Any) -> BrowserPlayer:
+        return self.player
+
+    def _take_in(self, progress: Progress) -> None:
+        if progress.row is not None:
+            self._row = progress.row
+
+    def _next_plan(self) -> Plan:
+        """The plan of the folder's run, with one more trial if all are finished."""
+        trials = 1
+        if (self.folder.path / "manifest.json").exists():
+            planned = self.folder.planned()
+            finished = {row["key"] for row in self.folder.rows()}
+            left = any(episode["key"] not in finished for episode in planned)
+            trials = max((episode["trial"] for episode in planned), default=-1) + (1 if left else 2)
+        return plan_episodes(self._cells, trials=trials, seed=self._seed)
+
+
+def _failure(run: Run) -> str:
+    latest = run.failures[-1]
+    return f"The episode failed: {latest['error'] or latest['end_reason']}"

@@ -1,0 +1,85 @@
+"""Executors, which run the attempts of a run, several at a time.
+
+    inline       one after another, in this process: for a person, for debugging
+    processes    in worker processes: for players that compute
+    async        on one event loop: for players that wait, hundreds at a time
+    ray          on the machines of a Ray cluster
+
+All have the same interface: an executor takes tasks while it has free workers, and yields outcomes in the order of
+completion. The record of a task is complete when its outcome is yielded, and it alone determines the result.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+from smartplay_tools.evaluation.runs.attempt import Stop, Task, Times
+from smartplay_tools.evaluation.runs.limits import Limits
+from smartplay_tools.registry import Registry
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The end of an attempt; `times` is None if they could not be measured."""
+
+    task: Task
+    times: Times | None
+
+
+Take = Callable[[], Task | None]
+"""Returns the next task, or None if there is none now: either none is left, or the others wait for an attempt that
+is running."""
+
+Again = Callable[[Task], Task]
+"""Keeps the record of a task whose worker was lost, and returns the task that continues it."""
+
+POLL_SECONDS = 0.2
+"""Seconds after which an executor with a free worker asks for a task again."""
+
+
+class Executor(Protocol):
+    """Runs attempts. Its `stop` and `limits` are accessible to the attempts, wherever they run."""
+
+    stop: Stop
+    limits: Limits | None
+    records_grow_here: ClassVar[bool]
+    """Whether the records of running attempts are in this process's file system, turn by turn."""
+
+    def run(self, take: Take, again: Again) -> Iterator[Outcome]:
+        """Run attempts while there are tasks, and yield their outcomes as they complete. May be called again."""
+        ...
+
+    def close(self) -> None:
+        """Release the executor's resources; it runs no more attempts."""
+        ...
+
+
+_HERE = "smartplay_tools.evaluation.runs.executors"
+
+EXECUTORS = Registry(
+    "executor",
+    {
+        "async": f"{_HERE}.asynchronous:AsyncExecutor",
+        "inline": f"{_HERE}.inline:InlineExecutor",
+        "processes": f"{_HERE}.processes:ProcessExecutor",
+        "ray": f"{_HERE}.ray:RayExecutor",
+    },
+)
+"""name -> class, which is called with `workers, caps, spent`."""
+
+WAITING_AT_ONCE = 64
+"""The default of concurrent episodes: about as many as providers accept, and few enough for any machine."""
+
+
+def get_executor(name: str) -> Callable[..., Any]:
+    """Return the class of an executor by its name."""
+    found: Callable[..., Any] = EXECUTORS[name]
+    return found
+
+
+def default_workers(name: str) -> int:
+    """Return the default number of concurrent attempts of an executor: for processes, one for every processor."""
+    return {"inline": 1, "async": WAITING_AT_ONCE}.get(name) or os.cpu_count() or 1

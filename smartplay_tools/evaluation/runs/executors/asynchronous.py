@@ -1,0 +1,110 @@
+"""The asynchronous executor: many attempts on one event loop, for players that wait on a model.
+
+Hundreds of episodes run in one process; steps of slow games run in threads. Each episode has at most one request at a
+time, so the number of concurrent episodes limits the concurrent requests. Failed requests are retried by the player,
+which counts every attempt in its usage.
+
+Players that serve many conversations (`serves_many`) are created once for each cell and share their connections.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import AbstractAsyncContextManager, AsyncExitStack
+from typing import ClassVar
+
+from smartplay_tools.evaluation.runs.attempt import Task, aplay_attempt, make_player
+from smartplay_tools.evaluation.runs.executors import POLL_SECONDS, Again, Outcome, Take
+from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
+from smartplay_tools.types import AsyncPlayer
+
+GRACE_SECONDS = 10.0
+"""Seconds to wait for open requests when the run stops, because their replies are paid for."""
+
+
+class AsyncExecutor:
+    """Plays `workers` episodes at a time on its own event loop."""
+
+    records_grow_here: ClassVar[bool] = True
+
+    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
+        self._workers = workers
+        self.stop = _LoopStop()
+        self.limits = SharedLimits(caps, spent) if caps else None
+        self._shared: dict[str, AsyncPlayer | None] = {}
+
+    def close(self) -> None:
+        """Do nothing: all resources are released at the end of `run`."""
+
+    def run(self, take: Take, again: Again) -> Iterator[Outcome]:
+        """Play the tasks, `workers` at a time."""
+        self._shared = {}  # those of an earlier call are closed
+        with asyncio.Runner() as runner:
+            loop, closing = runner.get_loop(), AsyncExitStack()
+            under_way: set[asyncio.Task[Outcome]] = set()
+            try:
+                while True:
+                    while len(under_way) < self._workers and (task := take()) is not None:
+                        under_way.add(loop.create_task(self._play(task, closing)))
+                    if not under_way:
+                        return
+                    has_room = len(under_way) < self._workers
+                    for done in runner.run(self._first(under_way, POLL_SECONDS if has_room else None)):
+                        under_way.remove(done)
+                        yield done.result()
+            finally:
+                runner.run(closing.aclose())
+
+    async def _first(self, under_way: set[asyncio.Task[Outcome]], timeout: float | None) -> set[asyncio.Task[Outcome]]:
+        """Return the finished attempts, as soon as there is one or the time is up."""
+        stopped = asyncio.create_task(self.stop.wait())
+        await asyncio.wait({*under_way, stopped}, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
+        if self.stop.is_set():
+            _, late = await asyncio.wait(under_way, timeout=GRACE_SECONDS)
+            for task in late:
+                task.cancel()
+            await asyncio.wait(under_way)
+        stopped.cancel()
+        return {task for task in under_way if task.done()}
+
+    async def _play(self, task: Task, closing: AsyncExitStack) -> Outcome:
+        return Outcome(task, await aplay_attempt(task, self.limits, self.stop, await self._player(task, closing)))
+
+    async def _player(self, task: Task, closing: AsyncExitStack) -> AsyncPlayer | None:
+        """The player that the attempts of a cell share; None if each needs its own."""
+        cell = task.planned.cell
+        name = str([cell.player, sorted(cell.player_options.items()), task.secrets])
+        if name not in self._shared:
+            self._shared[name] = player = _shareable(task)
+            if isinstance(player, AbstractAsyncContextManager):
+                await closing.enter_async_context(player)
+        return self._shared[name]
+
+
+def _shareable(task: Task) -> AsyncPlayer | None:
+    try:
+        player = make_player(task)
+    except Exception:
+        # The attempts will fail with the same error, and record it.
+        return None
+    return player if isinstance(player, AsyncPlayer) and getattr(player, "serves_many", False) else None
+
+
+class _LoopStop:
+    """A stop flag that can be set from a signal handler or another thread, and awaited on the loop."""
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+
+    def set(self) -> None:
+        self._event.set()
+
+    def is_set(self) -> bool:
+        return self._event.is_set()
+
+    async def wait(self) -> None:
+        """Wait by checking the flag every tenth of a second, because a signal handler must not use the loop."""
+        while not self._event.is_set():
+            await asyncio.sleep(0.1)

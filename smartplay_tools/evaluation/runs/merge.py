@@ -1,0 +1,70 @@
+"""Merging the shards of a run, which were played on independent machines, into one folder.
+
+Every shard's manifest contains the whole plan, which shows that the parts belong together. A merged folder is a run
+like any other: the same command, without the shard, plays the episodes that no part has played.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.runs.run_writer import RunWriter
+from smartplay_tools.records.rows import Row
+from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.records.snapshot import run_snapshot
+
+SHARED = ("seed", "cells", "episodes")
+"""The fields that are equal in the manifests of a run's parts."""
+
+
+def merge(parts: Sequence[str | Path], out: str | Path) -> RunFolder:
+    """Merge the parts of a run into a new folder, and return it.
+
+    Parts of different runs, or with different results of the same episode, raise an `InvalidArgumentError`.
+    """
+    folders, whole = [RunFolder(part) for part in parts], RunWriter(out)
+    if not folders:
+        raise InvalidArgumentError("Name at least one folder to merge.")
+    if (whole.path / "manifest.json").exists():
+        raise InvalidArgumentError(f"{whole.path} already contains a run; name a new folder.")
+    manifests = [folder.manifest() for folder in folders]
+    for folder, manifest in zip(folders, manifests, strict=True):
+        if any(manifest[name] != manifests[0][name] for name in SHARED):
+            raise InvalidArgumentError(f"{folder.path} and {folders[0].path} are not parts of the same run.")
+    rows = _all_rows(folders)
+    with whole.writing():
+        prices: dict[str, Any] = {}
+        for manifest in manifests:
+            prices |= manifest["prices"]
+        whole.write_manifest({**manifests[0], "shard": None, "prices": prices})
+        for folder in folders:
+            _copy_records(folder, whole)
+            for timing in folder.timings():
+                whole.append_timing(timing)
+        whole.write_rows(rows.values())
+        whole.write_rows(whole.rows())  # reading sorts them as planned
+        whole.write_manifest({**whole.manifest(), "spending": run_snapshot(whole).spending.to_json()})
+    return whole
+
+
+def _all_rows(folders: Sequence[RunFolder]) -> dict[str, Row]:
+    rows: dict[str, Row] = {}
+    for folder in folders:
+        for row in folder.rows():
+            if rows.setdefault(row["key"], row) != row:
+                raise InvalidArgumentError(
+                    f"Episode {row['key']} was played twice with different results, once in {folder.path}; "
+                    "leave one of the folders out."
+                )
+    return rows
+
+
+def _copy_records(folder: RunFolder, whole: RunWriter) -> None:
+    for record in sorted((folder.path / "episodes").glob("*.jsonl")):
+        shutil.copyfile(record, whole.transcript(record.stem))
+    for record in folder.attempts():
+        whole.add_attempt(record)

@@ -1,0 +1,203 @@
+"""The plan of a run: its episodes, each with a key that identifies it before it is played.
+
+A run plays a number of trials of each cell. A cell is an `EpisodeConfig` without its seed: the game, the player, the
+budget and the rules of the conversation. The seed of trial i depends only on the run's seed, the game and i, so that
+all cells and players have the same worlds and can be compared in pairs. The key of an episode is the digest of its
+config, so the same episode has the same key in every plan, and a run that is resumed, extended, sharded or merged
+recognises it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import Any
+
+from smartplay_tools.episode.cells import cell_config
+from smartplay_tools.episode.config import RULES, CellConfig
+from smartplay_tools.episode.session import GameSession
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials
+from smartplay_tools.evaluation.suites import Suite
+from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.records.seeds import trial_seed
+from smartplay_tools.records.shards import shard_of
+from smartplay_tools.tokens.counter import shared_counter
+from smartplay_tools.transcript.hashing import canonical_json
+from smartplay_tools.types import Budget
+
+FIXED = ("games", "trials", "budgets", "engine", "tokenizer", "options", *RULES)
+"""What a fixed suite does not leave to the user."""
+
+
+@dataclass(frozen=True)
+class PlannedEpisode:
+    """An episode of a run: its cell and the cell's number in the plan, its trial, its seed, and its key."""
+
+    key: str
+    cell: CellConfig
+    place: int
+    trial: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The episodes of a run in their order: cell by cell, trial by trial."""
+
+    seed: int
+    cells: tuple[CellConfig, ...]
+    episodes: tuple[PlannedEpisode, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the plan as a manifest has it."""
+        return {
+            "seed": self.seed,
+            "cells": [cell.model_dump(mode="json") for cell in self.cells],
+            "episodes": [
+                {"key": episode.key, "cell": episode.place, "trial": episode.trial, "seed": episode.seed}
+                for episode in self.episodes
+            ],
+        }
+
+    def shard(self, number: int, count: int) -> Plan:
+        """Return the part that shard `number` of `count` plays, counting from 1: every count-th trial of each cell.
+
+        Every shard therefore gets its share of long and short episodes. The shard of an episode depends only on its
+        cell and trial, so it does not change when trials, games or players are added.
+        """
+        if not 1 <= number <= count:
+            raise InvalidArgumentError(
+                f"There is no shard {number} of {count}; the shards are 1/{count} to {count}/{count}."
+            )
+        digests = [cell.digest for cell in self.cells]
+        mine = (e for e in self.episodes if shard_of(digests[e.place], e.trial, count) == number)
+        return replace(self, episodes=tuple(mine))
+
+
+def cell_name(cell: CellConfig) -> str:
+    """Return the name of a cell in messages: game, player, and the budget as given."""
+    return ", ".join(filter(None, (cell.game, player_of(cell), cell.budget.describe())))
+
+
+def player_of(cell: CellConfig) -> str:
+    """Return the player's name, which every cell of a run has."""
+    assert cell.player is not None
+    return cell.player
+
+
+def player_key(cell: CellConfig) -> str:
+    """Return a player and its options as one text, which is equal for cells with the same player."""
+    return f"{cell.player} {canonical_json(cell.player_options).decode('ascii')}"
+
+
+def plan_episodes(
+    cells: Iterable[CellConfig], *, trials: int | Mapping[str, int | None] | None = None, seed: int = 0
+) -> Plan:
+    """Plan `trials` episodes of every cell, or the paper's number of them for its game.
+
+    Trials can be given for each game; where there is none, it is the paper's number too.
+
+    Cells that cannot be played (the budget is too small for the head of a prompt, or the engine is not installed) raise
+    an `InvalidArgumentError` that names them, before anything is played. No world is made for this check.
+    """
+    if isinstance(trials, int) and trials < 1:
+        raise InvalidArgumentError(f"trials must be at least 1, not {trials}.")
+    cells = tuple(cells)
+    episodes: list[PlannedEpisode] = []
+    faults: list[str] = []
+    for place, cell in enumerate(cells):
+        try:
+            check_playable(cell)
+            asked = trials.get(cell.game) if isinstance(trials, Mapping) else trials
+            episodes += _trials(cell, place, asked or cell.spec.trials, seed)
+        except InvalidArgumentError as error:
+            faults.append(f"{cell_name(cell)}: {error}")
+    if faults:
+        raise InvalidArgumentError("This cannot be played. " + " ".join(faults))
+    if len({episode.key for episode in episodes}) < len(episodes):
+        raise InvalidArgumentError("The run asks for the same episode twice; name every game and player once.")
+    return Plan(seed, cells, tuple(episodes))
+
+
+def plan_suite(
+    suite: Suite,
+    players: Sequence[str | PlayerConfig],
+    *,
+    seed: int = 0,
+    player_options: Mapping[str, Any] | None = None,
+    given: Iterable[str] = (),
+) -> Plan:
+    """Plan a fixed suite; `given` names what else was asked for, and what the suite fixes cannot be."""
+    if refused := sorted(set(given) & set(FIXED)):
+        raise InvalidArgumentError(
+            f"The suite {suite.name} fixes {', '.join(refused)}; leave that out, or name games instead of the suite."
+        )
+    cells = make_cells(suite.games, players, suite.budgets, options=suite.options, player_options=player_options)
+    return plan_episodes(cells, trials=suite.trials, seed=seed)
+
+
+def check_playable(cell: CellConfig) -> None:
+    """Check the options of the game, its engine and the budget by creating them, without making a world."""
+    with closing(cell.make_game(cell.spec)) as game:
+        GameSession(cell.spec, game, cell.budget, shared_counter(cell.tokenizer), cell.manual, cell.context)
+
+
+def _trials(cell: CellConfig, place: int, trials: int, seed: int) -> Iterator[PlannedEpisode]:
+    for trial in range(trials):
+        own = trial_seed(seed, cell.game, trial)
+        yield PlannedEpisode(cell.with_seed(own).key, cell, place, trial, own)
+
+
+def make_cells(
+    games: Sequence[str],
+    players: Sequence[str | PlayerConfig],
+    budgets: Sequence[Budget] | Callable[[GameSpec], Sequence[Budget]],
+    *,
+    engine: str | None = None,
+    tokenizer: str | None = None,
+    options: Mapping[str, Any] | None = None,
+    player_options: Mapping[str, Any] | None = None,
+    **rules: Any,
+) -> list[CellConfig]:
+    """Return a cell for every game, player and budget, in this order, under the given rules (`Rules`).
+
+    `budgets` may be a function that returns those of a game.
+
+    An engine or a game's option applies to the games that have it; it is an error if no game has it. `player_options`
+    apply to all players; a `PlayerConfig` can have further options.
+    """
+    if unknown := ", ".join(name for name in rules if name not in RULES):
+        raise InvalidArgumentError(f"A run has no argument {unknown}; the rules are {', '.join(RULES)}.")
+    configs = [player if isinstance(player, PlayerConfig) else PlayerConfig(name=player) for player in players]
+    _check_player_options(configs, player_options or {})
+    kinds = {game: get_spec(game).load() for game in games}
+    if engine is not None and not any(engine in kind.engines for kind in kinds.values()):
+        raise InvalidArgumentError(f"None of the games has an engine {engine!r}.")
+    for name in options or {}:
+        if not any(name in kind.options for kind in kinds.values()):
+            raise InvalidArgumentError(f"None of the games has an option {name!r}.")
+    counter = shared_counter(tokenizer)
+    return [
+        cell_config(
+            game,
+            budget=budget,
+            engine=engine if engine in kinds[game].engines else None,
+            counter=counter,
+            player=config.name,
+            player_options={**(player_options or {}), **config.options},
+            **rules,
+            **{name: value for name, value in (options or {}).items() if name in kinds[game].options},
+        )
+        for game in games
+        for config in configs
+        for budget in (budgets(get_spec(game)) if callable(budgets) else budgets)
+    ]
+
+
+def _check_player_options(configs: Sequence[PlayerConfig], common: Mapping[str, Any]) -> None:
+    for where, options in [("player_options", common), *((config.name, config.options) for config in configs)]:
+        check_no_credentials(where, options)
+        if "seed" in options:
+            raise InvalidArgumentError("seed is not an option of a player here: a player has the seed of its episode.")

@@ -1,0 +1,129 @@
+"""Writing a run's folder, by one process at a time, under the folder's lock.
+
+A record is written in `running` and moved when its attempt is over: to `episodes` if the episode is finished, otherwise
+to `attempts`. A file in `episodes` is therefore always finished, and there is at most one for each key. Rows can be
+computed again from the records at any time, so no received reply is lost if a run is killed. During a run, rows are in
+the order of completion; when it stops they are sorted as planned, so that two runs that played the same episodes have
+the same bytes, regardless of the number of workers.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.evaluation.runs.lock import only_writer
+from smartplay_tools.records.record import Record
+from smartplay_tools.records.rows import Row
+from smartplay_tools.records.run_folder import FORMAT, STATUS, RunFolder
+from smartplay_tools.records.snapshot import RunFigures
+from smartplay_tools.transcript.times import delete_record, move_record
+
+
+class RunWriter(RunFolder):
+    """A run's folder, for the process that writes it and holds its lock (`writing`)."""
+
+    def __init__(self, path: str | Path) -> None:
+        super().__init__(path)
+        self._attempts: dict[str, int] = {}
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Hold the folder's lock: one run at a time writes here."""
+        with ExitStack() as held:
+            try:
+                for name in ("episodes", "attempts", "running"):
+                    (self.path / name).mkdir(parents=True, exist_ok=True)
+                held.enter_context(only_writer(self.path))
+            except OSError as error:
+                raise InvalidArgumentError(
+                    f"{self.path} cannot be written ({error.strerror}); name another folder for the run."
+                ) from None
+            for record in self.attempts():
+                key, _, attempt = record.stem.partition(".")
+                self._attempts[key] = max(int(attempt), self._attempts.get(key, 0))
+            yield
+
+    def write_manifest(self, manifest: dict[str, Any]) -> None:
+        """Write the manifest in one operation."""
+        _replace(self.path / "manifest.json", json.dumps({"format": FORMAT, **manifest}, indent=1) + "\n")
+
+    def write_status(self, figures: RunFigures) -> None:
+        """Write the status file in one operation (`snapshot.read_status`)."""
+        _replace(self.path / STATUS, json.dumps(asdict(figures)) + "\n")
+
+    def drop_status(self) -> None:
+        """Delete the status file: nothing is being played any more."""
+        with suppress(OSError):
+            (self.path / STATUS).unlink(missing_ok=True)
+
+    def next_attempt(self, key: str) -> Path:
+        """Return the path for the next attempt at an episode if it has no result."""
+        return self.path / "attempts" / f"{key}.{self._attempts.get(key, 0) + 1}.jsonl"
+
+    def new_record(self, key: str) -> Path:
+        """Return the file that the next attempt at an episode writes."""
+        return self.path / "running" / self.next_attempt(key).name
+
+    def latest_attempt(self, key: str) -> Path | None:
+        """Return the record of the latest attempt at an episode that has no result, None if there is none."""
+        return self.path / "attempts" / f"{key}.{self._attempts[key]}.jsonl" if key in self._attempts else None
+
+    def archive_record(self, record: Record, *, keep: bool = True) -> None:
+        """Move the record of an attempt that is over to `episodes` or `attempts`.
+
+        Without `keep`, the record of a paused or interrupted attempt is deleted, because it cannot be continued.
+        """
+        key, path = record.key, record.path
+        assert path is not None
+        if not keep and record.outcome in ("paused", "interrupted"):
+            delete_record(path)
+        elif record.start is None or record.outcome != "finished":
+            move_record(path, self.path / "attempts" / path.name)
+            self._attempts[key] = max(record.attempt, self._attempts.get(key, 0))
+        elif record.config.key != key:
+            raise TranscriptError(f"{path} is the record of a different episode than the planned one.")
+        else:
+            move_record(path, self.transcript(key))
+
+    def add_attempt(self, record: Path) -> None:
+        """Copy the record of an attempt without a result from another folder."""
+        key = record.stem.partition(".")[0]
+        shutil.copyfile(record, self.next_attempt(key))
+        self._attempts[key] = self._attempts.get(key, 0) + 1
+
+    def mend(self) -> None:
+        """Move the records that a killed run left in `running`, and drop an incomplete last line."""
+        timings = self.timings()
+        _replace(self.path / "timings.jsonl", "".join(json.dumps(row) + "\n" for row in timings))
+        for path in self.running():
+            self.archive_record(Record.head(path))
+
+    def append_row(self, row: Row) -> None:
+        """Add the row of a finished episode."""
+        _append(self.path / "results.jsonl", row)
+
+    def append_timing(self, row: Row) -> None:
+        """Add the row of an attempt."""
+        _append(self.path / "timings.jsonl", row)
+
+    def write_rows(self, rows: Iterable[Row]) -> None:
+        """Write all rows again, in one operation."""
+        _replace(self.path / "results.jsonl", "".join(json.dumps(row) + "\n" for row in rows))
+
+
+def _append(path: Path, row: Row) -> None:
+    with path.open("a", encoding="ascii", newline="\n") as file:
+        file.write(json.dumps(row) + "\n")
+
+
+def _replace(path: Path, text: str) -> None:
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text, encoding="utf-8", newline="\n")
+    part.replace(path)

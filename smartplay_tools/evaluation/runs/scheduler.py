@@ -1,0 +1,254 @@
+"""The scheduler, which decides which episode is played next, and handles the end of every attempt.
+
+Only the scheduler writes into the run's folder while the run is played. An outcome says only that an attempt is over;
+its record is then moved to its final place, and its row is added.
+
+An episode may have to wait for three reasons. Caps of the run: it begins only if its expected use fits under the caps
+together with the running episodes. Its player: at most `concurrency` episodes of it run at a time. A model that has not
+answered yet in this run: one episode begins, and the others wait for its first reply, so that a wrong key or address
+costs one failed attempt instead of a hundred.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from smartplay_tools.evaluation.runs.attempt import PlayerFactory, Task
+from smartplay_tools.evaluation.runs.estimate import Expectations
+from smartplay_tools.evaluation.runs.executors import Executor, Outcome
+from smartplay_tools.evaluation.runs.limits import Caps
+from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of
+from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.run_writer import RunWriter
+from smartplay_tools.players.attempts import ModelCallError, ModelRefusedError
+from smartplay_tools.records.prices import Price, check_known
+from smartplay_tools.records.record import Record
+from smartplay_tools.records.rows import Row, row_of
+from smartplay_tools.records.snapshot import run_snapshot
+from smartplay_tools.records.spent import Spent
+
+RETRIES = 3
+"""How often a failed episode is retried in one run."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The end of an attempt or, without an episode, the start of the run."""
+
+    finished: int
+    planned: int
+    failed_attempts: int
+    """Since this run began."""
+    episode: PlannedEpisode | None = None
+    row: Row | None = None
+    """The episode's row if it is finished."""
+    error: str | None = None
+    """Why the attempt has no result, if it has none."""
+    kept: tuple[Row, ...] = ()
+    """At the start of the run: the rows that it already had."""
+
+
+OnProgress = Callable[[Progress], None]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The arguments of a scheduler in addition to the plan."""
+
+    players: Mapping[str, PlayerConfig]
+    """By `player_key`."""
+    factories: Mapping[str, PlayerFactory] = field(default_factory=dict)
+    prices: Mapping[str, Price] = field(default_factory=dict)
+    caps: Caps = field(default_factory=Caps)
+    remote: Collection[str] = ()
+    """Players behind a network, by `player_key`."""
+    repriced: Collection[str] = ()
+    """Players whose price has changed since the run was played before."""
+
+
+class Scheduler:
+    """The episodes of a plan (or a shard of one) that are still to be played, for a folder whose lock is held."""
+
+    def __init__(self, folder: RunWriter, plan: Plan, setup: Setup, on_progress: OnProgress | None = None) -> None:
+        self._folder, self._plan, self._setup = folder, plan, setup
+        self._on_progress = on_progress or (lambda progress: None)
+        self._failed = 0
+        self._who = [player_key(cell) for cell in plan.cells]
+        self._queue: deque[PlannedEpisode] = deque()
+        self._running: dict[str, Task] = {}
+        self._awaited: dict[Path, Record] = {}
+        self._answered: set[str] = set()
+        self._silent: set[str] = set()
+        self._unpriced: set[str] = set()
+        self._capped = False
+        self._executor: Executor | None = None
+        self.cap_reached = False
+        """Whether a cap of the run has prevented episodes from beginning or ending."""
+        self.refused: str | None = None
+        """Why the run was ended early, if a model's server refuses every request."""
+        folder.mend()
+        # The cost of a finished episode changes if its player has a new price.
+        kept = {row["key"]: row for row in folder.rows() if row["player"] not in setup.repriced}
+        # A record has no row if the run ended before the row was written.
+        self._rows = {
+            episode.key: kept.get(episode.key) or self._row(episode)
+            for episode in plan.episodes
+            if folder.transcript(episode.key).exists()
+        }
+        folder.write_rows(self._rows.values())
+        self._spent = run_snapshot(folder).spending.total if setup.caps else Spent()
+        self._expected = Expectations(plan, self._rows.values(), setup.prices)
+        self._on_progress(Progress(len(self._rows), len(plan.episodes), 0, kept=tuple(self._rows.values())))
+
+    @property
+    def spent(self) -> tuple[int, float]:
+        """Budget tokens and US dollars of all finished attempts, including calls whose charge is unknown."""
+        return self._spent.tokens + self._spent.unknown_tokens, (self._spent.cost or 0.0) + self._spent.unknown_cost
+
+    def play(self, executor: Executor, episodes: Sequence[PlannedEpisode]) -> None:
+        """Play those of the episodes that are not finished; failed ones are retried up to `RETRIES` times.
+
+        When an episode has reached a cap of the run, no further one begins. If a provider has counted tokens
+        without a known price under a cap on cost, an `InvalidArgumentError` is raised.
+        """
+        self._capped, self._executor = False, executor
+        for _ in range(1 + RETRIES):
+            self._queue = deque(self._tryouts_first([e for e in episodes if e.key not in self._rows]))
+            if not self._queue or self._is_over():
+                break
+            for outcome in executor.run(self.take, self.again):
+                self._settle(outcome)
+        self.cap_reached = self.cap_reached or self._capped
+        if self._unpriced:
+            self.finish()
+            check_known(self._unpriced)
+
+    def take(self) -> Task | None:
+        """Return the next task, or None if none can begin now (`executors.Take`)."""
+        if self._is_over():
+            return None
+        busy = Counter(self._who[task.planned.place] for task in self._running.values())
+        for place, episode in enumerate(self._queue):
+            player = self._who[episode.place]
+            if player in self._silent:
+                continue
+            room = self._setup.players[player].concurrency
+            if (room is not None and busy[player] >= room) or (busy[player] and not self._has_answered(player)):
+                continue
+            if not self._fits(episode):
+                self._capped = not self._running
+                return None
+            del self._queue[place]
+            return self._begin(episode)
+        return None
+
+    def again(self, task: Task) -> Task:
+        """Keep the record of a lost worker, and return the task that continues it (`executors.Again`)."""
+        self._archive(task)
+        return self._begin(task.planned)
+
+    def finish(self) -> list[Row]:
+        """Sort the rows as planned and return them."""
+        rows = [self._rows[episode.key] for episode in self._plan.episodes if episode.key in self._rows]
+        self._folder.write_rows(rows)
+        return rows
+
+    def _is_over(self) -> bool:
+        assert self._executor is not None
+        return self._capped or bool(self._unpriced) or self.refused is not None or self._executor.stop.is_set()
+
+    def _tryouts_first(self, episodes: Sequence[PlannedEpisode]) -> list[PlannedEpisode]:
+        """Move one episode of every model that has not answered yet to the front."""
+        first: dict[str, PlannedEpisode] = {}
+        for episode in episodes:
+            player = self._who[episode.place]
+            if player in self._setup.remote and player not in self._answered:
+                first.setdefault(player, episode)
+        keys = {episode.key for episode in first.values()}
+        return [*first.values(), *(episode for episode in episodes if episode.key not in keys)]
+
+    def _has_answered(self, player: str) -> bool:
+        """Whether a player has replied in this run, according to the records that are being written."""
+        if player not in self._setup.remote or player in self._answered:
+            return True
+        for path in (task.record for task in self._running.values() if self._who[task.planned.place] == player):
+            followed = self._awaited.get(path)
+            self._awaited[path] = Record.follow(path) if followed is None else followed.refresh()
+            if self._awaited[path].totals.replies:
+                self._answered.add(player)
+        return player in self._answered
+
+    def _fits(self, episode: PlannedEpisode) -> bool:
+        """Whether the expected use of an episode fits under the caps together with the running episodes."""
+        caps = self._setup.caps
+        if not caps:
+            return True
+        planned = [*(task.planned for task in self._running.values()), episode]
+        tokens: float
+        tokens, cost = self.spent
+        for one in planned:
+            expected = self._expected.of(one)
+            tokens, cost = tokens + expected[0], cost + expected[1]
+        return (caps.tokens is None or tokens <= caps.tokens) and (caps.cost is None or cost <= caps.cost)
+
+    def _begin(self, episode: PlannedEpisode) -> Task:
+        cell = episode.cell
+        config = self._setup.players[self._who[episode.place]]
+        factory, price = self._setup.factories.get(player_of(cell)), self._setup.prices.get(player_of(cell))
+        record, previous = self._folder.new_record(episode.key), self._folder.latest_attempt(episode.key)
+        task = Task(episode, record, previous, factory, price, config.secrets)
+        self._running[episode.key] = task
+        return task
+
+    def _archive(self, task: Task) -> Record:
+        """Read the record of an attempt that is over, move it to its final place, and count what it has spent."""
+        self._running.pop(task.planned.key, None)
+        self._awaited.pop(task.record, None)
+        record = Record.follow(task.record, self._setup.prices)
+        if record.exists:
+            spent = record.own_totals + record.open_call
+            if spent.replies:
+                self._answered.add(self._who[task.planned.place])
+            self._spent += spent
+            self._folder.archive_record(record, keep=bool(spent.replies or spent.unknown_calls))
+            self._expected.attempted(task.planned, spent)
+        return record
+
+    def _settle(self, outcome: Outcome) -> None:
+        task, episode = outcome.task, outcome.task.planned
+        record = self._archive(task)
+        if outcome.times is not None:
+            self._folder.append_timing({"key": episode.key, "attempt": record.attempt, **asdict(outcome.times)})
+        row, error = None, record.error or record.end_reason
+        if not record.exists:
+            error = "There is no record of the attempt."
+        if record.outcome == "finished":
+            row = self._rows[episode.key] = row_of(record, episode.trial)
+            self._folder.append_row(row)
+            self._expected.finished(row)
+            if row["cost"] is None and self._setup.caps.cost is not None:
+                self._unpriced.add(row["player"])
+        elif record.outcome == "paused":
+            self._capped = True
+        elif record.outcome == "failed" or not record.exists:
+            self._failed += 1
+            self._judge(episode, error)
+        why = None if row is not None else error
+        self._on_progress(Progress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, why))
+
+    def _judge(self, episode: PlannedEpisode, error: str) -> None:
+        """End the run if a server refuses every request, or give up a player that has never answered."""
+        assert self._executor is not None
+        player = self._who[episode.place]
+        kind, _, said = error.partition(": ")
+        if kind == ModelRefusedError.__name__:
+            self.refused = f"{player_of(episode.cell)} is refused by its server. {said}"
+            self._executor.stop.set()
+        elif kind == ModelCallError.__name__ and player not in self._answered:
+            self._silent.add(player)
+
+    def _row(self, episode: PlannedEpisode) -> Row:
+        return row_of(Record.follow(self._folder.transcript(episode.key), self._setup.prices), episode.trial)

@@ -1,0 +1,59 @@
+"""Signal handling: the first SIGTERM or Ctrl-C stops a run between two turns; the second has its usual effect."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+from smartplay_tools.evaluation.runs.attempt import Stop
+
+CAUGHT = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
+"""Windows has SIGBREAK, Ctrl-Break, by which one program asks another to end; SIGTERM cannot be caught there."""
+
+
+class Signals:
+    """The signal that was received, and the stop flags to set."""
+
+    def __init__(self) -> None:
+        self.received: str | None = None
+        """The name of the signal that stopped the run; None while there was none."""
+        self._stop: Stop | None = None
+        self._usual: dict[int, Any] = {}
+
+    def tell(self, stop: Stop) -> None:
+        """Set this flag when a signal arrives, or at once if one already has."""
+        self._stop = stop
+        if self.received is not None:
+            stop.set()
+
+    def catch(self) -> None:
+        """Install the signal handlers; this is possible only in the main thread."""
+        if threading.current_thread() is threading.main_thread():
+            self._usual = {number: signal.signal(number, self._receive) for number in CAUGHT}
+
+    def release(self) -> None:
+        """Restore the previous signal handlers."""
+        for number, usual in self._usual.items():
+            signal.signal(number, usual)
+        self._usual = {}
+
+    def _receive(self, number: int, frame: FrameType | None) -> None:
+        self.received = signal.Signals(number).name
+        self.release()
+        if self._stop is not None:
+            self._stop.set()
+
+
+@contextmanager
+def stopping() -> Iterator[Signals]:
+    """Handle the signals that stop a run, as long as it is played."""
+    signals = Signals()
+    signals.catch()
+    try:
+        yield signals
+    finally:
+        signals.release()

@@ -1,0 +1,260 @@
+"""Sweeps: runs that play the same episodes with every window of a grid, to measure the effect of smaller contexts.
+
+A grid is the axes that vary (fields of the budget, and the manual) x players x games. Every cell has the same seeds,
+because the seed of a trial depends only on the run's seed, the game and the trial, so cells can be compared in pairs
+(`analysis.windows`). A sweep is a run like any other: it can be resumed, capped, sharded and replayed, and runs in
+parallel. In addition to the run's files its folder has
+
+    table.csv, table.parquet   a row for each episode (`analysis.tables`)
+    summary.csv                a row for each cell (`analysis.windows.as_row`)
+    figures/                   the figures, as PNG, SVG and PDF (`figures`)
+"""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.episode.budgets import refused_strategy
+from smartplay_tools.episode.config import CellConfig, Rules
+from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.evaluation.analysis.formats import to_html
+from smartplay_tools.evaluation.analysis.tables import write_csv, write_parquet
+from smartplay_tools.evaluation.analysis.window_tables import windows_table
+from smartplay_tools.evaluation.analysis.windows import WindowComparison, as_row, compare_windows
+from smartplay_tools.evaluation.runs import Caps, PlayerConfig, Run, make_cells, plan_episodes, player_of, run_plan
+from smartplay_tools.evaluation.runs.attempt import PlayerFactory
+from smartplay_tools.evaluation.runs.notebooks import InNotebook
+from smartplay_tools.evaluation.runs.plan import cell_name, check_playable
+from smartplay_tools.evaluation.runs.scheduler import OnProgress
+from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.records.prices import Price
+from smartplay_tools.records.rows import Row
+from smartplay_tools.types import Budget
+
+AXES = (*Budget.model_fields, "manual")
+"""What a sweep can vary."""
+
+
+@dataclass(frozen=True)
+class Sweep(InNotebook):
+    """A sweep, as returned by `sweep`."""
+
+    run: Run
+    left_out: tuple[str, ...] = ()
+    """A sentence for every combination of the grid that cannot be enforced and was not played."""
+
+    @property
+    def rows(self) -> list[Row]:
+        """The rows of the finished episodes."""
+        return self.run.rows
+
+    @property
+    def failures(self) -> list[Row]:
+        """Every failed attempt."""
+        return self.run.failures
+
+    @property
+    def planned(self) -> int:
+        """Episodes that were asked for."""
+        return self.run.planned
+
+    def transcript(self, key: str) -> Path:
+        """Return where the transcript of a finished episode is, from its row's key."""
+        return self.run.transcript(key)
+
+    def _repr_html_(self) -> str:
+        table = to_html([windows_table(self.comparisons)]) if self.comparisons else ""
+        return f"<p>{len(self.rows)} of {self.planned} episodes finished</p>\n{table}"
+
+    @cached_property
+    def comparisons(self) -> list[WindowComparison]:
+        """The comparison of every cell with the full context of its family."""
+        return compare_windows(self.rows)
+
+    @property
+    def summary(self) -> list[dict[str, Any]]:
+        """A flat row for every cell: means, paired differences, their intervals, the fronts."""
+        return [as_row(comparison) for comparison in self.comparisons]
+
+    def write(self) -> list[Path]:
+        """Write tables and figures into the run's folder and return their paths.
+
+        Parquet and figures need the extra `evaluation`; without it they are left out.
+        """
+        folder = self.run.folder.path
+        written = [folder / "table.csv", folder / "summary.csv"]
+        write_csv(self.rows, written[0])
+        write_summary(self.comparisons, written[1])
+        try:
+            write_parquet(self.rows, folder / "table.parquet")
+            written.append(folder / "table.parquet")
+            from smartplay_tools.evaluation.analysis.figures import write_figures
+
+            written += write_figures(self.rows, folder / "figures", transcript=self.run.folder.transcript)
+        except MissingExtraError:
+            pass
+        return written
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The cells of a grid."""
+
+    cells: list[CellConfig]
+    """Game by game, player by player, and within them from the first values to the last."""
+    left_out: tuple[str, ...]
+    """A sentence for every combination that cannot be enforced."""
+
+
+def grid(
+    games: Sequence[str],
+    players: Sequence[str | PlayerConfig],
+    *,
+    vary: Mapping[str, Sequence[Any]] | None = None,
+    budget: Budget | None = None,
+    **rules: Any,
+) -> Grid:
+    """Return the cells of a grid.
+
+    `vary` has lists of values by axis (`AXES`); `budget` holds the fields that do not vary, `rules` are those of
+    `make_cells`. A value that is named twice, or by a number and as "game", makes one cell. Combinations that say
+    something of the past that cannot be enforced, such as summaries at slack 0, are left out and named.
+    """
+    axes = _axes(vary or {}, rules)
+    manuals = axes.pop("manual", [rules.pop("manual", Rules().manual)])
+    fixed = (budget or Budget()).model_dump()
+    budgets = [Budget(**fixed | dict(zip(axes, values, strict=True))) for values in product(*axes.values())]
+    protocol = rules.get("protocol", "tools")
+    refused: dict[tuple[str, str], str] = {}
+    left_out: list[str] = []
+    for game, budget in product(games, budgets):
+        if reason := refused_strategy(budget, get_spec(game), context="window", protocol=protocol):
+            refused[game, budget.model_dump_json()] = reason
+            left_out.append(f"{game}, {budget.describe()}: {reason}")
+
+    def enforceable(spec: GameSpec) -> list[Budget]:
+        return [budget for budget in budgets if (spec.id, budget.model_dump_json()) not in refused]
+
+    found = [cell for mode in manuals for cell in make_cells(games, players, enforceable, manual=mode, **rules)]
+    found, too_small = _split_by_reserve(found)
+    names = [player if isinstance(player, str) else player.name for player in players]
+    order = {pair: place for place, pair in enumerate(product(games, names))}
+    found.sort(key=lambda cell: order[cell.game, player_of(cell)])
+    cells: dict[str, CellConfig] = {}
+    for cell in found:
+        cells.setdefault(_identity(cell), cell)
+    left_out += too_small
+    if not cells:
+        raise InvalidArgumentError("The grid has no combination that can be played. " + " ".join(left_out))
+    return Grid(list(cells.values()), tuple(dict.fromkeys(left_out)))
+
+
+def _axes(vary: Mapping[str, Sequence[Any]], rules: dict[str, Any]) -> dict[str, Sequence[Any]]:
+    """Return the axes in their order, those that were given as arguments of their own included."""
+    named = {
+        name: rules.pop(name) for name in AXES if name in rules and not (name == "manual" and _is_word(rules[name]))
+    }
+    if named:
+        shown = ", ".join(f'"{name}": {values!r}' for name, values in named.items())
+        warnings.warn(f"{', '.join(named)}: write it as vary={{{shown}}}.", DeprecationWarning, stacklevel=4)
+    axes = {**vary, **named}
+    if unknown := ", ".join(name for name in axes if name not in AXES):
+        raise InvalidArgumentError(f"A sweep cannot vary {unknown}; its axes are {', '.join(AXES)}.")
+    for name, values in axes.items():
+        if _is_word(values) or not isinstance(values, Sequence) or not values:
+            raise InvalidArgumentError(f"{name} must be a list of at least one value, such as [{values!r}].")
+    return {name: axes[name] for name in AXES if name in axes}
+
+
+def _is_word(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _split_by_reserve(cells: Iterable[CellConfig]) -> tuple[list[CellConfig], list[str]]:
+    """The cells without those whose prompts are too small for what their strategy adds, and why those are left out.
+
+    Prompts that are too small for the game alone have nothing to do with a strategy; planning refuses them.
+    """
+    kept: list[CellConfig] = []
+    reasons: list[str] = []
+    for cell in cells:
+        try:
+            if cell.budget.strategies:
+                check_playable(cell)
+        except InvalidArgumentError as error:
+            reasons.append(f"{cell_name(cell)}: {error}")
+        else:
+            kept.append(cell)
+    return kept, reasons
+
+
+def sweep(
+    games: Sequence[str],
+    players: Sequence[str | PlayerConfig] | Mapping[str, PlayerFactory],
+    *,
+    out: str | Path,
+    vary: Mapping[str, Sequence[Any]] | None = None,
+    budget: Budget | None = None,
+    trials: int | None = None,
+    seed: int = 0,
+    executor: str | None = None,
+    workers: int | None = None,
+    shard: tuple[int, int] | None = None,
+    run_tokens: int | None = None,
+    run_cost: float | None = None,
+    prices: Mapping[str, Price] | None = None,
+    on_progress: OnProgress | None = None,
+    **rules: Any,
+) -> Sweep:
+    """Play a grid of windows on paired seeds, and keep the records in the folder `out`. The same call again resumes it.
+
+    `games`, `players`, `trials` (episodes of every cell) and all arguments that are not named here are those of
+    `evaluate`. `vary` has lists of values for fields of `Budget`, where None means no limit, and for `manual`:
+    `vary={"history": [1, 5], "prompt_tokens": [700, None]}`. `budget` holds the fields that are the same in every cell.
+    Combinations that cannot be enforced are left out and named (`Sweep.left_out`). Tables and figures are written only
+    by `Sweep.write`.
+    """
+    if not games or not players:
+        raise InvalidArgumentError("Name at least one game and one player.")
+    found = grid(
+        games,
+        list(players),
+        vary=vary,
+        budget=budget,
+        **rules,
+    )
+    run = run_plan(
+        plan_episodes(found.cells, trials=trials, seed=seed),
+        out,
+        factories=players if isinstance(players, Mapping) else {},
+        configs=[player for player in players if isinstance(player, PlayerConfig)],
+        executor=executor,
+        workers=workers,
+        shard=shard,
+        caps=Caps(run_tokens, run_cost),
+        prices=prices or {},
+        on_progress=on_progress,
+    )
+    return Sweep(run, found.left_out)
+
+
+def write_summary(comparisons: Iterable[WindowComparison], path: str | Path) -> None:
+    """Write a row for every cell as CSV; None is an empty field."""
+    rows = [as_row(comparison) for comparison in comparisons]
+    with Path(path).open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]) if rows else [], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _identity(cell: CellConfig) -> str:
+    """A key that is equal for cells with the same episodes: the cell, with "game" replaced by the number of steps."""
+    history = cell.setting.history if cell.budget.history == "game" else cell.budget.history
+    return cell.model_copy(update={"budget": cell.budget.model_copy(update={"history": history})}).digest

@@ -1,0 +1,20 @@
+"""Counts and durations as short text, the same in terminals, notebooks and papers."""
+
+from __future__ import annotations
+
+__all__ = ["duration", "short"]
+
+
+def short(number: float) -> str:
+    """Return a count in five characters or so: 1234567 is 1.2M."""
+    for unit, size in (("G", 1_000_000_000), ("M", 1_000_000), ("k", 1_000)):
+        if number >= size:
+            return f"{number / size:.1f}{unit}"
+    return f"{number:.0f}"
+
+
+def duration(seconds: float) -> str:
+    """Return a time in seconds, minutes or hours: 5400 is 1.5 h."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

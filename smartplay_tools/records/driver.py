@@ -1,0 +1,182 @@
+"""The driver: feeds the recorded inputs of an episode to a new episode, which writes a record of its own.
+
+The inputs are the replies of the model and the actions of the host. Everything else (texts, rewards, state hashes, the
+contents of each prompt, counts) is produced again. Any difference between the two records is reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import groupby, zip_longest
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from smartplay_tools.conversation.paper import PaperConversation
+from smartplay_tools.conversation.session import AgentSession, Conversation
+from smartplay_tools.episode.config import EpisodeConfig
+from smartplay_tools.episode.episode import Episode
+from smartplay_tools.records.error_location import ErrorLocation
+from smartplay_tools.tokens import Tokenizer
+from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.file import MemoryRecord
+from smartplay_tools.types import ToolCall, ToolSpec, Usage
+
+if TYPE_CHECKING:
+    from smartplay_tools.games.base import TextGame
+from smartplay_tools.messages import Message
+
+Driven: TypeAlias = Conversation | AgentSession | PaperConversation
+
+BUDGET_ENDS = ("prompt_tokens", "episode_tokens")
+"""Reasons for which an episode ends when the next prompt is requested."""
+
+EXTERNAL_ENDS = ("player_error", "run_budget", "host", "closed")
+"""End reasons from outside the game and the budgets, which a replay takes from the record."""
+
+UNCOMPARED = frozenset({"versions", "deviations", "error", "traceback", "chain"})
+"""Fields that may differ: versions, what a version lists as deviations (they follow from the config, which is
+compared), the text of an exception, and the digests that include them."""
+
+NOT_REPLAYED = ("resume", "exception")
+"""Events about the record itself."""
+
+
+class Driver:
+    """A new episode, with a conversation if the record has one, to which the events of a record are fed.
+
+    `differences` compares the new record with the one that was fed.
+    """
+
+    def __init__(
+        self,
+        recorded: Sequence[Event],
+        *,
+        kind: type[Conversation] | type[AgentSession] = Conversation,
+        tokenizer: str | Tokenizer | None = None,
+        on_step: Callable[[TextGame], None] | None = None,
+        config: EpisodeConfig | None = None,
+    ) -> None:
+        """`config` is the record's, if it has been read already."""
+        self.recorded = [event for event in recorded if event["event"] not in NOT_REPLAYED]
+        self.record = MemoryRecord()
+        """The new record."""
+        config = config or EpisodeConfig.from_event(recorded[0])
+        self.episode = Episode.from_config(config, tokenizer=tokenizer, transcript=self.record)
+        self.episode.on_step(on_step)
+        self.conversation: Driven | None = None
+        self._kind = kind
+        self._protocol = config.protocol
+        self._usages = {
+            (event["turn"], event.get("purpose")): event["provider"]
+            for event in self.recorded
+            if event["event"] == "usage" and "reply" in event
+        }
+
+    def run(self, *, with_end: bool = True) -> None:
+        """Feed all events; `with_end` says whether an end from outside the game is taken from the record too.
+
+        An inconsistent record raises a `TranscriptError` that names the event and the field.
+        """
+        heads = [event for event in self.recorded if event["event"] == "head"]
+        if not heads:
+            self._run_calls()
+        with ErrorLocation() as at:
+            for at.number, at.event in enumerate(self.recorded, start=1):
+                if at.event["event"] != "end" or with_end:
+                    self._feed(at.event)
+
+    def _feed(self, event: Event) -> None:
+        conversation = self.conversation
+        match event["event"]:
+            case "head" if conversation is None:
+                self.conversation = self._converse(event)
+            case "head":
+                assert isinstance(conversation, Conversation | AgentSession)
+                conversation.change_head(*self._host_part(event))
+            case "reveal":
+                self.episode.privileged_game()
+            case "picture":
+                self.episode.picture()
+            case "usage" if "reply" not in event:
+                self._needed().spend(Usage(**event["provider"]))  # of a reply that never came
+            case "view":
+                self._needed().prompt()
+            case "message" if event["by"] == "player":
+                self._open(event, None)
+            case "summary":
+                self._open(event, "summary")
+            case "message" if event["by"] == "host":
+                assert isinstance(conversation, Conversation | AgentSession)
+                conversation.add(event["message"])
+            case "choice":
+                assert isinstance(conversation, PaperConversation)
+                conversation.settle()
+            case "call" if isinstance(conversation, Conversation | AgentSession):
+                edited = event["arguments"] if event.get("host") == "edited" else None
+                refusal = event["refusal"] if event.get("host") == "refused" else None
+                conversation.answer_at(event["position"], refusal=refusal, edited=edited)
+            case "end":
+                if not self.episode.done:
+                    self._end(event["result"])
+                self.episode.finish_if_over()  # the host may have left calls of the last reply open
+
+    def _open(self, event: Event, purpose: str | None) -> None:
+        usage = self._usages.get((event["turn"], purpose))
+        self._needed().open(event["message"], None if usage is None else Usage(**usage))
+
+    def _needed(self) -> Driven:
+        if self.conversation is None:
+            raise ValueError("it comes before the head of a conversation")
+        return self.conversation
+
+    def _converse(self, head: Event) -> Driven:
+        if self._protocol == "paper":
+            return PaperConversation(self.episode)
+        messages, foreign = self._host_part(head)
+        if self._kind is AgentSession:
+            return AgentSession(self.episode, head=messages, foreign_tools=foreign, summaries=True)
+        return Conversation(self.episode, head=messages, foreign_tools=foreign)
+
+    def _host_part(self, head: Event) -> tuple[list[Message], list[ToolSpec]]:
+        """The host's messages and tools in a head."""
+        foreign = [ToolSpec(**tool) for tool in head["tools"][len(self.episode.tools) :]]
+        return head["messages"][len(self.episode.head) :], foreign
+
+    def _run_calls(self) -> None:
+        """Feed a record without a conversation: the calls of a turn are a batch."""
+        self.episode.begin()
+        calls = (event for event in self.recorded if event["event"] == "call")
+        for _, batch in groupby(calls, key=lambda event: event["turn"]):
+            self.episode.call_batch([ToolCall(e["name"], e["arguments"], e.get("call_id")) for e in batch])
+
+    def _end(self, result: Mapping[str, Any]) -> None:
+        reason = result["end_reason"]
+        if reason in BUDGET_ENDS and self.conversation is not None:
+            self.conversation.prompt()
+        elif reason in EXTERNAL_ENDS:
+            self.episode.end(reason, detail=result.get("detail"))
+
+    def differences(self) -> Iterator[str]:
+        """Yield a sentence for every field in which the two records differ."""
+        recorded, again = self.recorded, self.record.events
+        if not recorded or recorded[-1]["event"] != "end":
+            # The process died; what it wrote is compared, what the replay adds at its own end is not.
+            again = again[: len(recorded)]
+        for number, (was, now) in enumerate(zip_longest(recorded, again), start=1):
+            if was is None or now is None:
+                known = was or now
+                what = "is missing in the replay" if now is None else "is new in the replay"
+                yield f"Event {number} ({known['event']}) {what}."
+            elif was["event"] != now["event"]:
+                yield f"Event {number} is {now['event']!r} in the replay, {was['event']!r} in the record."
+            else:
+                turn = f", turn {was['turn']}" if "turn" in was else ""
+                yield from _field_differences(f"Event {number} ({was['event']}{turn})", was, now)
+
+
+def _field_differences(where: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    for key in sorted((was.keys() | now.keys()) - UNCOMPARED):
+        before, after = was.get(key), now.get(key)
+        if isinstance(before, dict) and isinstance(after, dict):
+            yield from _field_differences(f"{where} {key}:", before, after)
+        elif before != after or type(before) is not type(after):
+            yield f"{where} {key} is {after!r} in the replay, {before!r} in the record."

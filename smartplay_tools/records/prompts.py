@@ -1,0 +1,122 @@
+"""Rebuilds every prompt exactly, from a transcript alone and without running a game.
+
+A `view` event says which turns a prompt showed and which results were masked; `head`, `message`, `call` and `summary`
+events contain the texts. The sha256 in the `view` event verifies the rebuilt prompt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from smartplay_tools.context.strategies import Strategies
+from smartplay_tools.context.turns import Turn, TurnBuilder
+from smartplay_tools.context.view import Head, Selection, with_manual
+from smartplay_tools.conversation import paper
+from smartplay_tools.messages import Message
+from smartplay_tools.records.error_location import ErrorLocation
+from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
+from smartplay_tools.types import Prompt, Purpose, ResolvedBudget, ToolSpec
+
+
+@dataclass(frozen=True)
+class SentPrompt:
+    """A prompt as it was sent."""
+
+    turn: int
+    """The turn that it led to."""
+    prompt: Prompt
+    recorded_sha256: str
+    sha256: str
+    """The sha256 of the rebuilt prompt; it differs from the recorded one only if the transcript was changed."""
+
+
+def sent_prompts(events: Sequence[Event], turns: Sequence[Turn] | None = None) -> Iterator[SentPrompt]:
+    """Yield every prompt of a transcript, in order; `turns` are its `recorded_turns`, if they are known already."""
+    head = next((event for event in events if event["event"] == "head"), None)
+    if head is None:
+        return
+    if events[0]["config"].get("protocol") == "paper":
+        for view, prompt, sha256 in paper.sent_prompts(events):
+            yield SentPrompt(view["turn"], prompt, view["sha256"], sha256)
+        return
+    rebuilder = _Rebuilder(events, recorded_turns(events) if turns is None else turns)
+    with ErrorLocation() as at:
+        for at.number, at.event in enumerate(events, start=1):
+            if at.event["event"] == "head":
+                rebuilder.use_head(at.event)
+            if at.event["event"] == "view":
+                yield rebuilder.rebuild(at.event)
+
+
+def recorded_turns(events: Sequence[Event]) -> list[Turn]:
+    """Return the turns of a transcript, the last one as far as it goes."""
+    builder = TurnBuilder()
+    with ErrorLocation() as at:
+        for at.number, at.event in enumerate(events, start=1):
+            builder.apply(at.event)
+    builder.close()
+    return builder.turns
+
+
+class _Rebuilder:
+    """Rebuilds the prompts of one record; parts that several prompts share are encoded once."""
+
+    def __init__(self, events: Sequence[Event], turns: Sequence[Turn]) -> None:
+        self._turns = turns
+        self._summaries = [event["text"] for event in events if event["event"] == "summary"]
+        # What a prompt says does not depend on how it is counted.
+        self._form = Strategies(ResolvedBudget(**events[0]["budget"]), TokenCounter("approximate")).summaries
+
+    def use_head(self, head: Event) -> None:
+        """Rebuild the following prompts with another head and its tools."""
+        self._head: list[Message] = head["messages"]
+        self._tools = tuple(ToolSpec(**tool) for tool in head["tools"])
+        self._tools_bytes = tools_bytes(self._tools)
+        self._heads: dict[str | None, Head] = {}
+
+    def rebuild(self, view: Event) -> SentPrompt:
+        """Return the prompt that a view shows."""
+        purpose: Purpose = view.get("purpose", "play")
+        seen_turns = view["turn"] - (purpose == "summary")
+        head = self._head_of(self._turns[seen_turns - 1].manual if seen_turns else None)
+        messages, lines = list(head.messages), head.canonical.copy()
+
+        def say(message: Message) -> None:
+            messages.append(message)
+            lines.append(head_bytes(message))
+
+        if self._form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):
+            say(self._form.show(text).message)
+        oldest_of = self._masks(view)
+        for first, last in view["turns"]:
+            for turn in self._turns[first : last + 1]:
+                oldest = oldest_of(turn)
+                messages.extend(turn.seen(oldest))
+                lines.extend(turn.canonical_seen(oldest))
+        if self._form is not None and purpose == "summary":
+            say(self._form.question)
+        prompt = Prompt(messages, self._tools, view["max_tokens"], purpose=purpose)
+        return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(lines, self._tools_bytes))
+
+    def _masks(self, view: Event) -> Callable[[Turn], int]:
+        """Return which is the oldest observation that a view shows of a turn."""
+        if "oldest" in view:
+            return Selection((), 0, -1, view["oldest"], view["notes"]).oldest_of
+        if not (masked := {(turn, item) for turn, item in view["masked"]}):
+            return lambda turn: 0
+        return lambda turn: _boundary(turn, masked)
+
+    def _head_of(self, manual: str | None) -> Head:
+        if manual not in self._heads:
+            messages = self._head if manual is None else with_manual(self._head, manual)
+            self._heads[manual] = Head(tuple(messages), 0)
+        return self._heads[manual]
+
+
+def _boundary(turn: Turn, masked: set[tuple[int, int]]) -> int:
+    """The observation below which a turn's results were masked."""
+    steps = [item.observation_step for at, item in enumerate(turn.items) if (turn.number, at) in masked]
+    return max((step for step in steps if step is not None), default=-1) + 1

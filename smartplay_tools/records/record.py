@@ -1,0 +1,520 @@
+"""Record: an episode as its record tells it, whether it is finished, was stopped, or is still being played.
+
+What an event means for the episode is written in `Record` alone: how it ended, what it used, what was said and shown.
+Only playing (the episode's counters, the turns of a conversation, the driver of a replay) takes events apart, too.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, Self, TypeAlias
+
+from smartplay_tools.context.turns import Turn
+from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.messages import Message
+from smartplay_tools.records.prices import Price
+from smartplay_tools.records.prompts import SentPrompt, recorded_turns, sent_prompts
+from smartplay_tools.records.spent import Spent, Sum
+from smartplay_tools.transcript.events import (
+    CallEvent,
+    ChoiceEvent,
+    Event,
+    HeadEvent,
+    MessageEvent,
+    PictureEvent,
+    ResumeEvent,
+    RevealEvent,
+    SummaryEvent,
+    UsageEvent,
+    ViewEvent,
+)
+from smartplay_tools.transcript.file import kind_of, read_line, read_written
+from smartplay_tools.transcript.lines import GrowingLines, ends_of
+from smartplay_tools.types import EndReason, EpisodeResult, Usage
+
+FAILURES = ("player_error", "game_error")
+"""Ends of an episode that failed."""
+
+PAUSED: EndReason = "run_budget"
+"""The end of an attempt whose next call could have exceeded a cap of the run."""
+
+UNFINISHED = ("closed", PAUSED)
+"""Ends of an episode that was stopped from outside and can be continued."""
+
+INTERRUPTED = "interrupted"
+"""The end reason of an attempt that was stopped or killed."""
+
+EXCEPTION = "exception"
+"""The end reason of an attempt that an exception outside the episode has ended."""
+
+UNANSWERED = "CancelledError: the run stopped while a reply was awaited"
+"""The exception event of an attempt that was stopped during a call, which may be charged."""
+
+Outcome = Literal["finished", "failed", "paused", "interrupted"]
+"""What an attempt came to. Only a finished episode is a result; the others are continued or played again."""
+
+_Written: TypeAlias = bytes | Event
+"""An event, or the line that it is written on."""
+
+
+class Record:
+    """An episode as its record tells it.
+
+    A record that was opened by `head` or `follow` reads the rest of its file when something needs it.
+
+    Attributes:
+        path: the file; None if the record was made from events.
+        start: the first event; None if the episode never began, because an exception came before.
+        ending: the event that ends the record, `end` or `exception`; None while the episode is played, or if its
+            process was killed.
+        written: the bytes from which `events` were read.
+    """
+
+    def __init__(
+        self,
+        events: Sequence[Event] | None = None,
+        *,
+        path: str | Path | None = None,
+        prices: Mapping[str, Price] | None = None,
+    ) -> None:
+        """`prices` are those of the players' models, from which the cost is computed."""
+        self.path = None if path is None else Path(path)
+        self.start: Event | None = None
+        self.ending: Event | None = None
+        self.written: bytes | None = None
+        self._events = events
+        self._prices = prices or {}
+        self._lines: GrowingLines | None = None
+        for event in events or ():
+            self._take(event["event"], event)
+
+    @classmethod
+    def read(cls, path: str | Path, prices: Mapping[str, Price] | None = None) -> Self:
+        """Read a whole record; a file that is not one is a `TranscriptError`."""
+        events, written = read_written(path)
+        record = cls(events, path=path, prices=prices)
+        record.written = written
+        return record
+
+    @classmethod
+    def head(cls, path: str | Path) -> Self:
+        """Read the start and the end of a record only: its configuration, outcome and result."""
+        record = cls(path=path)
+        try:
+            lines = ends_of(path)
+        except FileNotFoundError:
+            raise TranscriptError(f"There is no file {path}.") from None
+        except OSError as error:
+            raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
+        for line in lines:
+            if (kind := kind_of(line)) in ("start", "end", "exception"):
+                record._take(kind, line)
+        return record
+
+    @classmethod
+    def follow(cls, path: str | Path, prices: Mapping[str, Price] | None = None) -> Self:
+        """Read how far the episode of a record is and what it has used; `refresh` reads what was added since.
+
+        Prompts, replies and calls are not parsed, so this takes a fraction of the time of `read`. The file may not
+        exist yet.
+        """
+        record = cls(path=path, prices=prices)
+        record._lines = GrowingLines(path)
+        return record.refresh()
+
+    def refresh(self) -> Self:
+        """Read what was added to the file of a followed record, and return the record.
+
+        If the file has been moved, nothing changes.
+        """
+        assert self._lines is not None
+        lines, _ = self._lines.read()
+        for line in lines:
+            kind = kind_of(line)
+            self._take(kind, line)
+            self._counts.take(kind, line)
+        self._counts.count_steps()
+        return self
+
+    def _take(self, kind: str, event: _Written) -> None:
+        match kind:
+            case "start":
+                self.start = self._parsed(event)
+            case "end" | "exception":
+                self.ending = self._parsed(event)
+
+    def _parsed(self, event: _Written) -> Event:
+        return event if isinstance(event, dict) else read_line(event, self.path)
+
+    @cached_property
+    def _counts(self) -> _Counts:
+        counts = _Counts(self._prices, self._parsed)
+        if self._lines is None:
+            for event in self.events:
+                counts.take(event["event"], event)
+            counts.count_steps()
+        return counts
+
+    # What the record is of, and how it ended.
+
+    @property
+    def name(self) -> str:
+        """The record's file name without its ending."""
+        return "" if self.path is None else self.path.stem
+
+    @property
+    def key(self) -> str:
+        """The episode's key in the file name: the name without the number of the attempt."""
+        return self.name.partition(".")[0]
+
+    @property
+    def attempt(self) -> int:
+        """The number of the attempt in the file name; 0 for the record of a finished episode."""
+        return int(self.name.partition(".")[2] or 0)
+
+    @cached_property
+    def config(self) -> EpisodeConfig:
+        """The episode's configuration; a record without its start is a `TranscriptError`."""
+        return EpisodeConfig.from_event(self._begun)
+
+    @cached_property
+    def facts(self) -> dict[str, Any]:
+        """The configuration as plain data, defaults included: see `recorded_facts`."""
+        return recorded_facts(self._begun, self.config)
+
+    @property
+    def _begun(self) -> Event:
+        if self.start is None:
+            raise TranscriptError(f"{self._called} has no start event: its episode never began.")
+        return self.start
+
+    @property
+    def game(self) -> str:
+        """The setting's id; empty before the first event."""
+        return "" if self.start is None else str(self.start["config"]["game"])
+
+    @property
+    def player(self) -> str:
+        """The player's name; empty if there is none."""
+        return "" if self.start is None else self.start["config"].get("player") or ""
+
+    @property
+    def seed(self) -> int | None:
+        """The episode's seed; None before the first event."""
+        return None if self.start is None else self.start["config"]["seed"]
+
+    @property
+    def budget(self) -> dict[str, Any]:
+        """The budget in numbers (`ResolvedBudget`) as plain data."""
+        budget: dict[str, Any] = self._begun["budget"]
+        return budget
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """The versions that began the episode."""
+        return {str(name): str(value) for name, value in self._begun.get("versions", {}).items()}
+
+    @property
+    def outcome(self) -> Outcome:
+        """What the attempt came to; a record without an end is of one that was interrupted, or is being played."""
+        if self.ending is None or self.was_unanswered:
+            return "interrupted"
+        if self._exception is not None:
+            return "failed"
+        reason = self.ending["result"]["end_reason"]
+        if reason in FAILURES:
+            return "failed"
+        if reason in UNFINISHED:
+            return "paused" if reason == PAUSED else "interrupted"
+        return "finished"
+
+    @property
+    def end_reason(self) -> str:
+        """The end reason of the episode; `INTERRUPTED` or `EXCEPTION` if the attempt ended from outside."""
+        if self.outcome == "interrupted":
+            return INTERRUPTED
+        assert self.ending is not None
+        return EXCEPTION if self._exception is not None else str(self.ending["result"]["end_reason"])
+
+    @property
+    def error(self) -> str | None:
+        """The error that ended the attempt, if there was one."""
+        if self.ending is None:
+            return None
+        error: str | None = self.ending["error"] if self._exception is not None else self.ending["result"]["error"]
+        return error
+
+    @property
+    def traceback(self) -> str | None:
+        """The traceback of the error."""
+        return None if self.ending is None else self.ending.get("traceback")
+
+    @property
+    def was_unanswered(self) -> bool:
+        """Whether the attempt was stopped during a call to a model."""
+        return self._exception is not None and self._exception["error"] == UNANSWERED
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the record holds its episode to the end, whatever the end was."""
+        return self.ending is not None and self._exception is None
+
+    @property
+    def _exception(self) -> Event | None:
+        return self.ending if self.ending is not None and self.ending["event"] == "exception" else None
+
+    @property
+    def result_data(self) -> dict[str, Any] | None:
+        """The result as plain data; None if the episode has not ended."""
+        return self.ending["result"] if self.ending is not None and self.is_complete else None
+
+    @cached_property
+    def result(self) -> EpisodeResult:
+        """The episode's result; an episode that has not ended is a `TranscriptError`."""
+        if self.result_data is None:
+            raise TranscriptError(f"{self._called} is the record of an episode that is not finished.")
+        return EpisodeResult(**self.result_data)
+
+    # What it used.
+
+    @property
+    def totals(self) -> Spent:
+        """What the episode used, with what the record repeats of an earlier attempt that it continues."""
+        return self._counts.whole.spent()
+
+    @property
+    def own_totals(self) -> Spent:
+        """What this attempt used itself: what it repeats of an earlier attempt was charged there."""
+        return self._counts.own.spent()
+
+    @property
+    def cost(self) -> float | None:
+        """The cost of the episode in US dollars: 0 if no provider reported any tokens, None if a price is not known."""
+        whole = self._counts.whole
+        if self._counts.price is not None:
+            return sum(whole.costs)
+        return None if whole.is_unpriced else 0.0
+
+    @property
+    def open_call(self) -> Spent:
+        """The call whose reply is not in the record, as unknown use; nothing if an end says that there is none."""
+        if self.ending is not None and not self.was_unanswered:
+            return Spent()
+        return self._counts.open_call()
+
+    @property
+    def steps(self) -> int:
+        """The game's steps so far."""
+        return self._counts.steps
+
+    @property
+    def exists(self) -> bool:
+        """Whether the file of a followed record has been there."""
+        return self.last_change > 0
+
+    @property
+    def silent_seconds(self) -> float:
+        """Seconds since the last event of a followed record: the player is thinking, or its process has ended."""
+        return max(0.0, time.time() - self.last_change)
+
+    @property
+    def last_change(self) -> float:
+        """When a followed record was last written, in seconds since the epoch."""
+        return 0.0 if self._lines is None else self._lines.changed_at
+
+    # What was said and shown.
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """All events; of a record that grows, those that it had when they were first asked for."""
+        if self._events is None:
+            assert self.path is not None
+            self._events, self.written = read_written(self.path)
+        return self._events
+
+    @cached_property
+    def _by_kind(self) -> Mapping[str, list[Event]]:
+        by_kind: dict[str, list[Event]] = defaultdict(list)
+        for event in self.events:
+            by_kind[event["event"]].append(event)
+        return by_kind
+
+    def _all(self, kind: str) -> list[Any]:
+        return self._by_kind.get(kind, [])
+
+    @property
+    def heads(self) -> Sequence[HeadEvent]:
+        """The first messages of every prompt and the tools: another event where the host has changed its part."""
+        return self._all("head")
+
+    @property
+    def views(self) -> Sequence[ViewEvent]:
+        """What each prompt showed."""
+        return self._all("view")
+
+    @property
+    def messages(self) -> Sequence[MessageEvent]:
+        """The replies, and what the host or this library put after them."""
+        return self._all("message")
+
+    @property
+    def usages(self) -> Sequence[UsageEvent]:
+        """The tokens of each reply."""
+        return self._all("usage")
+
+    @property
+    def summaries(self) -> Sequence[SummaryEvent]:
+        """The replies to prompts for a summary."""
+        return self._all("summary")
+
+    @property
+    def choices(self) -> Sequence[ChoiceEvent]:
+        """In the paper's protocol: the actions that answers chose."""
+        return self._all("choice")
+
+    @property
+    def calls(self) -> Sequence[CallEvent]:
+        """The tool calls as they were played, with their answers."""
+        return self._all("call")
+
+    @property
+    def reveals(self) -> Sequence[RevealEvent]:
+        """The times that a privileged player was given the game itself."""
+        return self._all("reveal")
+
+    @property
+    def pictures(self) -> Sequence[PictureEvent]:
+        """The pictures of the game that the player was shown."""
+        return self._all("picture")
+
+    @property
+    def resumes(self) -> Sequence[ResumeEvent]:
+        """The times that the episode was continued from this record."""
+        return self._all("resume")
+
+    @property
+    def is_paper(self) -> bool:
+        """Whether the episode was played in the paper's protocol, where every question is a conversation of its own."""
+        return self.config.protocol == "paper"
+
+    @property
+    def head_messages(self) -> list[Message]:
+        """The first messages of every prompt."""
+        return self._first_head["messages"]
+
+    @property
+    def tools(self) -> list[dict[str, Any]]:
+        """The tools as the model was told of them, each a function of chat completions."""
+        return [{"type": "function", "function": tool} for tool in self._first_head["tools"]]
+
+    @cached_property
+    def turns(self) -> list[Turn]:
+        """The turns, with the call ids of the conversation. The paper's protocol has none (`InvalidArgumentError`)."""
+        if self.is_paper:
+            raise InvalidArgumentError(
+                f"{self._called} was played in the paper's protocol, where every question is a conversation of its "
+                "own; export it as sft."
+            )
+        return recorded_turns(self.events)
+
+    @property
+    def conversation(self) -> list[Message]:
+        """The head and the messages of all turns, as if there had been no window."""
+        return [*self.head_messages, *(message for turn in self.turns for message in turn.messages)]
+
+    @cached_property
+    def replies(self) -> dict[int, Message]:
+        """The replies by the number of their turn, with the call ids of the conversation."""
+        if self.is_paper:
+            return self.sent_replies
+        return {turn.number: turn.assistant for turn in self.turns}
+
+    @cached_property
+    def sent_replies(self) -> dict[int, Message]:
+        """The replies by the number of their turn, as they were sent."""
+        return {event["turn"]: event["message"] for event in self.messages if event["by"] == "player"}
+
+    @cached_property
+    def prompts(self) -> list[SentPrompt]:
+        """The prompts of the replies; one that does not have its recorded sha256 is a `TranscriptError`.
+
+        Prompts for a summary are not among them: what they ask for is not a turn.
+        """
+        prompts = [
+            sent for sent in sent_prompts(self.events) if sent.prompt.purpose == "play" and sent.turn in self.replies
+        ]
+        for sent in prompts:
+            if sent.sha256 != sent.recorded_sha256:
+                raise TranscriptError(f"{self._called}: the prompt of turn {sent.turn} is not the one that was sent.")
+        return prompts
+
+    @property
+    def _first_head(self) -> HeadEvent:
+        if not self.heads:
+            raise TranscriptError(f"{self._called} has no prompts: its episode was played with the host's own context.")
+        return self.heads[0]
+
+    @cached_property
+    def usage(self) -> dict[int, UsageEvent]:
+        """The `usage` events of the replies by turn."""
+        return {event["turn"]: event for event in self.usages if "prompt" in event and "purpose" not in event}
+
+    @property
+    def _called(self) -> str:
+        return self.name or "The record"
+
+
+class _Counts:
+    """What the events of a record add up to; events that are only counted are not parsed."""
+
+    def __init__(self, prices: Mapping[str, Price], parsed: Callable[[_Written], Event]) -> None:
+        self._prices, self._parsed = prices, parsed
+        self.price: Price | None = None
+        self.whole, self.own = Sum(), Sum()
+        self.steps = 0
+        self._new_calls: list[_Written] = []
+        self._since_prompt: list[_Written] = []
+
+    def take(self, kind: str, event: _Written) -> None:
+        match kind:
+            case "start":
+                self.price = self._prices.get(self._parsed(event)["config"].get("player") or "")
+            case "usage":
+                usage = self._parsed(event)
+                self.whole.add(usage, self.price)
+                self.own.add(usage, self.price)
+            case "call":
+                self._new_calls.append(event)
+            case "view":
+                self._since_prompt = [event]
+            case "message" | "summary":
+                self._since_prompt.append(event)
+            case "resume":
+                self.own, self._since_prompt = Sum(), []
+
+    def count_steps(self) -> None:
+        """Take the number of steps from the latest call that has it; a call that was not played has none."""
+        for call in reversed(self._new_calls):
+            if (steps := self._parsed(call)["data"].get("step")) is not None:
+                self.steps = steps
+                break
+        self._new_calls = []
+
+    def open_call(self) -> Spent:
+        """The call that was made with the latest prompt, unless its reply follows."""
+        waiting: Event | None = None
+        for event in map(self._parsed, self._since_prompt):
+            if event["event"] == "view":
+                waiting = event
+            elif event.get("by", "player") == "player":  # a summary is by the player, too
+                return Spent()
+        if waiting is None:
+            return Spent()
+        most = Usage(prompt=waiting["tokens"], reply=waiting["max_tokens"] or 0)
+        cost = 0.0 if self.price is None else self.price.cost(most)
+        return Spent(unknown_calls=1, unknown_tokens=most.prompt + most.reply, unknown_cost=cost)

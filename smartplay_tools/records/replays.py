@@ -1,0 +1,101 @@
+"""Replay: play a transcript again and compare everything exactly.
+
+A replay verifies three things: that no event was changed, lost or moved (the chain), that the same replies lead to the
+same results and counts (the play), and that every prompt has its sha256. It writes a record of its own; one of the same
+bytes has all three, and otherwise they are looked at one by one. Versions may differ, because a replay is meant to show
+whether another version plays the same. It cannot verify who wrote the replies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
+from smartplay_tools.records.driver import Driver
+from smartplay_tools.records.prompts import sent_prompts
+from smartplay_tools.records.record import Record
+from smartplay_tools.tokens import Tokenizer
+from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.file import broken_links, check_format, read_transcript
+from smartplay_tools.transcript.hashing import event_line
+from smartplay_tools.types import EpisodeResult
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a replay found."""
+
+    events: int
+    differences: list[str]
+    """One sentence per difference; empty if the play is identical."""
+    result: EpisodeResult | None
+    """The result of the replayed episode; None if the transcript is incomplete."""
+    resumed: tuple[int, ...] = ()
+    """The events, counted from 1, at which the episode was continued from its record."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether the record holds the episode to its end."""
+        return self.result is not None
+
+    @property
+    def identical(self) -> bool:
+        """Whether the record is complete and nothing differs."""
+        return self.complete and not self.differences
+
+
+def replay(source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer | None = None) -> Replay:
+    """Replay a transcript, given as a file or its events; raise a `SmartPlayError` if it cannot be played here.
+
+    `tokenizer` is required if the record was counted with a tokenizer object of yours, or with a file that was moved.
+    """
+    if isinstance(source, str | Path):
+        return replay_record(Record.read(source), tokenizer=tokenizer)
+    return replay_record(Record(read_events(source)), tokenizer=tokenizer)
+
+
+def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None) -> Replay:
+    """Replay a record that has been read."""
+    recorded, written = record.events, record.written
+    if written is None:
+        written = b"".join(event_line(event) + b"\n" for event in recorded)
+    try:
+        driver = Driver(recorded, tokenizer=tokenizer, config=record.config)
+        with driver.episode:
+            driver.run()
+            # The same bytes are the same events with the same chain, and the prompts that the replay has just made.
+            differences = []
+            if driver.record.written != written:
+                differences = [*_broken(recorded), *driver.differences(), *_tampered(recorded)]
+    except SmartPlayError:
+        raise
+    except (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        name = record.path or "The record"
+        raise TranscriptError(f"{name} cannot be replayed: {type(error).__name__}: {in_one_line(error)}.") from error
+    resumed = tuple(number for number, event in enumerate(recorded, start=1) if event["event"] == "resume")
+    return Replay(len(recorded), differences, driver.episode.result if record.is_complete else None, resumed)
+
+
+def read_events(source: str | Path | Sequence[Event]) -> list[Event]:
+    """Return the events of a transcript, a file or a list, whose format this version reads."""
+    if isinstance(source, str | Path):
+        return read_transcript(source)
+    events = list(source)
+    if not events or events[0].get("event") != "start":
+        raise TranscriptError("The events are not a transcript: they do not begin with a start event.")
+    check_format(events[0])
+    return events
+
+
+def _broken(recorded: Sequence[Event]) -> Iterator[str]:
+    for number in broken_links(recorded):
+        kind = recorded[number - 1]["event"]
+        yield f"Event {number} ({kind}), or an event before it, was changed: its chain is broken."
+
+
+def _tampered(recorded: Sequence[Event]) -> Iterator[str]:
+    for sent in sent_prompts(recorded):
+        if sent.sha256 != sent.recorded_sha256:
+            yield f"The rebuilt prompt of turn {sent.turn} has a different sha256 than in the record."

@@ -1,0 +1,115 @@
+"""resume: continue an episode from its record.
+
+The record is played again on a new game, and every new event is compared with the recorded one, state hashes included.
+The episode is then in its recorded state, and further events are appended to the record. Servers use this after a
+restart, runs after an interruption, and the replay page to draw a game's states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from smartplay_tools.conversation.session import AgentSession, Conversation
+from smartplay_tools.episode.episode import Episode
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.records.driver import Driven, Driver
+from smartplay_tools.records.replays import read_events
+from smartplay_tools.tokens import Tokenizer
+from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.file import TranscriptWriter, broken_links
+from smartplay_tools.types import EpisodeResult
+
+if TYPE_CHECKING:
+    from smartplay_tools.games.base import TextGame
+
+RESUMABLE_ENDS = ("player_error", "run_budget", "host", "closed")
+"""End reasons from outside the game and its budgets, after which an episode can be continued in a new record."""
+
+
+@dataclass(frozen=True)
+class Resumed:
+    """An episode in the state at the end of its record."""
+
+    episode: Episode
+    conversation: Driven | None
+    """Its conversation; None if the record has none, because the host owns the context."""
+    events: int
+    """How many events of the record were played again."""
+
+    def __enter__(self) -> Resumed:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.episode.close()
+
+
+def resume(
+    source: str | Path | Sequence[Event],
+    *,
+    transcript: str | Path | list[Event] | None = None,
+    session: bool = False,
+    tokenizer: str | Tokenizer | None = None,
+    on_step: Callable[[TextGame], None] | None = None,
+) -> Resumed:
+    """Continue an episode from its record, a file or its events.
+
+    Arguments:
+        source: the record. New events are appended to a file, unless `transcript` is given.
+        transcript: a new file, or a list, that begins with all events so far. It is required to continue an episode
+            that was ended from outside (an error of the player, a cap of the run, a limit of the host, `close`).
+        session: the conversation is an `AgentSession`, for a host that runs calls one by one.
+        tokenizer: required if the record was counted with a tokenizer object of yours.
+        on_step: called with the game after every step, the recorded ones included.
+
+    An episode that the game or its budgets have ended is returned in its final state. A record that was changed, or
+    that plays differently here, raises a `TranscriptError`.
+    """
+    recorded = read_events(source)
+    if broken := next(broken_links(recorded), None):
+        raise TranscriptError(f"The record cannot be continued: event {broken}, or an event before it, was changed.")
+    end = recorded[-1]["result"] if recorded[-1]["event"] == "end" else None
+    goes_on = end is None or (transcript is not None and end["end_reason"] in RESUMABLE_ENDS)
+    kind: type[Conversation] | type[AgentSession] = AgentSession if session else Conversation
+    driver = Driver(recorded, kind=kind, tokenizer=tokenizer, on_step=on_step)
+    try:
+        driver.run(with_end=not goes_on)
+        kept = [event for event in driver.recorded if not (goes_on and event["event"] == "end")]
+        driver.recorded = kept
+        if difference := next(driver.differences(), None):
+            raise TranscriptError(f"The record plays differently here than it was recorded. {difference}")
+        if goes_on:
+            _continue_record(driver, recorded, source, transcript)
+        elif end is not None:
+            driver.episode.result = EpisodeResult(**end)  # unchanged: the versions, too, are those of the recording
+    except BaseException:
+        driver.episode.game.close()
+        raise
+    return Resumed(driver.episode, driver.conversation, len(recorded))
+
+
+def _continue_record(
+    driver: Driver,
+    recorded: Sequence[Event],
+    source: str | Path | Sequence[Event],
+    transcript: str | Path | list[Event] | None,
+) -> None:
+    """Make the episode write to its record again: the new events beyond the recorded ones, and all that follow."""
+    episode = driver.episode
+    before = [event for event in recorded if event["event"] not in ("end", "exception")]
+    beyond = driver.record.events[len(driver.recorded) :]
+    if transcript is None and isinstance(source, str | Path):
+        writer = TranscriptWriter.resume(source, before)
+    elif transcript is None:
+        raise InvalidArgumentError("A list of events has no file to continue; name one with `transcript`.")
+    else:
+        writer = TranscriptWriter(transcript)
+        writer.append(*map(_unchained, before))
+    writer.append({"event": "resume", "versions": episode.versions()}, *map(_unchained, beyond))
+    episode.continue_in(writer)
+
+
+def _unchained(event: Event) -> Event:
+    return {name: value for name, value in event.items() if name != "chain"}

@@ -1,0 +1,114 @@
+"""Rows: the results of episodes as plain data, read from the records of attempts.
+
+A row is one line of `results.jsonl`. This module is used for playing, statistics and reports, so that `run` and
+`analysis` do not have to import each other.
+
+An attempt at an episode leaves a record, which alone determines the outcome. An episode that ended by itself, including
+by a spent budget, is a result and has a row. An attempt that failed, was interrupted or was paused by a cap of the run
+is not a result: it is in no mean, and the episode is continued or played again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Field
+
+from smartplay_tools.episode.config import RULES
+from smartplay_tools.errors import InvalidArgumentError, in_one_line
+from smartplay_tools.records.record import Record
+from smartplay_tools.transcript.lines import GrowingLines, parse_json
+from smartplay_tools.types import Budget, EpisodeResult, ResolvedBudget
+
+Row = dict[str, Any]
+"""A row of `results.jsonl`: an `EpisodeResult` in JSON, and the configuration of its episode."""
+
+COPIED = ("player", "player_options", *RULES, "options", "tokenizer", "prompts", "budget", "asked")
+"""The fields of a row that come from the first event of the record."""
+
+
+def row_of(record: Record, trial: int) -> Row:
+    """Return the row of a finished episode, from its record."""
+    copied = {name: record.facts[name] for name in COPIED}
+    return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, "cost": record.cost}
+
+
+class _Row(EpisodeResult):
+    """A row: the fields of an `EpisodeResult`, and what a run and the record's configuration add."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    key: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
+    player: str
+    player_options: dict[str, Any]
+    protocol: str
+    manual: str
+    batch: str
+    options: dict[str, Any]
+    tokenizer: str
+    prompts: str
+    budget: ResolvedBudget
+    asked: Budget
+    trial: int
+    cost: float | None
+
+
+def row_fault(row: Any) -> str | None:
+    """Return what keeps a row from being read, None if nothing does."""
+    try:
+        _Row.model_validate(row)
+    except (TypeError, ValueError) as error:
+        return in_one_line(error)[:200]
+    return None
+
+
+def read_rows(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the objects of a file of JSON lines, without an incomplete last line; no file has none."""
+    lines, _ = GrowingLines(path).read()
+    for number, line in enumerate(lines, start=1):
+        yield read_row(path, number, line)
+
+
+def read_row(path: Path, number: int, line: bytes) -> dict[str, Any]:
+    """Return the object on a line of a file of JSON lines."""
+    try:
+        row = parse_json(line)
+    except (ValueError, RecursionError):
+        row = None
+    if not isinstance(row, dict):
+        raise InvalidArgumentError(f"Line {number} of {path} is damaged: it is not JSON.")
+    return row
+
+
+def unplayed(rows: Iterable[Row]) -> list[str]:
+    """Return a sentence for every player, game and cause with episodes that ended without a single action.
+
+    Such an episode is a result, but says nothing about how well its player plays.
+    """
+    found: Counter[tuple[str, str, str]] = Counter()
+    for row in rows:
+        if is_unplayed(row):
+            found[row["player"], row["game"], _cause(row)] += 1
+    return [
+        f"{count} {'episode' if count == 1 else 'episodes'} of {player} at {game} ended without any action: {cause}."
+        for (player, game, cause), count in found.items()
+    ]
+
+
+def is_unplayed(row: Row) -> bool:
+    """Return whether an episode ended without a single action, for which not its budget is the reason."""
+    return bool(row["steps"] == 0 and row["end_reason"] != "prompt_tokens")
+
+
+def _cause(row: Row) -> str:
+    if row["idle_replies"] == row["turns"]:
+        return (
+            "its replies contain no tool calls, so the server may pass them on as text (vLLM needs "
+            "--enable-auto-tool-choice and --tool-call-parser), or the model has none (--protocol paper asks for text)"
+        )
+    if row["malformed_calls"] or row["illegal_actions"]:
+        return "all its calls were malformed or named no legal action; its records show them"
+    return f"they ended as {row['end_reason']} before; its records show why"

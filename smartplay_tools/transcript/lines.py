@@ -1,0 +1,86 @@
+"""The lines of JSON Lines files, of records as well as of rows: all of them, the new ones, or the first and the last.
+
+A file may be read while another process writes it, or after that process was killed. A last line that is incomplete is
+then left out; it counts when it has its line break, or is JSON without one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import from_json
+
+LAST_BYTES = 8_192
+"""How much of the end of a file is read at first to find its last line: most records end with shorter ones."""
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return the value of JSON as `json.loads` does, and raise what it raises, in less time."""
+    try:
+        return from_json(text, cache_strings="keys")
+    except (TypeError, ValueError):
+        # It is not JSON, or it is what only `json` reads: half of a surrogate pair, or more than 200 levels.
+        return json.loads(text)
+
+
+class GrowingLines:
+    """The lines of a file that may grow, each read once. A file that does not exist has none."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.changed_at = 0.0
+        """When the file was last written, in seconds since the epoch, as of the last read."""
+        self._position, self._file = 0, 0
+
+    def read(self) -> tuple[list[bytes], bool]:
+        """Return the lines since the last read, and whether the file was replaced, so that these are all its lines.
+
+        A file that was moved or deleted has no new lines.
+        """
+        try:
+            with self.path.open("rb") as file:
+                now = os.fstat(file.fileno())
+                replaced = self._file != 0 and (now.st_ino != self._file or now.st_size < self._position)
+                if replaced:
+                    self._position = 0
+                self._file, self.changed_at = now.st_ino, now.st_mtime
+                file.seek(self._position)
+                lines = file.readlines()
+        except FileNotFoundError:
+            return [], False
+        if lines and not _is_complete(lines[-1]):
+            del lines[-1]
+        self._position += sum(map(len, lines))
+        return lines, replaced
+
+
+def ends_of(path: str | Path) -> tuple[bytes, bytes]:
+    """Return the first and the last complete line of a file without reading the lines between; b"" for none."""
+    with Path(path).open("rb") as file:
+        first = file.readline()
+        size, length = file.seek(0, os.SEEK_END), LAST_BYTES
+        while True:
+            file.seek(max(0, size - length))
+            tail = file.read(length)
+            # Before the first line break is the end of a line that began before, unless everything was read.
+            lines = [line + b"\n" for line in tail.split(b"\n")]
+            lines[-1] = lines[-1][:-1]
+            complete = [line for line in lines[0 if length >= size else 1 :] if _is_complete(line)]
+            if complete or length >= size:
+                return first if _is_complete(first) else b"", complete[-1] if complete else b""
+            length *= 4
+
+
+def _is_complete(line: bytes) -> bool:
+    if line.endswith(b"\n"):
+        return True
+    if not line.endswith(b"}"):
+        return False
+    try:
+        parse_json(line)
+    except (ValueError, RecursionError):
+        return False
+    return True

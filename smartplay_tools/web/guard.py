@@ -1,0 +1,86 @@
+"""What every request must have before a server that plays for money or score looks at it.
+
+A Host and, from a browser, an Origin that were allowed by name, against pages of other sites that reach servers on this
+machine; and the token, if there is one. The MCP server and the window endpoint have the same guard.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Sequence
+
+from starlette.middleware.cors import CORSMiddleware
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.web import Names, is_bearer, is_loopback
+
+BROWSER_HEADERS = (
+    "authorization",
+    "content-type",
+    "last-event-id",
+    "mcp-method",
+    "mcp-name",
+    "mcp-protocol-version",
+    "mcp-session-id",
+    "x-episode",
+)
+"""Headers that clients in a browser send."""
+
+Admit = Callable[[Request], Awaitable[Response | None]]
+"""Says what else speaks against a request: a response that refuses it, or None. It may change the request's scope."""
+
+
+def guarded(app: ASGIApp, admit: Admit, *, hosts: Sequence[str] = (), origins: Sequence[str] = ()) -> ASGIApp:
+    """Return an application behind the guard.
+
+    Arguments:
+        app: the application.
+        admit: the application's own conditions, asked when Host and Origin are right.
+        hosts: the names under which the server is reached, beside this machine's own; with or without a port.
+        origins: the web pages that may use it from a browser, such as `https://inspector.example.org`, beside those
+            of the hosts themselves.
+    """
+    names = Names(hosts, origins)
+    return CORSMiddleware(
+        _Guard(app, admit, names),
+        allow_origin_regex=names.origin_pattern,
+        allow_methods=["GET", "POST", "DELETE"],
+        allow_headers=BROWSER_HEADERS,
+        expose_headers=["mcp-protocol-version", "www-authenticate"],
+    )
+
+
+def carries(request: Request, token: str) -> bool:
+    """Whether a request carries a bearer token."""
+    return is_bearer(request.headers.get("authorization"), token)
+
+
+def check_address(host: str, token: str | None, hosts: Sequence[str]) -> None:
+    """Refuse an address that other machines reach without a token and the names by which they reach it."""
+    if not is_loopback(host) and not (token and hosts):
+        raise InvalidArgumentError(
+            f"Other machines can reach {host}: give a token, and the host names under which it is reached."
+        )
+
+
+class _Guard:
+    def __init__(self, app: ASGIApp, admit: Admit, names: Names) -> None:
+        self._app, self._admit, self._names = app, admit, names
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            scope["path"] = scope["path"].rstrip("/") or "/"
+            refusal = await self._refusal(Request(scope))
+            if refusal is not None:
+                await refusal(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
+
+    async def _refusal(self, request: Request) -> Response | None:
+        if not self._names.knows_host(request.headers.get("host")):
+            return PlainTextResponse("Invalid Host header", 421)
+        if not self._names.knows_origin(request.headers.get("origin")):
+            return PlainTextResponse("Invalid Origin header", 403)
+        return await self._admit(request)

@@ -1,0 +1,199 @@
+"""Episodes by handle: an operator opens them, agents with the handle play them, and idle ones are closed.
+
+With a folder, every episode has its transcript there and survives a restart: the recorded calls are played again on a
+new game, and their answers compared. A running episode then continues, with its record; a finished one has its recorded
+result. Idempotency keys are part of the record, so a call that is repeated after a restart gets the same answer.
+"""
+
+from __future__ import annotations
+
+import re
+import secrets
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+from smartplay_tools.episode.episode import Episode
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.records.resumption import resume
+from smartplay_tools.types import Budget, EpisodeResult, ToolResult
+from smartplay_tools.web.hosted import HostedEpisode, check_budget
+
+HANDLE = re.compile(r"[A-Za-z0-9_-]{32}")
+"""The format of a handle: 192 random bits in base64, which cannot be guessed."""
+
+
+class FullError(SmartPlayError):
+    """The largest number of open episodes is reached."""
+
+
+class Hosted(Protocol):
+    """What a server plays: an episode, and how a call of its host's agent is answered."""
+
+    @property
+    def episode(self) -> Episode:
+        """The episode."""
+        ...
+
+    async def ready(self) -> Episode:
+        """Return the episode, made if it has to be."""
+        ...
+
+    async def call(self, name: str, arguments: Any, call_id: str | None = None) -> ToolResult:
+        """Answer a call."""
+        ...
+
+
+H = TypeVar("H", bound=Hosted)
+
+
+class Store(ABC, Generic[H]):
+    """Episodes by handle, each in the form in which a server plays it.
+
+    Arguments:
+        folder: the folder of the transcripts; without it, episodes are lost when the process ends.
+        most: the largest number of open episodes.
+        idle: seconds without a call after which an episode is closed.
+        clock: the time in seconds.
+    """
+
+    def __init__(
+        self,
+        *,
+        folder: Path | None = None,
+        most: int = 1000,
+        idle: float = 1800.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._folder, self._most, self._idle, self._clock = folder, most, idle, clock
+        self._hosted: dict[str, tuple[H, float]] = {}
+        """Open episodes with the time of their last use, least recently used first."""
+        self._busy: set[str] = set()
+        """Handles whose episodes are being created, replayed or closed; this may take long, and others play on."""
+        self._lock = threading.Condition()
+
+    def __len__(self) -> int:
+        return len(self._hosted)
+
+    def open(self, game: str, *, seed: int, budget: Budget | None = None, **options: Any) -> str:
+        """Begin an episode and return its handle; raise `FullError` if too many are open. `options` are `Episode`'s."""
+        self._check_budget(budget or Budget())
+
+        def begin(handle: str) -> H:
+            return self._begin(handle, game, seed=seed, budget=budget, transcript=self._path(handle), **options)
+
+        return self.add(begin)
+
+    def hosted(self) -> list[H]:
+        """Return what is open."""
+        with self._lock:
+            return [hosted for hosted, _ in self._hosted.values()]
+
+    def add(self, make: Callable[[str], H]) -> str:
+        """Give a handle to what a function makes, which is given the handle; raise `FullError` if too many are open."""
+        handle = secrets.token_urlsafe(24)
+        self._close_idle()
+        with self._lock:
+            self._make_way(handle)
+        self._host(handle, lambda: make(handle))
+        return handle
+
+    def opened(self, handle: str) -> H | None:
+        """Return an episode if it is open; otherwise return None, even if its transcript exists."""
+        with self._lock:
+            if handle not in self._hosted or self._is_idle(handle):
+                return None
+            hosted, _ = self._hosted.pop(handle)
+            self._hosted[handle] = (hosted, self._clock())
+            return hosted
+
+    def find(self, handle: str) -> H | None:
+        """Return an episode, if necessary from its transcript; None for an unknown or expired handle.
+
+        Raises `FullError` if too many episodes are open, `TranscriptError` if it plays differently than recorded.
+        """
+        self._close_idle()
+        with self._lock:
+            self._lock.wait_for(lambda: handle not in self._busy)
+            hosted = self.opened(handle)
+            path = self._path(handle)
+            if hosted is not None or path is None or not HANDLE.fullmatch(handle) or not path.exists():
+                return hosted
+            self._make_way(handle)
+        return self._host(handle, lambda: self._again(handle, path))
+
+    def close(self, handle: str) -> EpisodeResult | None:
+        """End an episode and return its result."""
+        hosted = self.find(handle)
+        if hosted is None:
+            return None
+        hosted.episode.close()
+        with self._lock:
+            self._hosted.pop(handle, None)
+        return hosted.episode.result
+
+    @abstractmethod
+    def _begin(self, handle: str, game: str, **options: Any) -> H:
+        """Begin a new episode; the options are `Episode`'s."""
+
+    @abstractmethod
+    def _again(self, handle: str, record: Path) -> H:
+        """Play an episode again from its record."""
+
+    def _check_budget(self, budget: Budget) -> None:
+        """Refuse a budget that cannot be enforced over MCP."""
+
+    def _make_way(self, handle: str) -> None:
+        if len(self._hosted) + len(self._busy) >= self._most:
+            raise FullError(f"{self._most} episodes are open, which is the largest number allowed.")
+        self._busy.add(handle)
+
+    def _host(self, handle: str, make: Callable[[], H]) -> H:
+        try:
+            hosted = make()
+            with self._lock:
+                self._hosted[handle] = (hosted, self._clock())
+            return hosted
+        finally:
+            self._done_with(handle)
+
+    def _close_idle(self) -> None:
+        idle = {}
+        with self._lock:
+            while self._hosted and self._is_idle(handle := next(iter(self._hosted))):
+                idle[handle] = self._hosted.pop(handle)[0]
+            self._busy.update(idle)
+        for handle, hosted in idle.items():
+            try:
+                hosted.episode.close()
+            finally:
+                self._done_with(handle)
+
+    def _done_with(self, handle: str) -> None:
+        with self._lock:
+            self._busy.remove(handle)
+            self._lock.notify_all()
+
+    def _is_idle(self, handle: str) -> bool:
+        return self._hosted[handle][1] < self._clock() - self._idle
+
+    def _path(self, handle: str) -> Path | None:
+        return None if self._folder is None else self._folder / f"{handle}.jsonl"
+
+
+class EpisodeStore(Store[HostedEpisode]):
+    """The episodes of an MCP server, whose hosts own the context. The arguments are those of `Store`."""
+
+    def _begin(self, handle: str, game: str, **options: Any) -> HostedEpisode:
+        episode = Episode(game, context="host", **options)
+        episode.begin()
+        return HostedEpisode(episode)
+
+    def _again(self, handle: str, record: Path) -> HostedEpisode:
+        return HostedEpisode(resume(record).episode)
+
+    def _check_budget(self, budget: Budget) -> None:
+        check_budget(budget)
