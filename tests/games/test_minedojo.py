@@ -189,6 +189,8 @@ for item in open(f"/proc/{process._process.pid}/environ", "rb").read().split(b"\
     name, _, value = item.partition(b"=")
     mark[name.decode()] = value.decode()
 client = subprocess.Popen(["sleep", "60"], env={worker.FAMILY: mark[worker.FAMILY]}, start_new_session=True)
+while not open(f"/proc/{client.pid}/environ", "rb").read():  # until the kernel has loaded the program
+    time.sleep(0.01)
 print(process._process.pid, client.pid, flush=True)
 time.sleep(60)
 """

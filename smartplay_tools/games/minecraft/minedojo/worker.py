@@ -21,6 +21,7 @@ import shutil
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Iterable
 from importlib import metadata
@@ -36,17 +37,23 @@ KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
 PARENT_CHECK_SECONDS = 1.0
 """Seconds between two checks for the parent: other children of a killed parent can hold the pipe open."""
 
+SCAN_SECONDS = 0.1
+"""Seconds between two scans for processes: while a program is being loaded, its environment is empty."""
+
 
 def end_family(mark: str) -> None:
     """Kill every process that has this mark in its environment, except this one; needs /proc."""
     wanted = f"{FAMILY}={mark}".encode()
-    for _ in range(10):  # a process that starts meanwhile is found the next time
-        found = [pid for pid in _processes() if wanted in _environment(pid)]
-        if not found:
-            return
-        for pid in found:
-            with contextlib.suppress(ProcessLookupError):
+    empty_scans = 0
+    for _ in range(10):
+        members = [pid for pid in _processes() if wanted in _environment(pid)]
+        for pid in members:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.kill(pid, KILL)
+        empty_scans = 0 if members else empty_scans + 1
+        if empty_scans == 2:
+            return
+        time.sleep(SCAN_SECONDS)
 
 
 def _processes() -> list[int]:
