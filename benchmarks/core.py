@@ -132,10 +132,10 @@ def strategies() -> Table:
     """The next turn under every strategy, all in one loop, and how often that of plain dropping it takes."""
     columns = ("strategy", "slack", *(f"{length:,} turns" for length in STRATEGY_TURNS), "ratio to dropping")
     table = Table(*columns, title="One prompt's view under every strategy, microseconds", title_justify="left")
-    found = [strategy_microseconds(length) for length in STRATEGY_TURNS]
+    by_length = [strategy_microseconds(length) for length in STRATEGY_TURNS]
     for name, slack in STRATEGIES:
-        times = [times[name, slack] for times in found]
-        ratios = [of_length[name, slack] / of_length["dropping", slack] for of_length in found]
+        times = [times[name, slack] for times in by_length]
+        ratios = [of_length[name, slack] / of_length["dropping", slack] for of_length in by_length]
         low, high = min(ratios), max(ratios)
         table.add_row(name, f"{slack:g}", *(f"{time:,.0f}" for time in times), f"{low:.2f} to {high:.2f}")
     return table

@@ -65,20 +65,20 @@ def rules_round(engine: str, seed: int, rng: np.random.Generator, worlds: int, s
                 seconds(lambda dead=dead, step=step: made.begin(dead, (dead + step).tolist(), [2] * len(dead)))
                 / len(dead)
             )
-    found = {"day": statistics.median(played[False]), "night": statistics.median(played[True])}
-    found["step"] = np.mean(played[False] + played[True])
-    found["reset"] = np.mean(resets)
+    figures = {"day": statistics.median(played[False]), "night": statistics.median(played[True])}
+    figures["step"] = np.mean(played[False] + played[True])
+    figures["reset"] = np.mean(resets)
     for observation, shape, dtype in (
         ("semantic", (81,), np.uint8),
         ("symbolic", (1345,), np.float32),
         ("image", (64, 64, 3), np.uint8),
     ):
         out = np.zeros((worlds, *shape), dtype)
-        found[observation] = min(
+        figures[observation] = min(
             seconds(lambda observation=observation, out=out: made.observe(observation, every, out)) / worlds
             for _ in range(3)
         )
-    return found
+    return figures
 
 
 def vector_round(engine: str, observation: str, rng: np.random.Generator, worlds: int, steps: int) -> float:
@@ -107,7 +107,7 @@ def main() -> None:
                 vectors.setdefault((engine, observation), []).append(spent)
 
     def median(rounds: list[dict[str, float]], key: str) -> float:
-        return statistics.median(found[key] for found in rounds) * 1e6
+        return statistics.median(figures[key] for figures in rounds) * 1e6
 
     table = Table(
         title="Crafter, us per world on one core",

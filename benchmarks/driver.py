@@ -75,7 +75,7 @@ def driven(folder: Path, episodes: int) -> float:
     began = time.process_time()
     writer = RunWriter(folder)
     with writer.writing():
-        writer.write_manifest({**plan.to_json(), "shard": None, "prices": {}})
+        writer.write_manifest(plan.manifest(shard=None, prices={}))
         scheduler = Scheduler(writer, plan, Setup(players))
         with following(writer, lambda snapshot: None):
             scheduler.play(Simulated(), plan.episodes)

@@ -44,10 +44,9 @@ def main(games: list[str]) -> None:
     budgets = [sp.Budget(prompt_tokens=cap) for cap in CAPS]
     cells = make_cells(games or list(sp.GAMES), ["rule", LongReplies.name], budgets)
     plan = plan_episodes(cells, trials=TRIALS)
-    found = estimate(plan, {}, reply_tokens=REPLY_TOKENS)
+    estimates = estimate(plan, {}, reply_tokens=REPLY_TOKENS)
     with tempfile.TemporaryDirectory() as folder:
-        factories = {LongReplies.name: LongReplies}
-        run = run_plan(plan, Path(folder) / "run", factories=factories)
+        run = run_plan(plan, Path(folder) / "run", {LongReplies.name: LongReplies})
         places = {episode.key: episode.place for episode in plan.episodes}
         took: dict[int, dict[str, int]] = {}
         for row in run.rows:
@@ -56,14 +55,14 @@ def main(games: list[str]) -> None:
             sums["prompts"] += row["tokens"]["prompt"]
             sums["replies"] += row["tokens"]["reply"]
     right = []
-    for place, one in enumerate(found):
-        said = {"calls": one.calls, "prompts": one.prompt_tokens, "replies": one.reply_tokens}
-        hits = {name: said[name].low <= took[place][name] <= said[name].high for name in said}
+    for place, expected in enumerate(estimates):
+        ranges = {"calls": expected.calls, "prompts": expected.prompt_tokens, "replies": expected.reply_tokens}
+        hits = {name: ranges[name].low <= took[place][name] <= ranges[name].high for name in ranges}
         right.append(all(hits.values()))
-        marks = "  ".join(f"{name} {_show(said[name], took[place][name], hits[name])}" for name in said)
+        marks = "  ".join(f"{name} {_show(ranges[name], took[place][name], hits[name])}" for name in ranges)
         print(
-            f"{'right' if right[-1] else 'WRONG'}  {one.cell.game}, {one.cell.player}, "
-            f"cap {one.cell.budget.prompt_tokens}:  {marks}"
+            f"{'right' if right[-1] else 'WRONG'}  {expected.cell.game}, {expected.cell.player}, "
+            f"cap {expected.cell.budget.prompt_tokens}:  {marks}"
         )
     print(
         f"{sum(right)} of {len(right)} cells were within their range ({sum(right) / len(right):.0%}); the aim is 90 %"

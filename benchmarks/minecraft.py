@@ -113,10 +113,10 @@ def distance_to_goal(game: TextGame, goals: frozenset[int]) -> float:
     if game.engine == "luanti":
         return float(np.hypot(*game._world.way[-1]))
     axis = np.arange(-120, 121) * 8
-    found = np.nonzero(
+    indices = np.nonzero(
         np.isin(biomes(climate(game._world.world.seed, int(x) + axis[:, None], int(z) + axis)), list(goals))
     )
-    return float(np.hypot(axis[found[0]], axis[found[1]]).min())
+    return float(np.hypot(axis[indices[0]], axis[indices[1]]).min())
 
 
 def guide_for(game: TextGame, goals: frozenset[int]) -> Guide | LuantiGuide:

@@ -26,7 +26,7 @@ from ray.cluster_utils import Cluster
 import smartplay_tools as sp
 from smartplay_tools.evaluation.runs import Progress, Run
 from smartplay_tools.players.rule import RulePlayer
-from smartplay_tools.records.snapshot import run_snapshot
+from smartplay_tools.records.run_follower import run_snapshot
 
 GAME = "Hanoi3Disk-v0"
 BILL = "SMARTPLAY_BENCHMARK_BILL"
@@ -95,7 +95,7 @@ def main() -> None:
         billed = Counter((folder / "bill").read_text(encoding="ascii").splitlines())
         spent = run_snapshot(run.folder).spending
         same = (folder / "ray" / "results.jsonl").read_bytes() == (folder / "processes" / "results.jsonl").read_bytes()
-        found = {
+        outcome = {
             "episodes asked for": asked.episodes,
             "episodes with a result": len({row["key"] for row in run.rows}),
             "machines lost": machines.lost,
@@ -109,9 +109,9 @@ def main() -> None:
             "seconds": round(on_ray),
             "seconds in processes": round(seconds),
         }
-    print(json.dumps(found, indent=2))
-    whole = found["episodes with a result"] == asked.episodes and same
-    paid_once = billed.total() <= found["calls in the records of the results"] + spent.total.unknown_calls
+    print(json.dumps(outcome, indent=2))
+    whole = outcome["episodes with a result"] == asked.episodes and same
+    paid_once = billed.total() <= outcome["calls in the records of the results"] + spent.total.unknown_calls
     if not (whole and paid_once and machines.lost):
         raise SystemExit("Something was lost or paid twice.")
 

@@ -78,8 +78,8 @@ def within(code: str, *arguments: str) -> Measured:
     """The time of a part of a process, its imports left out."""
     clocks = "time.perf_counter(), time.process_time()"
     timed = f"{IMPORTS}\nbegan = {clocks}\n{code}\nprint(*(now - then for now, then in zip(({clocks}), began)))"
-    said = subprocess.run([sys.executable, "-c", timed, *arguments], check=True, stdout=subprocess.PIPE, text=True)
-    seconds, processor = map(float, said.stdout.split())
+    completed = subprocess.run([sys.executable, "-c", timed, *arguments], check=True, stdout=subprocess.PIPE, text=True)
+    seconds, processor = map(float, completed.stdout.split())
     return seconds, processor
 
 
@@ -94,8 +94,8 @@ def read_by_tiktoken() -> Measured:
 
 def best(measure: Callable[[], Measured]) -> Measured:
     measure()  # compiles what is not compiled yet
-    found = [measure() for _ in range(TIMES)]
-    return min(one for one, _ in found), min(other for _, other in found)
+    measurements = [measure() for _ in range(TIMES)]
+    return min(seconds for seconds, _ in measurements), min(processor for _, processor in measurements)
 
 
 def row(name: str, measured: Measured | None) -> None:

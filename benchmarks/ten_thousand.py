@@ -120,8 +120,8 @@ def many(counts: list[int]) -> Table:
     table = Table(*columns, title="Episodes that are open at once; times in microseconds", title_justify="left")
     for count in counts:
         command = [sys.executable, __file__, "--live", str(count)]
-        said = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.strip()
-        table.add_row(f"{count:,}", *said.split("\t"))
+        line = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.strip()
+        table.add_row(f"{count:,}", *line.split("\t"))
     return table
 
 

@@ -42,30 +42,30 @@ class Rows(NamedTuple):
 def rows_of(episode: Record) -> Rows:
     """Return an episode as rows: a row begins where a prompt does not begin with the last one and its reply."""
     lengths: list[int] = []
-    known = None
+    previous = None
     for sent in episode.prompts:
         messages, usage = sent.prompt.messages, episode.usage[sent.turn]
         length = usage["prompt"] + usage["reply"]
-        if known is not None and messages[: len(known)] == known:
+        if previous is not None and messages[: len(previous)] == previous:
             lengths[-1] = length
         else:
             lengths.append(length)
-        known = [*messages, episode.replies[sent.turn]]
+        previous = [*messages, episode.replies[sent.turn]]
     trained = sum(episode.usage[sent.turn]["reply"] for sent in episode.prompts)
     return Rows(len(episode.prompts), len(lengths), sum(lengths), trained)
 
 
 def measure(game: str, budget: sp.Budget, trials: int, folder: Path) -> Rows:
     """Return the means over some episodes."""
-    found = []
+    per_episode = []
     for trial in range(trials):
         record = folder / f"{len(list(folder.iterdir()))}.jsonl"
         with sp.Episode(
             game, seed=trial_seed(0, game, trial), budget=budget, manual="pinned", transcript=record
         ) as episode:
             sp.play(episode, sp.get_player("rule"))
-        found.append(rows_of(Record.read(record)))
-    return Rows(*(sum(column) / trials for column in zip(*found, strict=True)))
+        per_episode.append(rows_of(Record.read(record)))
+    return Rows(*(sum(column) / trials for column in zip(*per_episode, strict=True)))
 
 
 def main() -> None:
@@ -79,10 +79,10 @@ def main() -> None:
             budgets = [sp.Budget(history=None)]
             budgets += [sp.Budget(history=None, prompt_tokens=cap, slack=slack) for slack in SLACKS]
             for budget in budgets:
-                found = measure(game, budget, trials, Path(folder))
+                means = measure(game, budget, trials, Path(folder))
                 limit = ("none", "") if budget.prompt_tokens is None else (str(cap), f"{budget.slack:g}")
                 table.add_row(
-                    game, *limit, *(f"{value:,.1f}" for value in found[:2]), *(f"{v:,.0f}" for v in found[2:])
+                    game, *limit, *(f"{value:,.1f}" for value in means[:2]), *(f"{v:,.0f}" for v in means[2:])
                 )
     Console(width=110).print(table)
 

@@ -149,9 +149,9 @@ def long_episodes() -> Table:
     with tempfile.TemporaryDirectory() as folder:
         for game, player in players.items():
             for transcript in (None, Path(folder, f"{game}.jsonl")):
-                found = at_lengths(game, player, budget, transcript, LENGTHS)
-                shown = (f"{time:,.0f}" for time in found)
-                table.add_row(game, "no" if transcript is None else "yes", *shown, f"{found[-1] / found[0]:.2f}")
+                medians = at_lengths(game, player, budget, transcript, LENGTHS)
+                shown = (f"{time:,.0f}" for time in medians)
+                table.add_row(game, "no" if transcript is None else "yes", *shown, f"{medians[-1] / medians[0]:.2f}")
     return table
 
 
@@ -160,8 +160,8 @@ def without_a_cap() -> Table:
     table = Table("turns", "messages shown", "microseconds", "microseconds a message")
     table.title, table.title_justify = "A turn without cap and history", "left"
     budget = sp.Budget(history=None, tool_calls=SHOWN[-1])
-    found = at_lengths(ENDLESS, sp.get_player("random", seed=1), budget, None, SHOWN)
-    for length, microseconds in zip(SHOWN, found, strict=True):
+    medians = at_lengths(ENDLESS, sp.get_player("random", seed=1), budget, None, SHOWN)
+    for length, microseconds in zip(SHOWN, medians, strict=True):
         shown = 2 * length
         table.add_row(f"{length:,}", f"{shown:,}", f"{microseconds:,.0f}", f"{microseconds / shown:.2f}")
     return table

@@ -39,12 +39,12 @@ class Worlds(VecEnv):
 
     def step_wait(self):
         seen, rewards, dead, over, info = self.vector.step(self.actions)
-        told = [{} for _ in rewards]
+        infos = [{} for _ in rewards]
         for world in np.flatnonzero(dead | over):
-            told[world] = {"terminal_observation": info["final_obs"][world], "TimeLimit.truncated": not dead[world]}
+            infos[world] = {"terminal_observation": info["final_obs"][world], "TimeLimit.truncated": not dead[world]}
             reached = info["final_info"]["achievements"]
             self.finished.append({name: reached[name][world] > 0 for name in reached if name[0] != "_"})
-        return seen, rewards.astype(np.float32), dead | over, told
+        return seen, rewards.astype(np.float32), dead | over, infos
 
     def close(self):
         self.vector.close()

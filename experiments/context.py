@@ -19,28 +19,32 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from statistics import fmean
 from typing import Any
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import (
     MEASURES,
     MeanEstimate,
+    PlayedCell,
     WindowComparison,
     by_cell,
     compare_windows,
     differences,
     paired_difference,
 )
+from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs
 from smartplay_tools.evaluation.analysis.names import strategy_name
 from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep
 from smartplay_tools.games import PAPER_RESULTS
-from smartplay_tools.records.rows import Row
+from smartplay_tools.quantities import short
+from smartplay_tools.records.tariffs import Tariff, charge_records, tariffs_of
 from smartplay_tools.types import STRATEGIES
 
 DOCS = Path(__file__).parents[1] / "docs"
+PAGES = (DOCS / "experiments.md", DOCS / "context-cost.md")
+"""The pages that have tables of this experiment."""
 SMALL_GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0")
 
 CONTROL = "random"
@@ -113,6 +117,17 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         },
         "trials": 20,
     },
+    "money": {
+        "games": ("BanditTwoArmedHighLowFixed-v0", "Crafter-v0"),
+        "players": ("rule",),
+        "vary": {
+            "history": (None,),
+            "prompt_tokens": (1200, 2400, 8000),
+            "slack": (0, 0.5),
+        },
+        "budget": sp.Budget(tool_calls=300),
+        "trials": 10,
+    },
     "capabilities": {
         "games": tuple(PAPER_RESULTS[0].raw)[
             :-1
@@ -180,6 +195,8 @@ def table(name: str, played: Sweep) -> str:
     comparisons = compare_windows(played.rows, along=along)
     if name == "strategies":
         return _strategies(played, comparisons)
+    if name == "money":
+        return _money(played)
     varied = {"prompt-tokens": "prompt_tokens", "slack": "slack"}.get(name, "history")
     columns: list[tuple[str, Callable[[WindowComparison], str]]] = [
         ("game", lambda c: f"`{c.cell.game}`"),
@@ -201,34 +218,68 @@ def table(name: str, played: Sweep) -> str:
 
 
 def _strategies(played: Sweep, comparisons: Sequence[WindowComparison]) -> str:
-    """Every strategy beside plain dropping under the same cap."""
-    cost = {
-        json.dumps(asdict(cell), sort_keys=True): fmean(map(_cached_cost, rows)) for cell, rows in by_cell(played.rows)
-    }
+    """Every strategy beside plain dropping under the same cap, and what it costs where prompts are cached."""
+    costs = _costs(played, STRATEGY_RULES)
     columns: list[tuple[str, Callable[[WindowComparison], str]]] = [
         ("game", lambda c: f"`{c.cell.game}`"),
         ("player", lambda c: c.cell.player),
-        ("cap: strategy", lambda c: f"{_limit(c.cell.budget['prompt_tokens'])}: {strategy_name(c.cell.budget)}"),
+        ("cap: strategy", lambda c: f"{_limit(c.cell.budget['prompt_tokens'])}: {strategy_name(c.cell)}"),
         ("episodes", lambda c: str(c.episodes)),
         ("score [95 %]", lambda c: _interval(c.means["score"])),
         ("less dropping [95 %]", lambda c: "reference" if c.is_full else _interval(c.differences.get("score"), "+")),
         ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
         ("prefix-stable", lambda c: _percent(c.means["prefix_share"])),
-        ("USD, 1,000 episodes", lambda c: f"{1000 * cost[json.dumps(asdict(c.cell), sort_keys=True)]:,.2f}"),
+    ]
+    columns += [
+        (tariff.label, lambda c, at=at: short(costs[_key(c.cell)].costs[at]))  # type: ignore[misc]
+        for at, tariff in enumerate(STRATEGY_RULES)
     ]
     lines = [_row(heading for heading, _ in columns), _row("---" for _ in columns)]
     return "\n".join(lines + [_row(show(comparison) for _, show in columns) for comparison in comparisons])
 
 
-def _cached_cost(row: Row) -> float:
-    """What an episode costs where the provider's cache serves every stable prefix, in US dollars."""
-    tokens = row["tokens"]
-    new, cached = tokens["prompt"] - tokens["prefix"], tokens["prefix"]
-    return (new * PRICES["new"] + cached * PRICES["cached"] + tokens["reply"] * PRICES["reply"]) / 1_000_000
+def _money(played: Sweep) -> str:
+    """What an episode of every window costs under the rules of caches, the least of a game and a rule in bold."""
+    costs = list(_costs(played, MONEY_RULES).values())
+    headings = (
+        "game",
+        "player",
+        "cap, slack",
+        "episodes",
+        "score",
+        "tokens",
+        *(tariff.label for tariff in MONEY_RULES),
+    )
+    lines = [_row(headings), _row("---" for _ in headings)]
+    for cost in costs:
+        rivals = [other for other in costs if other.cell.game == cost.cell.game]
+        amounts = (
+            f"**{short(own)}**" if own == min(other.costs[at] for other in rivals) else short(own)
+            for at, own in enumerate(cost.costs)
+        )
+        window = f"{_limit(cost.cell.budget['prompt_tokens'])}, {cost.cell.budget['slack']:g}"
+        facts = (f"`{cost.cell.game}`", cost.cell.player, window, str(cost.episodes), f"{cost.score:,.4g}")
+        lines.append(_row((*facts, short(cost.tokens), *amounts)))
+    return "\n".join(lines)
 
 
-PRICES = {"new": 1.0, "cached": 0.1, "reply": 4.0}
-"""US dollars for a million tokens, in the proportions that are usual: a cached token costs a tenth."""
+def _costs(played: Sweep, tariffs: Sequence[Tariff]) -> dict[str, CellCost]:
+    """What every cell costs."""
+    records = {row["key"]: played.run.folder.transcript(row["key"]) for row in played.rows}
+    return {_key(cost.cell): cost for cost in cell_costs(played.rows, charge_records(records, tariffs, {}))}
+
+
+def _key(cell: PlayedCell) -> str:
+    return json.dumps(asdict(cell), sort_keys=True)
+
+
+STRATEGY_RULES = tariffs_of(["none", "anthropic-512", "vllm"])
+MONEY_RULES = [
+    *tariffs_of(["none", "openai-5-5", "openai-5-6", "anthropic-512"]),
+    *(replace(tariff, label="anthropic-512, one mark") for tariff in tariffs_of(["anthropic-512"], marks=["stable"])),
+    *tariffs_of(["anthropic-4096", "gemini-3", "deepseek-4", "vllm"]),
+]
+"""The rules of the tables' columns; costs are in uncached tokens of the input."""
 
 
 def _control(played: Sweep) -> list[str]:
@@ -250,24 +301,24 @@ def _notes(played: Sweep) -> list[str]:
         for name in ("rule-notes", "rule")
     )
     for game, history in with_notes:
-        found = paired_difference(with_notes[game, history], without.get((game, history), []), MEASURES["score"])
-        if found is not None:
-            lines.append(_row((str(history), f"`{game}`", str(found.episodes), _interval(found, sign="+"))))
+        effect = paired_difference(with_notes[game, history], without.get((game, history), []), MEASURES["score"])
+        if effect is not None:
+            lines.append(_row((str(history), f"`{game}`", str(effect.episodes), _interval(effect, sign="+"))))
     return lines if len(lines) > 2 else []
 
 
 def publish(tables: dict[str, str], out: Path) -> None:
-    """Write the tables between their marks in the page, and the figures into its folder."""
-    page = DOCS / "experiments.md"
-    text = page.read_text(encoding="utf-8")
-    for name, table in tables.items():
-        marked = re.compile(rf"(<!-- table: {name} -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
-        text = marked.sub(lambda match, table=table: f"{match[1]}\n{table}\n\n{match[3]}", text)  # type: ignore[misc]
-    page.write_text(text, encoding="utf-8")
-    for name in tables:
-        for path in sorted((out / name / "figures").iterdir()):
-            if f"figures/{name}-{path.name})" in text:
-                shutil.copyfile(path, DOCS / "figures" / f"{name}-{path.name}")
+    """Write the tables between their marks in the pages, and the figures into their folder."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for name, table in tables.items():
+            marked = re.compile(rf"(<!-- table: {name} -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
+            text = marked.sub(lambda match, table=table: f"{match[1]}\n{table}\n\n{match[3]}", text)  # type: ignore[misc]
+        page.write_text(text, encoding="utf-8")
+        for name in tables:
+            for path in sorted((out / name / "figures").iterdir()):
+                if f"figures/{name}-{path.name})" in text:
+                    shutil.copyfile(path, DOCS / "figures" / f"{name}-{path.name}")
 
 
 def _row(cells: Iterable[str]) -> str:
@@ -283,8 +334,8 @@ def _interval(found: MeanEstimate | None, sign: str = "-") -> str:
         return "no pairs"
     digits = ",.0f" if max(abs(found.mean), abs(found.high or 0)) >= 100 else ",.2f"
     mean = f"{found.mean:{sign}{digits}}"
-    if found.low is None or found.high is None or found.low == found.high:
-        return mean
+    if found.low is None or found.high is None:
+        return f"{mean} (all {found.episodes} equal)" if found.all_equal else mean
     return f"{mean} [{found.low:{sign}{digits}}, {found.high:{sign}{digits}}]"
 
 

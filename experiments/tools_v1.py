@@ -43,8 +43,8 @@ def play(player: str, out: Path, workers: int) -> Path:
 
 def rows(path: Path) -> list[dict]:
     """Return rows without versions, which say where they were played."""
-    found = [json.loads(line) for line in path.read_text(encoding="ascii").splitlines()]
-    return [{name: value for name, value in row.items() if name != "versions"} for row in found]
+    results = [json.loads(line) for line in path.read_text(encoding="ascii").splitlines()]
+    return [{name: value for name, value in row.items() if name != "versions"} for row in results]
 
 
 def compare(player: str, run: Path) -> None:

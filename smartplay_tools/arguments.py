@@ -45,9 +45,9 @@ def read(arguments: Any) -> Arguments:
     text = as_text(arguments)
     if len(text) > REMEMBERED or text.count("{") + text.count("[") > 1:
         return _read(text)
-    known = _read_again(text)
+    cached = _read_again(text)
     # Whoever gets the values may change them; what is remembered is for all episodes.
-    return Arguments(known.text, known.canonical, dict(known.values), None) if known.values else known
+    return Arguments(cached.text, cached.canonical, dict(cached.values), None) if cached.values else cached
 
 
 def _read(text: str) -> Arguments:

@@ -1,4 +1,4 @@
-"""Every error that this package raises on purpose.
+"""Every error that this package raises deliberately.
 
     SmartPlayError
     ├── InvalidArgumentError  an argument or a budget is invalid; also a ValueError
@@ -97,8 +97,8 @@ def damage_named(what: object) -> Iterator[None]:
     except SmartPlayError:
         raise
     except (AttributeError, LookupError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
-        said = f"{type(error).__name__}: {in_one_line(error)[:200]}"
-        raise InvalidArgumentError(f"{what} is damaged: {said}.") from error
+        reason = f"{type(error).__name__}: {in_one_line(error)[:200]}"
+        raise InvalidArgumentError(f"{what} is damaged: {reason}.") from error
 
 
 def in_one_line(error: BaseException) -> str:

@@ -26,9 +26,9 @@ def lazy_exports(
     def find(name: str) -> Any:
         if name not in places:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        found = getattr(import_module(places[name]), name)
-        setattr(sys.modules[package], name, found)  # the next time it is an ordinary attribute
-        return found
+        value = getattr(import_module(places[name]), name)
+        setattr(sys.modules[package], name, value)  # the next time it is an ordinary attribute
+        return value
 
     def names() -> list[str]:
         return sorted({*vars(sys.modules[package]), *places})

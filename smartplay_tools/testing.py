@@ -46,6 +46,9 @@ LONGEST_WALK = 100
 LONGEST_EPISODE = 2_000
 """Steps after which a game is taken never to end by itself, unless its rollout is so short that fewer tell."""
 
+SCORED_EPISODES = 3
+"""Episodes of random play whose scores are compared with the bounds."""
+
 NO_ACTIONS = (-1, 10**30, "1", "Noop", True, np.True_, 1.5, np.float32(1), None, [0], b"0")
 NO_SEEDS = ("x", "1", -1, 1.5, True, [3], b"1")
 
@@ -117,10 +120,10 @@ def keeps_as_much_history_as_it_is_given(game: Setting) -> None:
 
 def is_decided_by_seed_and_actions(game: Setting) -> None:
     """Equal seeds and equal actions give equal observations, rewards and state hashes."""
-    one, other = get_spec(game).make(), get_spec(game).make()
-    _require(one.reset(seed=9) == other.reset(seed=9), "the same seed gives another first observation")
-    _require(one.state_hash() == other.state_hash(), "the same seed gives another state hash")
-    pairs = zip(random_walk(one, 40), random_walk(other, 40), strict=True)
+    made, other = get_spec(game).make(), get_spec(game).make()
+    _require(made.reset(seed=9) == other.reset(seed=9), "the same seed gives another first observation")
+    _require(made.state_hash() == other.state_hash(), "the same seed gives another state hash")
+    pairs = zip(random_walk(made, 40), random_walk(other, 40), strict=True)
     for step, (was, now) in enumerate(pairs, start=1):
         _require(was == now, f"the same seed and actions differ at step {step}: {was} and {now}")
 
@@ -253,8 +256,23 @@ def is_played_and_replayed_through_its_tools(game: Setting) -> None:
     mistakes = result.illegal_actions + result.malformed_calls
     _require(mistakes == 0, f"{mistakes} legal actions were taken for mistakes")
     if _is_registered(spec):  # a record names its setting
-        found = replay(json.loads(json.dumps(record)))
-        _require(found.identical, f"its record is not replayed identically: {found.differences[:1]}")
+        replayed = replay(json.loads(json.dumps(record)))
+        _require(replayed.identical, f"its record is not replayed identically: {replayed.differences[:1]}")
+
+
+def scores_within_its_bounds(game: Setting) -> None:
+    """Scores of random play are within `score_bounds`, and one of the two if the setting is `two_valued`."""
+    spec = get_spec(game)
+    _require(spec.score_bounds is not None or not spec.two_valued, "it is two-valued and declares no score_bounds")
+    if spec.score_bounds is None:
+        return
+    low, high = spec.score_bounds
+    for seed in range(SCORED_EPISODES):
+        made = spec.make()
+        made.reset(seed=seed)
+        random_walk(made, min(spec.rollout, LONGEST_WALK), seed)
+        _require(low <= made.score <= high, f"it scores {made.score:g}, outside of {low:g} to {high:g}")
+        _require(not spec.two_valued or made.score in (low, high), f"it scores {made.score:g}, which is neither bound")
 
 
 def refuses_an_option_that_it_does_not_know(game: Setting) -> None:
@@ -283,6 +301,7 @@ CHECKS: Sequence[Callable[[Setting], None]] = (
     has_a_state_hash_that_changes_with_play,
     numbers_its_actions_as_its_manual_does,
     is_played_and_replayed_through_its_tools,
+    scores_within_its_bounds,
     refuses_an_option_that_it_does_not_know,
 )
 """All checks; each is a function of a setting, and its name completes the sentence "The game ..."."""

@@ -10,11 +10,10 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Final, Literal, Protocol, Self, runtime_checkable
 
-from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from smartplay_tools.messages import Message, copy_of
 
@@ -33,6 +32,7 @@ __all__ = [
     "Prompt",
     "Purpose",
     "Recorded",
+    "RecordedBudget",
     "Reply",
     "ResolvedBudget",
     "Tokens",
@@ -57,38 +57,45 @@ Purpose = Literal["play", "summary"]
 
 
 class Recorded(BaseModel):
-    """Data of a record. Fields that came later are left out at their defaults, so that older records stay as they are.
+    """Data of a record. Fields that came later are left out at the values of before, so that older records stay valid.
 
     `model_fields` and attributes have them all.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    later: ClassVar[frozenset[str]] = frozenset()
-    """The fields that are left out at their defaults."""
+    later: ClassVar[Mapping[str, Any]] = {}
+    """The fields that came later, and what it means in a record that one is missing; a default can be another value."""
 
     @model_serializer(mode="wrap")
-    def _without_later_defaults(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_what_was_before(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         dumped: dict[str, Any] = serialize(self)
-        for name, default in _later_defaults(type(self)):
-            if getattr(self, name) == default:
+        for name, before in self.later.items():
+            value = getattr(self, name)
+            if value == before:
                 dumped.pop(name, None)
+            else:
+                dumped.setdefault(name, value)  # a default, where defaults are left out
         return dumped
 
-
-@cache
-def _later_defaults(kind: type[Recorded]) -> list[tuple[str, Any]]:
-    return [(name, kind.model_fields[name].default) for name in sorted(kind.later)]
+    @classmethod
+    def from_record(cls, data: Mapping[str, Any]) -> Self:
+        """Return the data of a record, in which a field that came later may be missing."""
+        return cls(**{**cls.later, **data})
 
 
 Count = Annotated[int, Field(strict=True, ge=0)]
 Cap = Annotated[int, Field(strict=True, ge=1)]
 
 
+STRATEGIES: Mapping[str, Any] = {"beyond_history": "drop", "notes_tokens": None, "summary_tokens": None}
+"""The fields of a budget that say what becomes of the past, and their defaults: it is dropped."""
+
+
 class Budget(Recorded):
     """What an agent may see and spend. None means no limit; tokens are budget tokens (`smartplay_tools.tokens`)."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"beyond_history", "notes_tokens", "summary_tokens"})
+    later: ClassVar[Mapping[str, Any]] = {**STRATEGIES, "stalled_turns": None}
 
     history: Count | Literal["game"] | None = "game"
     """Past steps visible in addition to the current observation; "game" is the paper's number for the game."""
@@ -103,6 +110,9 @@ class Budget(Recorded):
     the manual), at least 32; without `prompt_tokens` there is no cap. A number applies to every result."""
     tool_calls: Cap | Literal["game"] | None = "game"
     """Cap on tool calls; "game" is 4 x rollout + 16, so that an agent that never acts comes to an end."""
+    stalled_turns: Cap | None = 10
+    """Cap on turns in a row that play no step and show the model nothing new, after which the episode ends. With a
+    cap, turns without a step are too old once more than `history` of them follow."""
     slack: Annotated[float, Field(ge=0, le=1)] = 0.0
     """The share of the window that is dropped at once when it is full, so that the prompt's beginning stays the same
     for many calls and the provider's cache applies. 0 always shows as much as fits."""
@@ -133,8 +143,9 @@ class Budget(Recorded):
 
     @classmethod
     def of(cls, **given: Any) -> Self:
-        """Return a budget from options, where None means "not given", as it does on command lines and in forms."""
-        return cls(**{name: value for name, value in given.items() if value is not None})
+        """Return a budget from options, where None means "not given", as in forms, and the word "none" no limit."""
+        limits = {name: value for name, value in given.items() if value is not None}
+        return cls(**limits | {name: None for name, value in limits.items() if value == "none"})
 
 
 _CAPPED = {
@@ -143,6 +154,7 @@ _CAPPED = {
     "episode_tokens": "episode",
     "result_tokens": "results",
     "tool_calls": "calls",
+    "stalled_turns": "stalled turns",
     "notes_tokens": "notes",
     "summary_tokens": "summaries",
 }
@@ -164,8 +176,12 @@ def _in_words(name: str, value: Any) -> str:
     return f"{_CAPPED[name]} unlimited" if value is None else f"{_CAPPED[name]} <= {value:,}"
 
 
-STRATEGIES: Mapping[str, Any] = {name: Budget.model_fields[name].default for name in sorted(Budget.later)}
-"""The fields of a budget that say what becomes of the past, and their defaults: it is dropped."""
+def _with_later_fields(data: Any) -> Any:
+    return {**Budget.later, **data} if isinstance(data, dict) else data
+
+
+RecordedBudget = Annotated[Budget, BeforeValidator(_with_later_fields)]
+"""A budget as a field of recorded data, in which a field that came later may be missing."""
 
 
 class ResolvedBudget(Budget):
@@ -176,6 +192,7 @@ class ResolvedBudget(Budget):
     manual_tokens: Cap | None
     """Cap on the manual, for which "auto" is more than for other results."""
     tool_calls: Cap | None
+    stalled_turns: Cap | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,17 +226,40 @@ class ToolResult:
     data: Mapping[str, Any] = field(default_factory=dict)
 
 
-class Usage(BaseModel):
-    """Tokens as a provider reports them. `cached` is a part of `prompt`, `reasoning` a part of `reply`."""
+MOST_TOKENS = 10**12
+"""More tokens than a provider can have counted for one reply."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+
+class Usage(Recorded):
+    """Tokens as a provider reports them.
+
+    `cached`, read from its cache, and `written` to it are parts of `prompt`, `reasoning` is a part of `reply`.
+    """
+
+    later: ClassVar[Mapping[str, Any]] = {"written": 0, "written_1h": 0}
 
     prompt: int = 0
     reply: int = 0
     cached: int = 0
+    written: int = 0
+    written_1h: int = 0
+    """The part of `written` that is kept for an hour, where a provider tells it apart."""
     reasoning: int = 0
     requests: int = 1
     """The attempts made for one reply, each of which is billed."""
+
+    @classmethod
+    def reported(cls, event: Mapping[str, Any]) -> Usage | None:
+        """Return the provider's count in a `usage` event; None if it gave none, or numbers that cannot be tokens."""
+        usage = None if event["provider"] is None else cls(**event["provider"])
+        return usage if usage is not None and usage.is_possible else None
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether the numbers can be tokens: none is negative or beyond 10^12, and no part is larger than its whole."""
+        numbers = [getattr(self, name) for name in Usage.model_fields]
+        parts = self.cached + self.written <= self.prompt and self.written_1h <= self.written
+        return parts and min(numbers) >= 0 and max(numbers) <= MOST_TOKENS
 
     def __add__(self, other: Usage) -> Usage:
         return Usage(**{name: getattr(self, name) + getattr(other, name) for name in Usage.model_fields})
@@ -257,11 +297,18 @@ class Prompt:
     """How many messages at the beginning are the same as in the previous prompt: a provider's cache can serve them."""
     purpose: Purpose = "play"
     """What is asked for. A "summary" is sent with `tool_choice`, below, and its reply is not a turn."""
+    cache_key: str = field(default="", compare=False)
+    """The same for all prompts of an episode, for providers that cache prompts with the same key together."""
+
+    @property
+    def asks_for_summary(self) -> bool:
+        """Whether a summary of the turns that are about to leave is asked for, and not the next reply of the play."""
+        return self.purpose == "summary"
 
     @property
     def tool_choice(self) -> Literal["auto", "none"]:
         """What a provider is told about tools: a summary is written in words, though the tools are sent with it."""
-        return "none" if self.purpose == "summary" else "auto"
+        return "none" if self.asks_for_summary else "auto"
 
     def settings(
         self, own: Mapping[str, Any] = MappingProxyType({}), *, cap: str = "max_tokens", no_tools: Any = "none"
@@ -321,6 +368,7 @@ EndReason = Literal[
     "episode_tokens",
     "prompt_tokens",
     "no_tool_call",
+    "stalled_turns",
     "player_error",
     "game_error",
     "run_budget",
@@ -346,7 +394,7 @@ class Progress:
 class Tokens(Recorded):
     """The tokens of an episode: our count and the provider's."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"summary_prompt", "summary_reply"})
+    later: ClassVar[Mapping[str, Any]] = {"summary_prompt": 0, "summary_reply": 0}
 
     prompt: int = 0
     """Sum over all prompts."""
@@ -366,7 +414,9 @@ class Tokens(Recorded):
 class EpisodeResult(Recorded):
     """The result of an episode, a row of `results.jsonl`. It contains no times, so equal play gives equal rows."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"refused_notes", "summaries", "cut_summaries", "empty_summaries"})
+    later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
+        ("cut_summaries", "empty_summaries", "refused_notes", "summaries", "unusable_usages"), 0
+    )
 
     game: str
     engine: str | None = None
@@ -397,6 +447,8 @@ class EpisodeResult(Recorded):
     """Summaries whose end was cut to `summary_tokens`."""
     empty_summaries: int = 0
     """Summaries of which nothing was left to show, so that the earlier one stood."""
+    unusable_usages: int = 0
+    """Usages that a provider reported with numbers that cannot be tokens; they count as none."""
     end_reason: EndReason
     error: str | None = None
     """The exception's type and message for `player_error` and `game_error`; its traceback is in the transcript."""

@@ -167,6 +167,7 @@ def check_episode(events: Sequence[Json], sent: Sequence[Json], n: Count) -> Jud
             k += 1
     check_calls(events, budget, n)
     check_end(events, judge, spent, len(texts))
+    check_stalls(events)
     return judge
 
 
@@ -224,6 +225,52 @@ def check_end(events: Sequence[Json], judge: Judge, spent: int, answered: int) -
         assert result.get("summaries", 0) == answered
         notes = sum(1 for event in events if event["event"] == "call" and event["data"].get("mistake") == "notes")
         assert result.get("refused_notes", 0) == notes
+
+
+def stalled(events: Sequence[Json]) -> list[int]:
+    """After every turn, how many turns in a row have brought nothing: no step, and nothing that was not seen before."""
+    counts: list[int] = []
+    observed, manuals, accepted = set(), 0, {}
+    for number in range(
+        1 + max((event["turn"] for event in events if event["event"] in ("message", "call")), default=-1)
+    ):
+        news, foreign = False, False
+        for event in events:
+            if event.get("turn") != number:
+                continue
+            if event["event"] == "message" and event["by"] == "host" and "position" in event:
+                foreign = True
+            if event["event"] != "call" or event["is_error"]:
+                continue
+            match event["name"]:
+                case "act":
+                    news = True
+                    observed.add(event["data"]["observation_step"])
+                case "observe":
+                    news |= event["data"]["observation_step"] not in observed
+                    observed.add(event["data"]["observation_step"])
+                case "read_manual":
+                    manuals += bool(event["data"].get("manual"))
+                    news |= manuals == 1 and bool(event["data"].get("manual"))
+                case tool:
+                    sent = json.loads(event["arguments"])
+                    news |= accepted.get(tool) != sent
+                    accepted[tool] = sent
+        before = counts[-1] if counts else 0
+        counts.append(0 if news else before if foreign else before + 1)
+    return counts
+
+
+def check_stalls(events: Sequence[Json]) -> None:
+    """Judge whether the episode ended at the turn at which too many had brought nothing, and at no other."""
+    cap, counts, end = events[0]["budget"].get("stalled_turns"), stalled(events), events[-1]
+    if end["event"] == "end" and end["result"]["end_reason"] == "stalled_turns":
+        assert cap is not None
+        assert counts[-1] == cap
+        counts.pop()
+    elif counts and (end["event"] != "end" or end["result"]["end_reason"] != "closed"):
+        counts.pop()  # the last turn ended the episode for another reason, or is not complete
+    assert cap is None or all(count < cap for count in counts), f"{counts} under a cap of {cap}"
 
 
 def well_formed(text: str) -> str:

@@ -73,6 +73,7 @@ def _any_budget(chance: random.Random, head: int | None) -> sp.Budget:
         episode_tokens=chance.choice([None, None, None, 4_000]),
         result_tokens=chance.choice(["auto", None, 1, 5, 30]),
         tool_calls=chance.choice(["game", "game", 7]),
+        stalled_turns=chance.choice([None, None, 1, 3, 10]),
         slack=chance.choice([0, 0, 0.25, 0.7, 1]),
     )
 
@@ -189,7 +190,7 @@ def hostile_conversation(chance: random.Random, counts: Counter[str]) -> None:
         reply = hostile_reply(chance)
         conversation.receive(reply)
         if isinstance(conversation, sp.AgentSession):
-            act_as_host(chance, conversation)
+            scripts.act_as_host(chance, conversation)
         counts["calls"] += len(conversation.latest_turn.calls)
         answer_foreign(conversation)
         said = {"role": "user", "content": [{"type": "text", "text": "Go on."}]}
@@ -216,25 +217,6 @@ def refuse_odd_replies(chance: random.Random, conversation: Any) -> None:
             assert conversation.episode.stats.turns == turns
         else:
             raise AssertionError("an odd reply was taken")
-
-
-def act_as_host(chance: random.Random, session: sp.AgentSession) -> None:
-    """Answer, edit, refuse or forget the calls of a reply, in any order."""
-    calls = list(session.open_calls)
-    chance.shuffle(calls)
-    for call in calls:
-        if call not in session.open_calls:
-            continue
-        match chance.randrange(5):
-            case 0:
-                session.refuse(call.id, "The user said no.")
-            case 1:
-                session.edit(call.id, {"action": "2"})
-                session.answer(call.id)
-            case 2:
-                pass
-            case _:
-                session.answer(call.id)
 
 
 def answer_foreign(conversation: Any) -> None:

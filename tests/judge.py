@@ -42,6 +42,7 @@ class Judge:
         self.history, self.cap = budget["history"], budget["prompt_tokens"]
         self.slack = Fraction(str(budget["slack"]))
         self.masks = budget.get("beyond_history", "drop") == "mask"
+        self.ages_by_turn = budget.get("stalled_turns") is not None and self.history is not None and not self.masks
         self.notes_cap, self.summary_cap = budget.get("notes_tokens"), budget.get("summary_tokens")
         self.summaries = list(summaries)
         """(turns at the time, text shown from then on) of every summary."""
@@ -71,6 +72,18 @@ class Judge:
             if t - b > self.history:
                 b = t - math.ceil((1 - self.slack) * self.history)
         return b
+
+    def plays_no_step(self, i: int) -> bool:
+        return self.step(i) == (self.step(i - 1) if i else 0)
+
+    def outlived(self, i: int, k: int, follow: int) -> bool:
+        """Whether a turn without a step is followed directly by more than `follow` of its like."""
+        if not self.ages_by_turn or not self.plays_no_step(i):
+            return False
+        j = i + 1
+        while j < k and self.plays_no_step(j):
+            j += 1
+        return j - i - 1 > follow
 
     # What is pinned.
 
@@ -170,12 +183,11 @@ class Judge:
             fits = self.cap is None or self.size(i - 1, k, notes=notes) - last <= share * (
                 self.cap - self.reserve - last
             )
-            old = (
-                not self.masks
-                and self.history is not None
-                and self.step(i - 1) < self.newest(k) - math.ceil(share * self.history)
-            )
-            if old or not fits:
+            if not self.masks and self.history is not None:
+                kept = math.ceil(share * self.history)
+                if self.step(i - 1) < self.newest(k) - kept or self.outlived(i - 1, k, kept):
+                    break
+            if not fits:
                 break
             i -= 1
         return i
@@ -198,8 +210,10 @@ class Judge:
     def stays(self, f: int, k: int) -> bool:
         shown = self.tokens(self.summary(k - 1))
         fits = self.cap is None or self.size(f, k, notes=self.notes_fit(k)) + self.asking + shown <= self.cap
-        old = not self.masks and self.history is not None and self.step(f) < self.newest(k) - self.history
-        return fits and not old
+        if self.masks or self.history is None:
+            return fits
+        old = self.step(f) < self.newest(k) - self.history
+        return fits and not old and not any(self.outlived(i, k, self.history) for i in range(f, k))
 
     def pins_fit(self, k: int) -> bool:
         return k == 0 or not self.fold(k)[1]

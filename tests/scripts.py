@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -143,6 +144,7 @@ strategies = st.fixed_dictionaries(
     }
 )
 histories = st.sampled_from([0, 1, 2, 3, 5, None])
+stalls = st.sampled_from([None, 1, 2, 3, 10])
 slacks = st.sampled_from([0.0, 0.0, 0.1, 0.25, 0.5, 0.7, 1.0])
 
 
@@ -152,7 +154,7 @@ class Played:
 
     events: list[dict[str, Any]]
     sent: list[dict[str, Any]]
-    conversation: sp.Conversation
+    conversation: sp.Conversation | sp.AgentSession
     result: sp.EpisodeResult
 
 
@@ -172,12 +174,21 @@ def converse(
     *,
     host: bool = False,
     answers: Sequence[dict[str, Any]] = ANSWERS,
+    host_seed: int | None = None,
     **options: Any,
 ) -> Played:
-    """Play a script to its end or the episode's, whichever comes first; `answers` are the summaries, over and over."""
+    """Play a script to its end or the episode's, whichever comes first; `answers` are the summaries, over and over.
+
+    With `host_seed` the calls are those of an agent session, whose host treats them as it likes, in any order.
+    """
     events: list[dict[str, Any]] = []
     episode = sp.Episode(game, transcript=events, **options)
-    conversation = sp.Conversation(episode, player="script", foreign_tools=[NOTE], head=[HOST_HEAD] if host else [])
+    about: dict[str, Any] = {"player": "script", "foreign_tools": [NOTE], "head": [HOST_HEAD] if host else []}
+    conversation: sp.Conversation | sp.AgentSession
+    if host_seed is None:
+        conversation = sp.Conversation(episode, **about)
+    else:
+        conversation, chance = sp.AgentSession(episode, summaries=True, **about), random.Random(host_seed)
     sent: list[dict[str, Any]] = []
 
     def prompted() -> bool:
@@ -191,7 +202,7 @@ def converse(
             if prompt.purpose == "play":
                 return True
             answer = answers[conversation.view.summaries % len(answers)]
-            assert conversation.receive({"role": "assistant", **answer}) == []
+            assert not conversation.receive({"role": "assistant", **answer})
             prompt = conversation.prompt()
         return False
 
@@ -199,6 +210,8 @@ def converse(
         if not prompted():
             break
         conversation.receive(move.message)
+        if isinstance(conversation, sp.AgentSession):
+            act_as_host(chance, conversation)
         for one in conversation.latest_turn.calls:
             if one.name == "note":
                 conversation.add({"role": "tool", "tool_call_id": one.id, "content": "noted: word word"})
@@ -208,6 +221,34 @@ def converse(
     episode.close()
     assert episode.result is not None
     return Played(as_json(events), sent, conversation, episode.result)
+
+
+def act_as_host(chance: random.Random, session: sp.AgentSession) -> None:
+    """Answer, edit, refuse or forget the calls of a reply, in any order.
+
+    An earlier call that was left open cannot be played after a later one; the host then refuses it, or forgets it.
+    """
+    calls = list(session.open_calls)
+    chance.shuffle(calls)
+    for call in calls:
+        if call not in session.open_calls:
+            continue
+        match chance.randrange(6):
+            case 0:
+                session.refuse(call.id, "The user said no.")
+            case 1:
+                session.edit(call.id, {"action": "2"})
+            case 2:
+                pass
+            case way:
+                steps, progress = session.episode.stats, session.progress
+                before = steps.tool_calls
+                try:
+                    session.answer(call.id, earlier=way < 5)
+                except sp.InvalidArgumentError:
+                    assert (steps.tool_calls, session.progress) == (before, progress)
+                    if chance.random() < 0.5:
+                        session.refuse(call.id, "It is too late.")
 
 
 _HEADS: dict[Any, int] = {}

@@ -219,6 +219,21 @@ def test_a_call_that_there_is_not_is_one_sentence():
         agent.answer("x")
 
 
+def test_a_call_is_not_played_after_a_later_one_of_its_message():
+    """Or a prompt could show an observation that is older than its history: they would not be in their order."""
+    agent, events = session("MessengerL2-v0", budget=sp.Budget(history=1))
+    agent.prompt()
+    agent.receive(reply(act("1", "a"), act("1", "b")))
+    played = agent.answer("b", earlier=False)
+    with pytest.raises(sp.InvalidArgumentError, match="a comes before one that has been answered: answer the calls"):
+        agent.answer("a")
+    assert agent.answer("b") == played
+    assert agent.progress.steps == 1
+    agent.refuse("a", "The user said no.")
+    assert texts(agent)[0] == "The user said no."
+    assert_replays(agent, events)
+
+
 def test_a_hosts_own_limit_ends_the_episode_under_its_name_and_keeps_the_score():
     agent, events = session(BANDIT)
     agent.prompt()
@@ -302,11 +317,13 @@ class TestToolsOfAnEpisode:
 
 def test_a_budget_of_options_takes_none_for_not_given():
     assert sp.Budget.of(history=None, prompt_tokens=700) == sp.Budget(prompt_tokens=700)
+    assert sp.Budget.of(history="none") == sp.Budget(history=None)
     assert sp.Budget(history=None) != sp.Budget()
 
 
 def test_a_summary_that_is_owed_is_asked_for_before_the_next_reply():
-    budget, purposes = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=25), []
+    budget = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=25, stalled_turns=None)
+    purposes: list[str] = []
 
     def send(prompt: sp.Prompt) -> sp.Reply:
         purposes.append(prompt.purpose)

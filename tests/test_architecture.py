@@ -138,12 +138,12 @@ def test_a_run_is_played_without_loading_statistics_or_pages(tmp_path):
 KINDS_ARE_TESTED_BY = (
     "records",
     "transcript",
+    "episode/stalls.py",
     "episode/stats.py",
     "context/turns.py",
     "conversation/paper.py",
-    "evaluation/pages/report/episodes.py",
 )
-"""What takes events apart: records, the counters and turns of a game under way, and the page that shows every event."""
+"""What takes events apart: records, and the counters and turns of a game under way."""
 
 
 def test_only_records_tell_events_apart():

@@ -29,6 +29,7 @@ budgets = st.fixed_dictionaries(
         "episode": st.sampled_from([None, None, None, 700, 3000]),
         "result_tokens": st.sampled_from(["auto", "auto", None, 1, 7, 20]),
         "tool_calls": st.sampled_from(["game", "game", "game", 5]),
+        "stalled_turns": scripts.stalls,
     }
 )
 
@@ -58,6 +59,7 @@ conversations = st.fixed_dictionaries(
         "manual": st.sampled_from(["tool", "tool", "tool", "pinned", "none"]),
         "batch": st.sampled_from(["all", "all", "first_act"]),
         "seed": st.integers(0, 3),
+        "host_seed": st.one_of(st.none(), st.integers(0, 10**6)),
     }
 )
 
@@ -104,11 +106,14 @@ def judged(judge: checker.Judge, k: int, window: ContextWindow) -> None:
 @CASES
 @given(
     conversations,
-    st.lists(st.tuples(scripts.histories, scripts.slacks, st.integers(0, 400), scripts.strategies), max_size=2),
+    st.lists(
+        st.tuples(scripts.histories, scripts.slacks, st.integers(0, 400), scripts.stalls, scripts.strategies),
+        max_size=2,
+    ),
     st.lists(st.integers(0, 9), max_size=4),
 )
 def test_a_view_depends_on_the_turns_alone(
-    drawn: dict[str, Any], budgets: list[tuple[int | None, float, int, dict[str, Any]]], visits: list[int]
+    drawn: dict[str, Any], budgets: list[tuple[int | None, float, int, int | None, dict[str, Any]]], visits: list[int]
 ) -> None:
     """Whichever views were taken before, and however often. Summaries are asked for whether or not a view was taken."""
     words = scripts.Words()
@@ -118,8 +123,8 @@ def test_a_view_depends_on_the_turns_alone(
     tools = [*episode.tools, scripts.NOTE]
     plain = checker.turns_of(played.events)
     size = scripts.head_tokens(drawn["game"], words, host=drawn["host"], manual=drawn["manual"])
-    for history, slack, room, strategy in budgets:
-        numbers = {"history": history, "slack": slack, **strategy, "notes_tokens": 12}
+    for history, slack, room, stalls, strategy in budgets:
+        numbers = {"history": history, "slack": slack, "stalled_turns": stalls, **strategy, "notes_tokens": 12}
         numbers["prompt_tokens"] = size + room + scripts.strategy_tokens(numbers, words)
         if refused_strategy(sp.Budget(**numbers), sp.GAMES[drawn["game"]], context="window"):
             numbers["summary_tokens"] = None

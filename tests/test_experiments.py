@@ -12,7 +12,8 @@ import pytest
 from smartplay_tools.evaluation.runs.sweeps import sweep
 
 ROOT = Path(__file__).parents[1]
-SCRIPT, PAGE = ROOT / "experiments" / "context.py", ROOT / "docs" / "experiments.md"
+SCRIPT = ROOT / "experiments" / "context.py"
+PAGES = [ROOT / "docs" / name for name in ("experiments.md", "context-cost.md")]
 
 pytestmark = pytest.mark.skipif(not SCRIPT.exists(), reason="not in a checkout")
 
@@ -28,8 +29,9 @@ def experiment():
 
 
 def published(name):
-    """The lines of a table in the page."""
-    marked = re.search(rf"<!-- table: {name} -->\n(.*?)<!-- end -->", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    """The lines of a table in the pages."""
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    marked = re.search(rf"<!-- table: {name} -->\n(.*?)<!-- end -->", text, flags=re.DOTALL)
     return marked[1].strip().splitlines()
 
 

@@ -34,7 +34,7 @@ def test_a_row_of_sft_is_what_the_model_saw_and_what_it_said(run, tmp_path):
     assert found.counts == {"episodes": 3, "rows": len(written)}
     records = sorted((run / "episodes").glob("*.jsonl"))
     sent = {(record.stem, s.turn): s for record in records for s in sent_prompts(sp.read_transcript(record))}
-    first = Record.read(next(r for r in records if (r.stem, 0) in sent and Record.read(r).player == "rule"))
+    first = next(r for r in map(Record.read, records) if (r.game, r.player) == ("Hanoi3Disk-v0", "rule"))
     own = [row for row in written if (row["game"], row["seed"]) == (first.result.game, first.result.seed)]
     for row in own:
         shown = sent[first.name, row["turn"]].prompt.messages
@@ -176,7 +176,7 @@ def test_the_command_says_what_it_wrote(run, tmp_path):
 
 def test_a_prompt_for_a_summary_is_no_row(tmp_path):
     record = tmp_path / "one.jsonl"
-    budget = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=25)
+    budget = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=25, stalled_turns=None)
     call = {"id": "", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
     reply = {"role": "assistant", "content": "I have looked.", "tool_calls": [call]}
     with sp.Episode("Hanoi3Disk-v0", seed=7, budget=budget, transcript=record) as episode:

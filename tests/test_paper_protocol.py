@@ -6,6 +6,7 @@ import asyncio
 import json
 import lzma
 from hashlib import sha256
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from smartplay_tools.games import get_spec
 from smartplay_tools.games.history import history_text
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.tokens import TokenCounter
+from tests.games.recorded import MANUALS, begin, episodes
 
 DATA = Path(__file__).parent / "data"
 CHOICE = "Choose the best executable action from the list of all actions. Write the exact chosen action."
@@ -52,6 +54,7 @@ def contents(prompt):
 
 @pytest.mark.parametrize("path", sorted((DATA / "paper_protocol").glob("*.txt")), ids=lambda path: path.stem)
 def test_a_prompt_in_full(path):
+    """Our own output, for the games whose prompts were not recorded."""
     actions = get_spec(path.stem).make().actions
     thinker = Thinker(actions[0], actions[1], actions[0], thoughts="I have no idea.")
     play(path.stem, thinker, budget=sp.Budget(tool_calls=3))
@@ -59,29 +62,40 @@ def test_a_prompt_in_full(path):
     assert shown + "\n" == path.read_text(encoding="utf-8")
 
 
-def test_the_recorded_games_give_the_recorded_prompts():
-    lines = (DATA / "small_games.jsonl").read_text(encoding="utf-8").splitlines()
-    rows = [row for row in map(json.loads, lines) if (row["game"], row["episode"]) == (HANOI, 0)]
+@pytest.mark.parametrize(("game", "rows"), episodes())
+def test_the_recorded_games_give_the_recorded_prompts(game, rows):
+    """Every text of a prompt but the questions was recorded; in Hanoi with 5 steps of history, in others with all."""
+    shown = 5 if game.startswith("Hanoi") else 50
     thinker = Thinker(*(row["action"] for row in rows[1:]))
-    play(HANOI, thinker, budget=sp.Budget(history=5))
+    with sp.Episode(game, seed=0, budget=sp.Budget(history=shown, tool_calls=len(rows) - 1)) as episode:
+        begin(episode.game, rows)
+        sp.play(episode, thinker, protocol="paper")
+    assert len(thinker.prompts) == 2 * min(len(rows) - 1, episode.spec.rollout)
+    past = list(enumerate(row["obs"] for row in rows))
     for row, prompt in zip(rows, thinker.prompts[::2], strict=False):
         role, manual, *history, observation, question = contents(prompt)
         assert role == "You’re a player trying to play the game."
-        assert sha256(manual.encode()).hexdigest() == rows[0]["manual_sha256"]
-        if row.get("history") is not None or row["step"] == 0:  # not every row has it
-            assert history == ([row["history"]] if row["step"] else [])
+        assert sha256(manual.encode()).hexdigest() == MANUALS[game]
+        assert history == ([history_text(past[: row["step"]][-shown:])] if row["step"] else [])
+        if row.get("history"):  # not every row has it
+            assert history == [row["history"]]
         assert observation == f"current step observation: {row['obs']}"
         assert question == "What is the best action to take? Let's think step by step, "
 
 
-def test_crafters_history_begins_with_the_noop_of_the_reset():
-    lines = lzma.decompress((DATA / "crafter.jsonl.xz").read_bytes()).splitlines()
-    reset, *rows = [json.loads(line) for line in lines[:8]]
+CRAFTER = [json.loads(line) for line in lzma.decompress((DATA / "crafter.jsonl.xz").read_bytes()).splitlines()]
+
+
+@pytest.mark.parametrize("seed", sorted({row["seed"] for row in CRAFTER}))
+def test_crafters_history_begins_with_the_noop_of_the_reset(seed):
+    reset, *rest = (row for row in CRAFTER if row["seed"] == seed)
+    rows = list(takewhile(lambda row: row["action"] != "reset", rest))
     noop = f"You took action noop.\n\n{reset['obs']}"
     texts = [noop, reset["obs"], *(row["obs"] for row in rows)]
     thinker = Thinker(*(row["action"] for row in rows))
-    with sp.Episode("Crafter-v0", seed=reset["seed"], budget=sp.Budget(tool_calls=7)) as episode:
+    with sp.Episode("Crafter-v0", seed=seed, budget=sp.Budget(tool_calls=len(rows))) as episode:
         sp.play(episode, thinker, protocol="paper")
+    assert len(thinker.prompts) == 2 * len(rows)
     for step, prompt in enumerate(thinker.prompts[::2]):
         first = max(0, step - 4)  # five observations, the noop's 0, the reset's 1, that of the first action 2
         shown = [f"Player Observation Step {at}:\n{texts[at]}" for at in range(first, step + 1)]

@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.context import TurnBuilder
 from smartplay_tools.episode import EpisodeStats
 from smartplay_tools.errors import TranscriptError
+from smartplay_tools.players import get_player
 from smartplay_tools.records import Record
 from smartplay_tools.transcript import EVENTS, FORMAT, TranscriptWriter
 from tests import scripts
@@ -104,6 +107,71 @@ def test_every_change_of_the_order_is_found(recorded, tmp_path):
         if at + 1 < len(recorded):
             swapped = [*recorded[:at], recorded[at + 1], recorded[at], *recorded[at + 2 :]]
             assert found(write(path, swapped)), f"event {at} and the next are swapped"
+
+
+@pytest.fixture(scope="module")
+def full() -> list[dict[str, Any]]:
+    """A record with messages of several calls, notes and summaries."""
+    events: list[dict[str, Any]] = []
+    budget = sp.Budget(prompt_tokens=700, slack=0.5, history=3, notes_tokens=20, summary_tokens=20)
+    with sp.Episode(HANOI, seed=2, budget=budget, transcript=events) as episode:
+        sp.play(episode, get_player("rule-notes"))
+    return [{name: value for name, value in event.items() if name != "chain"} for event in events]
+
+
+def replaced(event: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str, Any]:
+    event = copy.deepcopy(event)
+    inner: Any = event
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    return event
+
+
+@settings(deadline=None, derandomize=True, database=None)
+@given(st.data())
+def test_whatever_is_done_to_a_record_replay_finds_differences_or_says_one_sentence(recorded, full, data):
+    events = list(data.draw(st.sampled_from([recorded, full])))
+    values = st.sampled_from([None, "", -1, 0, 10**30, 0.5, True, [], {}, [[]], "act", float("nan"), {"event": "call"}])
+    for _ in range(data.draw(st.integers(1, 3))):
+        at, other = (data.draw(st.integers(0, len(events) - 1)) for _ in range(2))
+        match data.draw(st.sampled_from(["swap", "remove", "double", "replace", "replace", "delete"])):
+            case "swap":
+                events[at], events[other] = events[other], events[at]
+            case "remove" if len(events) > 1:
+                del events[at]
+            case "double":
+                events.insert(other, events[at])
+            case "replace":
+                path = data.draw(st.sampled_from(leaves(events[at])[1:]))
+                events[at] = replaced(events[at], path, data.draw(values))
+            case "delete":
+                events[at] = changed(events[at], data.draw(st.sampled_from(leaves(events[at])[1:])), remove=True)
+    replay_or_sentence(events)
+
+
+def replay_or_sentence(events: list[dict[str, Any]]) -> sp.Replay | str:
+    """A replay, or the sentence with which a record is refused."""
+    try:
+        return sp.replay(events)
+    except sp.SmartPlayError as error:
+        sentence = str(error)
+    assert "\n" not in sentence
+    return sentence
+
+
+def test_a_record_whose_calls_were_played_out_of_order_is_refused(tmp_path):
+    events: list[dict[str, Any]] = []
+    with sp.Episode(HANOI, seed=2, transcript=events) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.prompt()
+        function = {"name": "act", "arguments": '{"action": "1"}'}
+        calls = [{"id": call_id, "type": "function", "function": function} for call_id in "abc"]
+        conversation.receive({"role": "assistant", "content": None, "tool_calls": calls})
+    first, second = (at for at, event in enumerate(events) if event["event"] == "call" and event["position"] < 2)
+    events[first], events[second] = events[second], events[first]
+    with pytest.raises(TranscriptError, match=r"event 7 \(call\): The call a comes before one that has been answered"):
+        sp.replay(events)
 
 
 def test_a_record_without_its_end_is_incomplete_at_every_length(recorded, tmp_path):

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import UnknownNameError
 from smartplay_tools.games import PAPER_RESULTS, get_spec
+from smartplay_tools.games.messenger import rules
 from smartplay_tools.games.paper import CAPABILITIES, HUMAN_SCORES, MIN_SCORES, PAPER_SETTINGS, normalize
+
+PLAYED = Path(__file__).parents[1] / "experiments" / "tools-v1"
 
 
 def test_our_normalisation_turns_one_of_the_papers_tables_into_the_other():
@@ -37,6 +43,24 @@ def test_every_setting_rates_the_nine_capabilities():
     for spec in sp.GAMES.values():
         assert tuple(spec.challenges) == CAPABILITIES
         assert all(1 <= degree <= 4 for degree in spec.challenges.values())
+
+
+def test_no_recorded_score_leaves_its_bounds():
+    files = PLAYED.glob("*/results.jsonl")
+    rows = [json.loads(line) for path in files for line in path.read_text(encoding="utf-8").splitlines()]
+    assert len({row["game"] for row in rows}) > 5
+    for row in rows:
+        spec = sp.GAMES[row["game"]]
+        low, high = spec.score_bounds or (0, float("inf"))
+        assert low <= row["score"] <= high
+        assert not spec.two_valued or row["score"] in (low, high)
+
+
+def test_at_level_3_three_things_can_touch_the_avatar_at_once():
+    enemy, decoys, elsewhere = (4, 5), ((5, 4), (4, 4)), (14, 14)
+    state = rules.State((enemy, elsewhere, elsewhere, *decoys), ("chaser",) * 5, (4, 4))
+    outcome = rules.settle(state, 4, [rules.STAY] * 5)
+    assert (outcome.reward, 1) == sp.GAMES["MessengerL3-v0"].score_bounds
 
 
 def test_an_unknown_game_lists_near_names():

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.records import Record
 from smartplay_tools.transcript import keep_times, read_times
 from smartplay_tools.transcript.times import times_file
 
@@ -33,6 +34,14 @@ def test_every_event_has_a_time(tmp_path, keeping):
     times = read_times(record, len(sp.read_transcript(record)))
     assert None not in times
     assert times == sorted(times, key=lambda at: at or 0)
+
+
+def test_a_record_says_how_long_each_reply_took(tmp_path, keeping):
+    record = Record.read(record_in(tmp_path))
+    assert record.seconds.keys() == record.replies.keys()
+    assert all(seconds >= 0 for seconds in record.seconds.values())
+    times_file(tmp_path / "one.jsonl").unlink()
+    assert Record.read(tmp_path / "one.jsonl").seconds == {}
 
 
 def test_the_record_is_the_same_with_and_without(tmp_path):

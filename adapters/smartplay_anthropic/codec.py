@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.messages import text_of
@@ -23,6 +23,9 @@ ITEM = "anthropic_blocks"
 LIMIT = 4096
 """The cap on a reply if the budget has none, because the interface requires one."""
 
+Cache = bool | Literal["stable"]
+"""What is marked for the provider's cache: both ends, only what is stable, or nothing."""
+
 UNMARKED = ("thinking", "redacted_thinking")
 """Types of blocks that cannot be marked."""
 
@@ -31,13 +34,13 @@ NOTHING = "..."
 
 
 def request(
-    prompt: Prompt, *, limit: int = LIMIT, cache: bool = False, own: Mapping[str, Any] = MappingProxyType({})
+    prompt: Prompt, *, limit: int = LIMIT, cache: Cache = True, own: Mapping[str, Any] = MappingProxyType({})
 ) -> dict[str, Any]:
     """Return the keyword arguments of `client.messages.create`, except the model.
 
     `own` are further arguments, of which a cap on the reply applies where it is smaller than the prompt's.
-    `cache` marks the end of the part that is unchanged since the previous prompt, so that the provider caches it. Only
-    a part that has been stable once is marked, so that no cache write is paid for without need.
+    `cache` says what is marked for the provider's cache: the end of the prompt, and of the part that is unchanged since
+    the previous prompt. "stable" marks that part alone, so that no write is paid for what changes at every call.
     """
     system = [text_of(message) for message in prompt.messages if message["role"] in ("system", "developer")]
     messages: list[dict[str, Any]] = []
@@ -63,6 +66,8 @@ def request(
     # The system text comes first in a request; if a part of it is new, nothing after it is stable.
     if cache and not any(m["role"] in ("system", "developer") for m in prompt.messages[prompt.prefix_messages :]):
         _mark(messages, stable)
+    if cache is True:
+        _mark(messages, sum(len(sent["content"]) for sent in messages))
     return arguments
 
 
@@ -162,4 +167,12 @@ def _usage(usage: Any) -> Usage | None:
     fresh, cached, written, reply = (
         usage.get(f"{kind}_tokens") or 0 for kind in ("input", "cache_read_input", "cache_creation_input", "output")
     )
-    return Usage(prompt=fresh + cached + written, reply=reply, cached=cached)
+    split = usage.get("cache_creation")
+    written_1h = split.get("ephemeral_1h_input_tokens") or 0 if isinstance(split, Mapping) else 0
+    return Usage(
+        prompt=fresh + cached + written,
+        reply=reply,
+        cached=cached,
+        written=written,
+        written_1h=min(written, written_1h),
+    )

@@ -30,8 +30,9 @@ class AnthropicPlayer(ModelPlayer):
         api_key: the key; by default the one that the client finds in the environment or the user's profile. A server on
             this machine needs none.
         limit: the cap on a reply if the budget has none.
-        cache: mark the part that is unchanged since the previous prompt, so that the provider caches it; it saves money
-            if prompts share a long beginning (`Budget.slack`) and costs nothing if they do not.
+        cache: mark the prompt's end, and that of the part that is unchanged since the previous prompt, so that the
+            provider caches them; "stable" marks only the latter, which is cheaper if the window slides at every step
+            (no `Budget.slack`), and False marks nothing.
         timeout: seconds that an attempt may take without a byte from the server.
         parameters: further arguments of every request, such as `{"temperature": 0}`; a cap on the reply among them
             applies where it is smaller than the budget's.
@@ -47,13 +48,15 @@ class AnthropicPlayer(ModelPlayer):
         base_url: str | None = None,
         api_key: str | None = None,
         limit: int = codec.LIMIT,
-        cache: bool = False,
+        cache: codec.Cache = True,
         timeout: float = 300.0,
         parameters: Mapping[str, Any] | None = None,
         **options: Any,
     ) -> None:
         if not model:
             raise InvalidArgumentError("This player needs a model: anthropic:MODEL.")
+        if cache not in (True, False, "stable"):
+            raise InvalidArgumentError(f'cache is True, "stable" or False, not {cache!r}.')
         super().__init__(f"anthropic:{model}", **options)
         self._is_here = self.is_local(base_url or os.environ.get("ANTHROPIC_BASE_URL") or "")
         if self._is_here and not (os.environ.get("ANTHROPIC_API_KEY") or os.environ.get("ANTHROPIC_AUTH_TOKEN")):
@@ -72,10 +75,10 @@ class AnthropicPlayer(ModelPlayer):
         """Raise an error now if there is no key; the client itself does so only at its first use."""
         try:
             with self.new_client() as client:
-                found = any(getattr(client, place, None) for place in ("api_key", "auth_token", "credentials"))
+                has_key = any(getattr(client, place, None) for place in ("api_key", "auth_token", "credentials"))
         except anthropic.AnthropicError as error:
             raise InvalidArgumentError(f"The anthropic client finds no key: {error}") from error
-        if not found:
+        if not has_key:
             raise InvalidArgumentError("A model at Anthropic needs a key: set ANTHROPIC_API_KEY.")
 
     def request(self, prompt: Prompt) -> dict[str, Any]:

@@ -124,9 +124,9 @@ def _means(samples: list[EvalSample]) -> list[EvalScore]:
         EvalScore(
             name=name,
             scorer="smartplay_scorer",
-            metrics={"mean": EvalMetric(name="mean", value=sum(found) / len(found))},
+            metrics={"mean": EvalMetric(name="mean", value=sum(scores) / len(scores))},
         )
-        for name, found in values.items()
+        for name, scores in values.items()
     ]
 
 

@@ -101,11 +101,12 @@ def read_usage(usage: ModelUsage | None) -> Usage | None:
     """Return the provider's usage. Inspect's `input_tokens` are those outside of the provider's cache."""
     if usage is None:
         return None
-    cached = usage.input_tokens_cache_read or 0
+    cached, written = usage.input_tokens_cache_read or 0, usage.input_tokens_cache_write or 0
     return Usage(
-        prompt=usage.input_tokens + cached + (usage.input_tokens_cache_write or 0),
+        prompt=usage.input_tokens + cached + written,
         reply=usage.output_tokens,
         cached=cached,
+        written=written,
         reasoning=usage.reasoning_tokens or 0,
     )
 

@@ -27,7 +27,7 @@ from smartplay_inspect.solver import Played
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, Usage, get_player
 from smartplay_tools.conversation import AttachedPlayer
 from smartplay_tools.messages import text_of
-from smartplay_tools.prompts import purpose_of
+from smartplay_tools.prompts import received
 from smartplay_tools.tokens import TokenCounter
 
 
@@ -61,7 +61,7 @@ class PlayerModel(ModelAPI):
     ) -> ModelOutput:
         """Let the player answer."""
         messages = list(map(from_inspect, input))
-        prompt = Prompt(messages, tool_specs(tools), config.max_tokens, purpose=purpose_of(messages))
+        prompt = received(messages, tool_specs(tools), config.max_tokens)
         reply = await self._reply(self._player(), prompt)
         return self._output(reply.message, reply.usage or self._usage(prompt, reply.message))
 
@@ -88,12 +88,12 @@ class PlayerModel(ModelAPI):
 
     def _output(self, message: Message, usage: Usage) -> ModelOutput:
         calls = tool_calls(message)
-        said = ChatMessageAssistant(
+        answer = ChatMessageAssistant(
             content=text_of(message), tool_calls=calls or None, source="generate", model=self.model_name
         )
         total = usage.prompt + usage.reply
         return ModelOutput(
             model=self.model_name,
-            choices=[ChatCompletionChoice(message=said, stop_reason="tool_calls" if calls else "stop")],
+            choices=[ChatCompletionChoice(message=answer, stop_reason="tool_calls" if calls else "stop")],
             usage=ModelUsage(input_tokens=usage.prompt, output_tokens=usage.reply, total_tokens=total),
         )

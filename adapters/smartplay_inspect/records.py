@@ -17,11 +17,11 @@ def save_records(log: str | Path | EvalLog, folder: str | Path) -> list[Path]:
     A file is named by its sample and epoch. An existing file, or a log without records of this package's, is a
     `TranscriptError`.
     """
-    known = log if isinstance(log, EvalLog) else read_eval_log(str(log), resolve_attachments=True)
-    found = {f"{sample.id}.{sample.epoch}.jsonl": _record(sample) for sample in known.samples or ()}
-    if not any(found.values()):
+    whole = log if isinstance(log, EvalLog) else read_eval_log(str(log), resolve_attachments=True)
+    texts = {f"{sample.id}.{sample.epoch}.jsonl": _record(sample) for sample in whole.samples or ()}
+    if not any(texts.values()):
         raise TranscriptError("The log holds no record of an episode; it has to be a log of smartplay_inspect's tasks.")
-    return write_records(found, folder)
+    return write_records(texts, folder)
 
 
 def _record(sample: EvalSample) -> str:

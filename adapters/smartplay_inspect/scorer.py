@@ -28,7 +28,7 @@ from smartplay_tools.evaluation.analysis import mean_estimate
 
 @metric
 def interval() -> Metric:
-    """The ends of the 95 % bootstrap interval (BCa) of the mean, `low` and `high`, where the episodes give one."""
+    """The ends of the 95 % interval of the mean, `low` and `high`, where the episodes give one."""
 
     def ends(scores: list[SampleScore]) -> Value:
         return _ends(scores)
@@ -44,11 +44,11 @@ def by_game() -> Metric:
         games: dict[str, list[SampleScore]] = {}
         for score in scores:
             games.setdefault((score.sample_metadata or {})["game"], []).append(score)
-        found: dict[str, float] = {}
+        figures: dict[str, float] = {}
         for game, own in games.items():
-            found[game] = mean_estimate(_values(own)).mean
-            found |= {f"{game} {end}": value for end, value in _ends(own).items()}
-        return found
+            figures[game] = mean_estimate(_values(own)).mean
+            figures |= {f"{game} {end}": value for end, value in _ends(own).items()}
+        return figures
 
     return figures
 

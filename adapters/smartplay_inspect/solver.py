@@ -98,7 +98,7 @@ async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
         reply = from_output(output)
         await _in_thread(lambda reply=reply: conversation.receive(reply.message, reply.usage))  # type: ignore[misc]
         state.output = output
-        if prompt.purpose == "summary":
+        if prompt.asks_for_summary:
             continue  # no turn of the conversation: the log has it as an event of the model
         turn = conversation.latest_turn
         assert turn is not None

@@ -42,10 +42,10 @@ def smartplay(
     which the word "none" means no limit, rules of the episode (`manual`, `batch`) and the game's own options.
     """
     games = game.split(",") if isinstance(game, str) else list(game)
-    asked = {name: value for name, value in rules.items() if name in Budget.model_fields}
+    limits = {name: value for name, value in rules.items() if name in Budget.model_fields}
     others = {name: value for name, value in rules.items() if name not in Budget.model_fields}
     options = {**others, "engine": engine, "counter": TokenCounter(tokenizer)}
-    budget = _budget(asked)
+    budget = _budget(limits)
     samples = [sample for name in games for sample in _samples(name.strip(), trials, seed, budget, options)]
     return _task(samples, "smartplay")
 
@@ -87,12 +87,9 @@ def _sample(trial: int, config: EpisodeConfig) -> Sample:
     )
 
 
-def _budget(asked: dict[str, Any]) -> Budget:
+def _budget(limits: dict[str, Any]) -> Budget:
     """The budget of a task's arguments, where None is "not given" and the word "none" means no limit."""
-    given: dict[str, Any] = {
-        name: None if value == "none" else value for name, value in asked.items() if value is not None
-    }
     try:
-        return Budget(**given)
+        return Budget.of(**limits)
     except ValidationError as error:
         raise InvalidArgumentError(f"The task's budget is invalid: {in_one_line(error)}.") from None

@@ -4,8 +4,8 @@ Middlewares wrap each other, and any of them may change what the model is sent. 
 request's model: the prompt is made when the request reaches it, whatever the order of the middlewares. Texts that they
 have added are then part of the prompt, counted and recorded, and messages that they have removed or cut have no effect.
 
-A window that owes a summary has the model called once more, by the same request and before the reply to play. `send`
-makes these calls: middlewares see one request and one reply.
+A window that owes a summary has the model called once more, by the same request and before the reply to play:
+middlewares see one request and one reply.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from langchain_core.runnables import Runnable, RunnableConfig
 from langchain_core.tools import BaseTool
 from langchain_core.utils.function_calling import convert_to_openai_tool
 
-from smartplay_langchain.messages import to_langchain
-from smartplay_tools import InvalidArgumentError, Prompt, ToolSpec
+from smartplay_langchain.messages import from_langchain, to_langchain, usage_of
+from smartplay_tools import AgentSession, InvalidArgumentError, Prompt, Reply, ToolSpec
 
 Tools = Sequence[BaseTool | dict[str, Any]]
 
@@ -50,66 +50,33 @@ class PromptSettings:
         return prompt.settings(own, cap=self.limit_field, no_tools=self.summary_tool_choice)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelReply(Reply):
+    """A reply, and the message of LangChain's that it was read from."""
+
+    source: AIMessage
+
+
 @dataclass
-class Asked:
+class Outcome:
     """What became of one request for a reply."""
 
-    said: AIMessage | None = None
+    reply: ModelReply | None = None
     """The latest reply of the model; None if there was none."""
-    discarded: list[AIMessage] = field(default_factory=list)
+    discarded: list[ModelReply] = field(default_factory=list)
     """Earlier replies, which a middleware discarded to ask again."""
-    failure: Exception | None = None
-    """Why the latest attempt failed, if it did."""
     over: bool = False
     """Whether there was no further prompt, so that the model was not asked."""
 
-    def reply(self, message: AIMessage) -> None:
-        """Take note of a reply."""
-        if self.said is not None:
-            self.discarded.append(self.said)
-        self.said, self.failure = message, None
+
+Prepare = Callable[[Sequence[SystemMessage], Sequence[BaseMessage], Tools], AgentSession]
+"""Prepares the session for its next prompt, given the system texts, the messages that are not in the state, and the
+tools of the request."""
 
 
-MakePrompt = Callable[[Sequence[SystemMessage], Sequence[BaseMessage], Tools], Prompt | None]
-"""Makes the prompt from the system texts, the messages that are not in the state, and the tools of the request."""
-
-Summarise = Callable[[AIMessage], Prompt | None]
-"""Takes the reply to a prompt for a summary; returns the next prompt, None if the episode is over."""
-
-Bound = Callable[[Prompt], Runnable[LanguageModelInput, AIMessage]]
-"""Returns the model with the tools and settings of a prompt."""
-
-
-def send(prompt: Prompt, bound: Bound, summarise: Summarise, config: RunnableConfig | None = None) -> AIMessage | None:
-    """Send a prompt and return the reply to play, after a summary if the prompt asks for one.
-
-    Returns None if the budget ends the episode between the two. A summary that was taken stays, if the model fails
-    after it.
-    """
-    while True:
-        reply = bound(prompt).invoke(to_langchain(prompt.messages), config)
-        if prompt.purpose == "play":
-            return reply
-        following = summarise(reply)
-        if following is None:
-            return None
-        prompt = following
-
-
-async def asend(
-    prompt: Prompt, bound: Bound, summarise: Summarise, config: RunnableConfig | None = None
-) -> AIMessage | None:
-    """Send a prompt as `send` does, without blocking the event loop."""
-    import asyncio
-
-    while True:
-        reply = await bound(prompt).ainvoke(to_langchain(prompt.messages), config)
-        if prompt.purpose == "play":
-            return reply
-        following = await asyncio.to_thread(summarise, reply)
-        if following is None:
-            return None
-        prompt = following
+def read_reply(message: AIMessage) -> ModelReply:
+    """Return a model's message as a reply."""
+    return ModelReply(from_langchain(message), usage_of(message), source=message)
 
 
 class WindowedModel:
@@ -118,8 +85,7 @@ class WindowedModel:
     Arguments:
         model: the model of the request.
         state: the messages in the state.
-        make: makes the prompt.
-        summarise: takes the reply to a prompt for a summary.
+        prepare: prepares the session for its next prompt.
         prompt_settings: what the model is told about a prompt apart from its messages.
     """
 
@@ -127,13 +93,12 @@ class WindowedModel:
         self,
         model: BaseChatModel,
         state: Sequence[BaseMessage],
-        make: MakePrompt,
-        summarise: Summarise,
+        prepare: Prepare,
         prompt_settings: PromptSettings,
     ) -> None:
-        self._model, self._state, self._make, self._summarise = model, state, make, summarise
+        self._model, self._state, self._prepare = model, state, prepare
         self._prompt_settings = prompt_settings
-        self.asked = Asked()
+        self.outcome = Outcome()
 
     @property  # type: ignore[misc]
     def __class__(self) -> Any:
@@ -160,45 +125,38 @@ class _Request(Runnable[LanguageModelInput, AIMessage]):
 
     def invoke(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AIMessage:  # noqa: A002
         """Send the prompt."""
-        stand_in, prompt = self._stand_in, self._prompt(input)
-        if prompt is None:
-            return OVER
-        try:
-            reply = send(prompt, self._bound, stand_in._summarise, config)
-        except Exception as error:
-            stand_in.asked.failure = error
-            raise
-        return self._replied(reply)
+
+        def send(prompt: Prompt) -> ModelReply:
+            return read_reply(self._bound(prompt).invoke(to_langchain(prompt.messages), config))
+
+        return self._replied(self._prepared(input).ask(send))
 
     async def ainvoke(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AIMessage:  # noqa: A002
         """Send the prompt without blocking the event loop."""
         import asyncio
 
-        stand_in, prompt = self._stand_in, await asyncio.to_thread(self._prompt, input)
-        if prompt is None:
-            return OVER
-        try:
-            reply = await asend(prompt, self._bound, stand_in._summarise, config)
-        except Exception as error:
-            stand_in.asked.failure = error
-            raise
-        return self._replied(reply)
+        async def send(prompt: Prompt) -> ModelReply:
+            return read_reply(await self._bound(prompt).ainvoke(to_langchain(prompt.messages), config))
 
-    def _replied(self, reply: AIMessage | None) -> AIMessage:
-        if reply is None:
-            self._stand_in.asked.over = True
-            return OVER
-        self._stand_in.asked.reply(reply)
-        return reply
+        session = await asyncio.to_thread(self._prepared, input)
+        return self._replied(await session.aask(send))
 
-    def _prompt(self, sent: Sequence[BaseMessage]) -> Prompt | None:
+    def _prepared(self, sent: Sequence[BaseMessage]) -> AgentSession:
         stand_in = self._stand_in
         added = _added(sent, stand_in._state)
         system = [message for message in (*sent[:1], *added) if isinstance(message, SystemMessage)]
         others = [message for message in added if not isinstance(message, SystemMessage)]
-        prompt = stand_in._make(_once(system), others, self._tools)
-        stand_in.asked.over = prompt is None
-        return prompt
+        return stand_in._prepare(_once(system), others, self._tools)
+
+    def _replied(self, reply: ModelReply | None) -> AIMessage:
+        outcome = self._stand_in.outcome
+        outcome.over = reply is None
+        if reply is None:
+            return OVER
+        if outcome.reply is not None:
+            outcome.discarded.append(outcome.reply)
+        outcome.reply = reply
+        return reply.source
 
     def _bound(self, prompt: Prompt) -> Runnable[LanguageModelInput, AIMessage]:
         settings = self._stand_in._prompt_settings.of(prompt, self._stand_in._model, self._settings)
@@ -218,7 +176,7 @@ def bind(
     """Return the model with the tools, in the order of the prompt, and these settings."""
     by_name = {spec_of(tool).name: tool for tool in tools}
     bound = model.bind_tools([by_name[spec.name] for spec in prompt.tools], **settings)
-    return bound if prompt.purpose == "play" else bound.with_config(tags=[SUMMARY_TAG])
+    return bound.with_config(tags=[SUMMARY_TAG]) if prompt.asks_for_summary else bound
 
 
 def spec_of(tool: BaseTool | dict[str, Any]) -> ToolSpec:
@@ -237,8 +195,8 @@ def _added(sent: Sequence[BaseMessage], state: Sequence[BaseMessage]) -> list[Ba
     messages = sent[1:] if sent and isinstance(sent[0], SystemMessage) else sent
     if len(messages) == len(state) and all(map(operator.is_, messages, state)):
         return []
-    known, same = {message.id for message in state if message.id}, set(map(id, state))
-    return [message for message in messages if id(message) not in same and message.id not in known]
+    ids, same = {message.id for message in state if message.id}, set(map(id, state))
+    return [message for message in messages if id(message) not in same and message.id not in ids]
 
 
 def _once(messages: Sequence[SystemMessage]) -> list[SystemMessage]:

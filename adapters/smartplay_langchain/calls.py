@@ -19,7 +19,8 @@ from pydantic import Field
 from smartplay_langchain.messages import from_langchain
 from smartplay_langchain.order import TurnOrder
 from smartplay_langchain.toolkit import SmartPlayTool, SmartPlayToolkit
-from smartplay_tools import AgentSession, Episode, InvalidArgumentError, ToolResult
+from smartplay_tools import AgentSession, InvalidArgumentError, ToolResult
+from smartplay_tools.conversation import HostChat
 from smartplay_tools.messages import Call
 
 OURS = "smartplay-"
@@ -32,15 +33,18 @@ HELD = "This call waits for the decision about an earlier one."
 class CallPlayer:
     """The calls of an episode's replies."""
 
-    def __init__(self, episode: Episode | AgentSession) -> None:
-        self.session = episode if isinstance(episode, AgentSession) else None
-        """The session; None before the first prompt."""
-        self.episode: Episode = episode.episode if isinstance(episode, AgentSession) else episode
+    def __init__(self, chat: HostChat) -> None:
+        self._chat, self.episode = chat, chat.episode
         self.tools: Sequence[BaseTool] = [
             SessionTool(**dict(tool), player=self) for tool in SmartPlayToolkit(episode=self.episode).get_tools()
         ]
         """The game's tools, for a tool node."""
         self.begin_turn()
+
+    @property
+    def session(self) -> AgentSession | None:
+        """The session; None before the first prompt."""
+        return self._chat.session
 
     def begin_turn(self) -> None:
         """Forget the calls of the reply before."""
@@ -49,34 +53,36 @@ class CallPlayer:
     def wrap_tool_call(self, request: Any, handler: Callable[[Any], Any]) -> Any:
         """Run a call of the tool node; calls of unknown tools are answered here."""
         self._settle(request.state)
-        if request.tool is None and self._is_own(request.tool_call["id"]):
-            return self._message(request.tool_call, *self.play(request.tool_call))
+        call = request.tool_call
+        if request.tool is None and self._is_own(call["id"]):
+            return self._message(call["id"], call["name"], *self.play(call))
         return handler(request)
 
     async def awrap_tool_call(self, request: Any, handler: Callable[[Any], Awaitable[Any]]) -> Any:
         """Run a call as `wrap_tool_call` does, without blocking the event loop."""
         self._settle(request.state)
-        if request.tool is None and self._is_own(request.tool_call["id"]):
-            return self._message(request.tool_call, *await self.aplay(request.tool_call))
+        call = request.tool_call
+        if request.tool is None and self._is_own(call["id"]):
+            return self._message(call["id"], call["name"], *await self.aplay(call))
         return await handler(request)
 
-    def play(self, asked: Any) -> tuple[str, dict[str, Any]]:
+    def play(self, tool_call: Any) -> tuple[str, dict[str, Any]]:
         """Play a call (LangChain's `ToolCall`) after the calls before it; returns the text and the artifact."""
-        position, call = self._find(asked)
+        position, call = self._find(tool_call)
         if not self._order.begin(position):
-            return HELD, {"held": True, "arguments": asked["args"]}
+            return HELD, {"held": True, "arguments": tool_call["args"]}
         try:
-            return _answer(self._session.answer(call.id, asked["args"]))
+            return _answer(self._session.answer(call.id, tool_call["args"]))
         finally:
             self._order.end(position)
 
-    async def aplay(self, asked: Any) -> tuple[str, dict[str, Any]]:
+    async def aplay(self, tool_call: Any) -> tuple[str, dict[str, Any]]:
         """Play a call as `play` does, without blocking the event loop."""
-        position, call = self._find(asked)
+        position, call = self._find(tool_call)
         if not await self._order.abegin(position):
-            return HELD, {"held": True, "arguments": asked["args"]}
+            return HELD, {"held": True, "arguments": tool_call["args"]}
         try:
-            return _answer(await self._session.aanswer(call.id, asked["args"]))
+            return _answer(await self._session.aanswer(call.id, tool_call["args"]))
         finally:
             self._order.end(position)
 
@@ -115,17 +121,17 @@ class CallPlayer:
         positions = self._positions()
         return {positions[call.id] for call in self._session.open_calls if positions[call.id] < position}
 
-    def _find(self, asked: Any) -> tuple[int, Call]:
-        position = self._positions().get(asked["id"])
+    def _find(self, tool_call: Any) -> tuple[int, Call]:
+        position = self._positions().get(tool_call["id"])
         if position is None:
             raise InvalidArgumentError(
-                f"The latest reply of the episode's model has no call {asked['id']!r}; a middleware has made it."
+                f"The latest reply of the episode's model has no call {tool_call['id']!r}; a middleware has made it."
             )
         call = self._calls()[position]
-        if call.name != asked["name"]:
+        if call.name != tool_call["name"]:
             raise InvalidArgumentError(
-                f"The call {call.id} of {call.name} was changed into one of {asked['name']}. A reviewer may change its "
-                "arguments; to have another tool called, reject the call and say so."
+                f"The call {call.id} of {call.name} was changed into one of {tool_call['name']}. A reviewer may change "
+                "its arguments; to have another tool called, reject the call and say so."
             )
         return position, call
 
@@ -140,12 +146,12 @@ class CallPlayer:
                 if isinstance(message, ToolMessage) and message.tool_call_id in waiting and not is_ours(message):
                     self._session.add(from_langchain(message))
 
-    def _message(self, asked: Any, text: str, artifact: dict[str, Any]) -> ToolMessage:
+    def _message(self, call_id: str, name: str, text: str, artifact: dict[str, Any]) -> ToolMessage:
         return ToolMessage(
             text,
-            id=self.result_id(asked["id"]),
-            name=asked["name"],
-            tool_call_id=asked["id"],
+            id=self.result_id(call_id),
+            name=name,
+            tool_call_id=call_id,
             status="error" if artifact.get("is_error") else "success",
             artifact=artifact,
         )
@@ -236,8 +242,3 @@ def _answer(result: ToolResult) -> tuple[str, dict[str, Any]]:
 def artifact_of(result: ToolResult) -> dict[str, Any]:
     """Return the artifact of a result's message."""
     return {**result.data, "is_error": result.is_error, "done": result.done}
-
-
-def asked_for(call: Call) -> dict[str, Any]:
-    """Return a call in the form of LangChain's `ToolCall`, without its arguments."""
-    return {"id": call.id, "name": call.name}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from langchain_core.callbacks import AsyncCallbackManagerForLLMRun, CallbackManagerForLLMRun
@@ -17,15 +18,15 @@ from pydantic import ConfigDict, Field
 from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, ToolSpec
 from smartplay_tools.messages import calls_of, text_of
-from smartplay_tools.prompts import purpose_of
+from smartplay_tools.prompts import received
 
 
 class PlayerChatModel(BaseChatModel):
     """A player as a chat model.
 
     Replies are streamed in pieces, and report the player's usage. `tool_choice` restricts the tools that the player is
-    shown, except where a summary is asked for, which the player is told (`Prompt.purpose`). A player that does not call
-    a tool although it must is an `InvalidArgumentError`.
+    shown, except where a summary is asked for, which the player is told (`Prompt.asks_for_summary`). A player that does
+    not call a tool although it must is an `InvalidArgumentError`.
     """
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
@@ -62,7 +63,7 @@ class PlayerChatModel(BaseChatModel):
         run_manager: CallbackManagerForLLMRun | None = None,
         **settings: Any,
     ) -> ChatResult:
-        return _result(self._said(messages, stop, settings))
+        return _result(self._answer(messages, stop, settings))
 
     async def _agenerate(
         self,
@@ -71,7 +72,7 @@ class PlayerChatModel(BaseChatModel):
         run_manager: AsyncCallbackManagerForLLMRun | None = None,
         **settings: Any,
     ) -> ChatResult:
-        return _result(await self._asaid(messages, stop, settings))
+        return _result(await self._aanswer(messages, stop, settings))
 
     def _stream(
         self,
@@ -80,7 +81,7 @@ class PlayerChatModel(BaseChatModel):
         run_manager: CallbackManagerForLLMRun | None = None,
         **settings: Any,
     ) -> Iterator[ChatGenerationChunk]:
-        for chunk in _pieces(self._said(messages, stop, settings)):
+        for chunk in _pieces(self._answer(messages, stop, settings)):
             if run_manager is not None:
                 run_manager.on_llm_new_token(chunk.text, chunk=chunk)
             yield chunk
@@ -92,24 +93,24 @@ class PlayerChatModel(BaseChatModel):
         run_manager: AsyncCallbackManagerForLLMRun | None = None,
         **settings: Any,
     ) -> AsyncIterator[ChatGenerationChunk]:
-        for chunk in _pieces(await self._asaid(messages, stop, settings)):
+        for chunk in _pieces(await self._aanswer(messages, stop, settings)):
             if run_manager is not None:
                 await run_manager.on_llm_new_token(chunk.text, chunk=chunk)
             yield chunk
 
-    def _said(self, messages: Sequence[BaseMessage], stop: list[str] | None, settings: dict[str, Any]) -> AIMessage:
+    def _answer(self, messages: Sequence[BaseMessage], stop: list[str] | None, settings: dict[str, Any]) -> AIMessage:
         if not isinstance(self.player, Player):
             raise InvalidArgumentError(f"{self.player.name} is asynchronous: use `ainvoke` or `astream`.")
         prompt, must_call = self._prompt(messages, settings)
         return self._message(self.player.reply(prompt), prompt, must_call, stop)
 
-    async def _asaid(
+    async def _aanswer(
         self, messages: Sequence[BaseMessage], stop: list[str] | None, settings: dict[str, Any]
     ) -> AIMessage:
         if not isinstance(self.player, AsyncPlayer):
             import asyncio
 
-            return await asyncio.to_thread(self._said, messages, stop, settings)
+            return await asyncio.to_thread(self._answer, messages, stop, settings)
         prompt, must_call = self._prompt(messages, settings)
         return self._message(await self.player.areply(prompt), prompt, must_call, stop)
 
@@ -120,23 +121,22 @@ class PlayerChatModel(BaseChatModel):
         choice = settings.get("tool_choice")
         if isinstance(choice, Mapping):  # as OpenAI spells it
             choice = choice.get("function", choice).get("name", choice.get("type"))
-        canonical = [from_langchain(message) for message in messages]
-        purpose = purpose_of(canonical)
+        cap = settings.get("max_tokens") or self.max_tokens
+        prompt = received([from_langchain(message) for message in messages], tuple(specs), cap)
         if choice == "none":
-            specs = specs if purpose == "summary" else []
+            specs = specs if prompt.asks_for_summary else []
         elif choice not in (None, False, True, "auto", "any", "required"):
             specs = [spec for spec in specs if spec.name == choice]
             if not specs:
                 raise InvalidArgumentError(f"tool_choice names the tool {choice!r}, which is not bound.")
-        cap = settings.get("max_tokens") or self.max_tokens
         must_call = choice not in (None, False, "auto", "none")
-        return Prompt(canonical, tuple(specs), cap, purpose=purpose), must_call
+        return replace(prompt, tools=tuple(specs)), must_call
 
     def _message(self, reply: Reply, prompt: Prompt, must_call: bool, stop: list[str] | None) -> AIMessage:
-        said, offered = reply.message, {spec.name for spec in prompt.tools}
-        if must_call and not any(call["function"]["name"] in offered for call in calls_of(said)):
+        answer, offered = reply.message, {spec.name for spec in prompt.tools}
+        if must_call and not any(call["function"]["name"] in offered for call in calls_of(answer)):
             raise InvalidArgumentError(f"The player {self.player.name} called no tool, which tool_choice demands.")
-        (message,) = to_langchain([_cut(said, stop or self.stop)])
+        (message,) = to_langchain([_cut(answer, stop or self.stop)])
         assert isinstance(message, AIMessage)
         message.response_metadata["model_name"] = self.model_name
         if (usage := reply.usage) is not None:

@@ -13,11 +13,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from langchain_core.language_models import BaseChatModel
+from langchain_core.language_models import BaseChatModel, LanguageModelInput
 from langchain_core.messages import AIMessage, AnyMessage, BaseMessage, HumanMessage, SystemMessage, ToolMessage
+from langchain_core.runnables import Runnable
 from langchain_core.tools import BaseTool
 
-from smartplay_langchain.asking import Asked, Bound, PromptSettings, ToolChoice, Tools, asend, bind, send, spec_of
+from smartplay_langchain.asking import (
+    ModelReply,
+    Outcome,
+    PromptSettings,
+    ToolChoice,
+    Tools,
+    bind,
+    read_reply,
+    spec_of,
+)
 from smartplay_langchain.calls import (
     HELD,
     OURS,
@@ -26,11 +36,11 @@ from smartplay_langchain.calls import (
     after_latest_reply,
     another_state,
     artifact_of,
-    asked_for,
     is_ours,
 )
-from smartplay_langchain.messages import from_langchain, to_langchain, usage_of
+from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
+from smartplay_tools.conversation import HostChat
 from smartplay_tools.messages import Call
 
 NOT_RUN = "Error: The agent did not run this call."
@@ -59,18 +69,9 @@ class GraphSession(CallPlayer):
         summary_tool_choice: ToolChoice = "none",
         foreign_tools: Sequence[BaseTool | dict[str, Any]] = (),
     ) -> None:
-        super().__init__(episode)
+        super().__init__(HostChat(episode, player=player, not_run=NOT_RUN))
         self.prompt_settings = PromptSettings(limit_field, summary_tool_choice)
-        self._player, self._other_tools = player, list(foreign_tools)
-        self._first: list[Message] | None = None
-        """The host's messages before the first reply, without its system texts."""
-        self._taken: set[str] = set()
-        """The messages after the latest reply that the session has received."""
-        self._recorded: list[str] = []
-        """The same in a record that is continued: their texts."""
-        if self.session is not None and self.session.latest_turn is not None:
-            items = self.session.latest_turn.items
-            self._recorded = [str(item.message["content"]) for item in items if item.message["role"] == "user"]
+        self._other_tools = list(foreign_tools)
 
     def ask(self, model: BaseChatModel, messages: Sequence[BaseMessage]) -> list[AnyMessage]:
         """Call the model with the next prompt and return the messages for the state.
@@ -80,35 +81,31 @@ class GraphSession(CallPlayer):
         ended before the graph's checkpoint was written, is returned again without calling the model. If the model
         raises, the episode does not change, and you may ask again; a summary that was taken stays.
         """
-        if (known := self.recorded_reply(messages)) is not None:
-            return known
+        if (recorded := self.recorded_reply(messages)) is not None:
+            return recorded
         added, tools = self.update(messages), [*self.tools, *self._other_tools]
-        prompt = self.prompt(messages, tools=tools)
-        if prompt is None:
-            return added
-        try:
-            reply = send(prompt, self._binding(model, tools), self.summarise)
-        except Exception as error:
-            self.fail(error)
-            raise
-        return added if reply is None else [*added, *self.receive(Asked(reply))]
+        session = self.prepare(messages, tools=tools)
+
+        def send(prompt: Prompt) -> ModelReply:
+            return read_reply(self._bound(model, tools, prompt).invoke(to_langchain(prompt.messages)))
+
+        reply = session.ask(send)
+        return added if reply is None else [*added, *self.receive(Outcome(reply))]
 
     async def aask(self, model: BaseChatModel, messages: Sequence[BaseMessage]) -> list[AnyMessage]:
         """Call the model as `ask` does, without blocking the event loop."""
         import asyncio
 
-        if (known := self.recorded_reply(messages)) is not None:
-            return known
+        if (recorded := self.recorded_reply(messages)) is not None:
+            return recorded
         added, tools = await asyncio.to_thread(self.update, messages), [*self.tools, *self._other_tools]
-        prompt = await asyncio.to_thread(self.prompt, messages, tools=tools)
-        if prompt is None:
-            return added
-        try:
-            reply = await asend(prompt, self._binding(model, tools), self.summarise)
-        except Exception as error:
-            self.fail(error)
-            raise
-        return added if reply is None else [*added, *self.receive(Asked(reply))]
+        session = await asyncio.to_thread(self.prepare, messages, tools=tools)
+
+        async def send(prompt: Prompt) -> ModelReply:
+            return read_reply(await self._bound(model, tools, prompt).ainvoke(to_langchain(prompt.messages)))
+
+        reply = await session.aask(send)
+        return added if reply is None else [*added, *self.receive(Outcome(reply))]
 
     # The parts of it, for the middleware.
 
@@ -120,9 +117,8 @@ class GraphSession(CallPlayer):
             return None
         if lacked != 1:
             raise another_state(lacked)
-        said = self.session.message
-        assert said is not None
-        (reply,) = to_langchain([said])
+        assert self.session.message is not None
+        (reply,) = to_langchain([self.session.message])
         assert isinstance(reply, AIMessage)
         return self._for_state(reply)
 
@@ -138,22 +134,22 @@ class GraphSession(CallPlayer):
         with self.episode.lock:
             if not self.session.awaits_reply:
                 return self._take(since)
-            if any(map(self._is_new, filter(_is_word, since))):
+            if self._chat.unheard(map(from_langchain, filter(_is_word, since))):
                 raise InvalidArgumentError(
                     "The episode awaits the reply to a recorded prompt. Invoke the graph without new messages, "
                     "and add yours after the reply."
                 )
             return []
 
-    def prompt(
+    def prepare(
         self,
         messages: Sequence[BaseMessage],
         *,
         tools: Sequence[BaseTool | dict[str, Any]],
         system: Sequence[SystemMessage] = (),
         added: Sequence[BaseMessage] = (),
-    ) -> Prompt | None:
-        """Return the next prompt, given the messages in the state; None when the episode is over.
+    ) -> AgentSession:
+        """Return the session, ready for its next prompt, given the messages in the state.
 
         Messages before the first reply are part of every prompt. So are the system texts and the tools, which may
         change from prompt to prompt. `added` are messages for this prompt that are not in the state.
@@ -166,53 +162,30 @@ class GraphSession(CallPlayer):
             )
         foreign, head = [spec for spec in specs if spec.name not in own], [*map(from_langchain, system)]
         if self.session is None:
-            self._first = [from_langchain(message) for message in (*messages, *added)]
-            self.session = AgentSession(
-                self.episode,
-                player=self._player,
-                head=[*head, *self._first],
-                foreign_tools=foreign,
-                summaries=True,
-            )
-        elif not self.session.awaits_reply:  # a prompt that was made stays as it is, however often it is sent
-            self._change(head, foreign, added)
-        return self.session.prompt()
+            first = map(from_langchain, (*messages, *added))
+            return self._chat.begin(first, system=head, foreign_tools=foreign)
+        if not self.session.awaits_reply:  # a prompt that was made stays as it is, however often it is sent
+            self._chat.change(system=head, foreign_tools=foreign)
+            self._add(added)
+        return self.session
 
-    def summarise(self, reply: AIMessage) -> Prompt | None:
-        """Take the reply to a prompt for a summary, and return the next prompt; None when the episode is over."""
-        assert self.session is not None
-        with self.episode.lock:
-            self.session.receive(from_langchain(reply), usage_of(reply))
-            return self.session.prompt()
-
-    def receive(self, asked: Asked, reply: AIMessage | None = None) -> list[AnyMessage]:
+    def receive(self, outcome: Outcome, reply: AIMessage | None = None) -> list[AnyMessage]:
         """Take the model's reply and return it as it belongs into the state; `reply` if a middleware has changed it.
 
         Its calls have the ids of the session. A reply without a call is followed by the user message that says so.
         """
         assert self.session is not None
-        assert asked.said is not None
-        for wasted in asked.discarded:
-            if (usage := usage_of(wasted)) is not None:
-                self.session.spend(usage)
-        self._taken, self._recorded = set(), []
+        assert outcome.reply is not None
+        for wasted in outcome.discarded:
+            if wasted.usage is not None:
+                self.session.spend(wasted.usage)
         self.begin_turn()
-        calls = self.session.receive(from_langchain(asked.said), usage_of(asked.said))
-        return self._for_state(_with_ids(reply or asked.said, calls))
+        calls = self.session.receive(outcome.reply.message, outcome.reply.usage)
+        return self._for_state(_with_ids(reply or outcome.reply.source, calls))
 
-    def fail(self, error: Exception) -> None:
-        """Note that the model gave no reply: an episode that is closed now ends as `player_error`."""
-        if self.session is not None:
-            self.session.fail(error)
-
-    def _change(self, head: list[Message], foreign: Sequence[Any], added: Sequence[BaseMessage]) -> None:
-        """Take over a system text and tools that have changed, and messages for this prompt."""
+    def _add(self, added: Sequence[BaseMessage]) -> None:
+        """Add a middleware's messages for this prompt."""
         assert self.session is not None
-        if self._first is None:
-            recorded = list(self.session.host_head)
-            systems = [message["role"] for message in recorded[: len(head)]].count("system")
-            self._first = recorded[systems:]
-        self.session.change_head([*head, *self._first], foreign)
         for message in added:
             if not isinstance(message, HumanMessage):
                 raise InvalidArgumentError(
@@ -222,8 +195,8 @@ class GraphSession(CallPlayer):
             if self.session.latest_turn is not None:
                 self.session.add(from_langchain(message))
 
-    def _binding(self, model: BaseChatModel, tools: Tools) -> Bound:
-        return lambda prompt: bind(model, tools, self.prompt_settings.of(prompt, model), prompt)
+    def _bound(self, model: BaseChatModel, tools: Tools, prompt: Prompt) -> Runnable[LanguageModelInput, AIMessage]:
+        return bind(model, tools, self.prompt_settings.of(prompt, model), prompt)
 
     def _for_state(self, reply: AIMessage) -> list[AnyMessage]:
         assert self.session is not None
@@ -240,50 +213,25 @@ class GraphSession(CallPlayer):
         turn = self.session.latest_turn
         assert turn is not None
         results = {message.tool_call_id: message for message in since if isinstance(message, ToolMessage)}
-        answered = {item.position for item in turn.items}
+        ours = {call_id: message for call_id, message in results.items() if is_ours(message)}
+        play = {call_id: (message.artifact or {}).get("arguments") for call_id, message in ours.items()}
+        theirs = [from_langchain(message) for call_id, message in results.items() if call_id not in ours]
+        answers = self._chat.settle(theirs, play=play)
         changed: list[AnyMessage] = []
-        words: list[BaseMessage] = []
-        for position, call in enumerate(turn.calls):
-            message, is_open = results.get(call.id), position not in answered
-            if message is None and is_open:
-                changed.append(self._close(call))
-            elif message is not None and is_open and not is_ours(message):
-                self.session.add(from_langchain(message))  # an own call is thereby refused: the host has answered
-            elif message is not None and is_ours(message):
-                artifact = message.artifact or {}
-                answer = self.session.answer(call.id, artifact.get("arguments") if is_open else None)
+        notes: list[Message] = []
+        for call in turn.calls:
+            if call.id in ours:
+                message, answer = ours[call.id], self.session.answer(call.id)
                 if HELD in message.text:
-                    message = self._message(
-                        asked_for(call), message.text.replace(HELD, answer.text), artifact_of(answer)
-                    )
+                    text = message.text.replace(HELD, answer.text)
+                    message = self._message(call.id, call.name, text, artifact_of(answer))
                     changed.append(message)
                 if note := _note(call, message, answer):
-                    words.append(HumanMessage(note, id=f"note {message.id}"))
-        for word in [*words, *filter(_is_word, since)]:
-            if self._is_new(word):
-                self.session.add(from_langchain(word))
+                    notes.append({"role": "user", "content": note})
+            elif call.id not in results and (made := answers.get(call.id)) is not None:
+                changed.append(self._message(call.id, call.name, made.text, artifact_of(made)))
+        self._chat.hear([*notes, *map(from_langchain, filter(_is_word, since))])
         return changed
-
-    def _close(self, call: Call) -> ToolMessage:
-        """Answer a call that no tool node has run: in the game's words if its arguments are not a JSON object."""
-        assert self.session is not None
-        if not self._is_own(call.id):
-            self.session.add({"role": "tool", "tool_call_id": call.id, "content": NOT_RUN})
-            return self._message(asked_for(call), NOT_RUN, {"is_error": True})
-        broken = call.arguments.values is None
-        answer = self.session.answer(call.id) if broken else self.session.refuse(call.id, NOT_RUN)
-        return self._message(asked_for(call), answer.text, artifact_of(answer))
-
-    def _is_new(self, message: BaseMessage) -> bool:
-        """Whether the session has not received a message yet; asked once for each."""
-        key = message.id or str(id(message))
-        if key in self._taken:
-            return False
-        self._taken.add(key)
-        if message.text in self._recorded:
-            self._recorded.remove(message.text)
-            return False
-        return True
 
 
 def _is_word(message: BaseMessage) -> bool:
@@ -308,8 +256,8 @@ def _with_ids(reply: AIMessage, calls: Sequence[Call]) -> AIMessage:
         ids.setdefault(call.sent_id, []).append(call.id)
 
     def renamed(call: Any) -> Any:
-        known = ids.get(call["id"] or "")
-        return {**call, "id": known.pop(0)} if known else call
+        left = ids.get(call["id"] or "")
+        return {**call, "id": left.pop(0)} if left else call
 
     update = {name: [renamed(call) for call in getattr(reply, name)] for name in ("tool_calls", "invalid_tool_calls")}
     return reply.model_copy(update=update)

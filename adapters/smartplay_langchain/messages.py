@@ -8,7 +8,7 @@ recorded and sent back to the model with their turn.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from langchain_core.messages import (
@@ -56,10 +56,15 @@ def usage_of(message: AIMessage) -> Usage | None:
     usage = message.usage_metadata
     if usage is None:
         return None
+    parts: Mapping[str, Any] = usage.get("input_token_details", {})
+    # Anthropic's writes are split by how long they are kept, and its sum is then 0.
+    short, written_1h = (parts.get(f"ephemeral_{kept}_input_tokens") or 0 for kept in ("5m", "1h"))
     return Usage(
         prompt=usage["input_tokens"],
         reply=usage["output_tokens"],
-        cached=usage.get("input_token_details", {}).get("cache_read") or 0,
+        cached=parts.get("cache_read") or 0,
+        written=parts.get("cache_creation") or short + written_1h,
+        written_1h=written_1h,
         reasoning=usage.get("output_token_details", {}).get("reasoning") or 0,
     )
 
@@ -110,8 +115,8 @@ def _from_reply(reply: AIMessage) -> Message:
 def _words(reply: AIMessage) -> str:
     """The text of a reply; the words of a refusal are its text, too, wherever the provider's package keeps them."""
     parts = [reply.content] if isinstance(reply.content, str) else reply.content
-    said = "".join(part if isinstance(part, str) else _text_of_part(part) for part in parts)
-    return said or str(reply.additional_kwargs.get("refusal") or "")
+    text = "".join(part if isinstance(part, str) else _text_of_part(part) for part in parts)
+    return text or str(reply.additional_kwargs.get("refusal") or "")
 
 
 def _text_of_part(part: dict[Any, Any]) -> str:

@@ -25,10 +25,10 @@ from langchain_core.messages import AIMessage, BaseMessage, SystemMessage, ToolM
 from langchain_core.tools import BaseTool
 from langgraph.types import Command
 
-from smartplay_langchain.asking import OVER, Asked, ToolChoice, Tools, WindowedModel
+from smartplay_langchain.asking import OVER, Outcome, ToolChoice, Tools, WindowedModel
 from smartplay_langchain.calls import turn_of
 from smartplay_langchain.graph import GraphSession
-from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Prompt
+from smartplay_tools import AgentSession, Episode, InvalidArgumentError
 
 Handler = Callable[[ModelRequest[Any]], ModelResponse[Any]]
 AsyncHandler = Callable[[ModelRequest[Any]], Awaitable[ModelResponse[Any]]]
@@ -76,27 +76,19 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
 
     def wrap_model_call(self, request: ModelRequest[Any], handler: Handler) -> ModelResponse[Any]:
         """Have the model called with the window, after a summary where one is owed, and take its reply."""
-        if (known := self._known(request)) is not None:
-            return known
+        if (response := self._without_asking(request)) is not None:
+            return response
         windowed = self._windowed(request)
-        try:
-            response = handler(request.override(model=windowed))  # type: ignore[arg-type]
-        except Exception:
-            self._failed(windowed.asked)
-            raise
-        return self._received(windowed.asked, response)
+        response = handler(request.override(model=windowed))  # type: ignore[arg-type]
+        return self._received(windowed.outcome, response)
 
     async def awrap_model_call(self, request: ModelRequest[Any], handler: AsyncHandler) -> ModelResponse[Any]:
         """Do what `wrap_model_call` does, without blocking the event loop."""
-        if (known := self._known(request)) is not None:
-            return known
+        if (response := self._without_asking(request)) is not None:
+            return response
         windowed = self._windowed(request)
-        try:
-            response = await handler(request.override(model=windowed))  # type: ignore[arg-type]
-        except Exception:
-            self._failed(windowed.asked)
-            raise
-        return await asyncio.to_thread(self._received, windowed.asked, response)
+        response = await handler(request.override(model=windowed))  # type: ignore[arg-type]
+        return await asyncio.to_thread(self._received, windowed.outcome, response)
 
     @hook_config(can_jump_to=["model"])
     def after_model(self, state: AgentState[Any], runtime: Any) -> dict[str, Any] | None:
@@ -138,41 +130,36 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         """Do what `after_agent` does, without blocking the event loop."""
         return await asyncio.to_thread(self.after_agent, state, runtime)
 
-    def _known(self, request: ModelRequest[Any]) -> ModelResponse[Any] | None:
+    def _without_asking(self, request: ModelRequest[Any]) -> ModelResponse[Any] | None:
         """Return a reply that the record has and the graph's state has not, or the end of the episode."""
         if request.response_format is not None:
             raise InvalidArgumentError("An agent that plays cannot have a response_format: its run ends with the game.")
         messages: list[BaseMessage] = list(request.state["messages"])
-        known = self._graph.recorded_reply(messages)
-        if known is None and self.episode.done:
+        recorded = self._graph.recorded_reply(messages)
+        if recorded is None and self.episode.done:
             return ModelResponse(result=[OVER])
-        return None if known is None else ModelResponse(result=list(known))
+        return None if recorded is None else ModelResponse(result=list(recorded))
 
     def _windowed(self, request: ModelRequest[Any]) -> WindowedModel:
         messages: list[BaseMessage] = list(request.state["messages"])
 
-        def make(system: Sequence[SystemMessage], added: Sequence[BaseMessage], tools: Tools) -> Prompt | None:
-            return self._graph.prompt(messages, tools=tools, system=system, added=added)
+        def prepare(system: Sequence[SystemMessage], added: Sequence[BaseMessage], tools: Tools) -> AgentSession:
+            return self._graph.prepare(messages, tools=tools, system=system, added=added)
 
-        return WindowedModel(request.model, messages, make, self._graph.summarise, self._graph.prompt_settings)
+        return WindowedModel(request.model, messages, prepare, self._graph.prompt_settings)
 
-    def _received(self, asked: Asked, response: ModelResponse[Any]) -> ModelResponse[Any]:
+    def _received(self, outcome: Outcome, response: ModelResponse[Any]) -> ModelResponse[Any]:
         reply = next((message for message in response.result if isinstance(message, AIMessage)), None)
-        if asked.over or reply is None:
+        if outcome.over or reply is None:
             return response
-        if asked.said is not None and reply.id == asked.said.id:
-            return ModelResponse(result=list(self._graph.receive(asked, reply)))
+        if outcome.reply is not None and reply.id == outcome.reply.source.id:
+            return ModelResponse(result=list(self._graph.receive(outcome, reply)))
         if reply.id is not None:
             raise InvalidArgumentError(
                 "A reply came from a model that the window was not applied to. Put the middleware that chooses it "
                 "(ModelFallbackMiddleware, for example) before SmartPlayMiddleware."
             )
-        self._failed(asked)
         return response
-
-    def _failed(self, asked: Asked) -> None:
-        if asked.failure is not None:
-            self._graph.fail(asked.failure)
 
     def _stopped(self, message: AIMessage) -> None:
         """Take note of a reply that a middleware made up: instead of the model's, which failed, or to end the run."""

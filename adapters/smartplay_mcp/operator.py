@@ -11,18 +11,15 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from smartplay_tools import Budget, InvalidArgumentError, SmartPlayError
-from smartplay_tools.web import TOO_LARGE, EpisodeStore, FullError, asked, read_body
+from smartplay_tools.web import EpisodeStore, FullError, hosted_or_refusal
 
 
 def operator_routes(store: EpisodeStore) -> list[Route]:
     """Return the routes of the episodes in a store."""
 
     async def open_episode(request: Request) -> Response:
-        body = await read_body(request)
-        if body is None:
-            return TOO_LARGE
         try:
-            handle = await asyncio.to_thread(_opened, store, body)
+            handle = await asyncio.to_thread(_opened, store, await request.body())
         except FullError as error:
             return PlainTextResponse(str(error), 503)
         except SmartPlayError as error:
@@ -30,15 +27,15 @@ def operator_routes(store: EpisodeStore) -> list[Route]:
         return JSONResponse({"episode": handle, "path": f"/mcp/{handle}"}, 201)
 
     async def show_episode(request: Request) -> Response:
-        found = await asked(store.find, request.path_params["handle"])
-        if isinstance(found, Response):
-            return found
-        result = found.episode.result
-        return JSONResponse({"done": found.episode.done, "result": result and result.model_dump()})
+        hosted = await hosted_or_refusal(store.find, request.path_params["handle"])
+        if isinstance(hosted, Response):
+            return hosted
+        result = hosted.episode.result
+        return JSONResponse({"done": hosted.episode.done, "result": result and result.model_dump()})
 
     async def close_episode(request: Request) -> Response:
-        found = await asked(store.close, request.path_params["handle"])
-        return found if isinstance(found, Response) else JSONResponse({"done": True, "result": found.model_dump()})
+        result = await hosted_or_refusal(store.close, request.path_params["handle"])
+        return result if isinstance(result, Response) else JSONResponse({"done": True, "result": result.model_dump()})
 
     return [
         Route("/episodes", open_episode, methods=["POST"]),

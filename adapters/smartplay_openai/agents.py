@@ -21,6 +21,7 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
+from smartplay_tools.conversation import HostChat
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.messages import text_of
 
@@ -70,19 +71,19 @@ class SmartPlayModel(Model):
     """
 
     def __init__(self, model: Model, episode: Episode | AgentSession, *, player: str = "agents") -> None:
-        self.session = episode if isinstance(episode, AgentSession) else None
-        """The session of the episode; None before the first prompt."""
-        self.episode = episode.episode if isinstance(episode, AgentSession) else episode
+        self._chat = HostChat(episode, player=player)
+        self.episode = self._chat.episode
         self.tools: list[Tool] = [self._tool(spec) for spec in self.episode.tools]
         self.run_config = RunConfig(
             tool_execution=ToolExecutionConfig(max_function_tool_concurrency=1),
             tool_not_found_behavior="return_error_to_model",
         )
         self._model, self._player = model, player
-        self._first: list[Message] | None = None
-        """The host's messages before the first reply, without the instructions."""
-        self._words = 0
-        """The number of user messages after the latest reply that the session has received."""
+
+    @property
+    def session(self) -> AgentSession | None:
+        """The session of the episode; None before the first prompt."""
+        return self._chat.session
 
     async def get_response(
         self,
@@ -101,25 +102,20 @@ class SmartPlayModel(Model):
         """
         _check(output_schema, options)
         items = [{"role": "user", "content": input}] if isinstance(input, str) else input
-        await asyncio.to_thread(self._prepare, system_instructions, items, self._foreign(tools, handoffs))
-        assert self.session is not None
-        session, usage = self.session, AgentsUsage()
+        session = await asyncio.to_thread(self._prepare, system_instructions, items, self._foreign(tools, handoffs))
+        usage = AgentsUsage()
 
         async def send(prompt: Prompt) -> _Answer:
             own = {"max_tokens": model_settings.max_tokens, "tool_choice": model_settings.tool_choice}
             settings = dataclasses.replace(model_settings, **prompt.settings(own))
-            try:
-                response = await self._model.get_response(
-                    None, _input(prompt), settings, tools, output_schema, list(handoffs), *arguments, **options
-                )
-            except Exception as error:
-                session.fail(error)
-                raise
+            response = await self._model.get_response(
+                None, _input(prompt), settings, tools, output_schema, list(handoffs), *arguments, **options
+            )
             usage.add(response.usage)
             return _Answer(_read(response), _usage(response.usage), response=response)
 
         while (answer := await session.aask(send)) is not None:
-            response = await asyncio.to_thread(self._receive, answer)
+            response = await asyncio.to_thread(_receive, session, answer)
             if any(isinstance(item, ResponseFunctionToolCall) for item in response.output):
                 return dataclasses.replace(response, usage=usage)
         return ModelResponse(output=[_OVER], usage=usage, response_id=None)
@@ -150,59 +146,22 @@ class SmartPlayModel(Model):
         specs = [ToolSpec(tool.name, tool.description, tool.params_json_schema) for tool in functions]
         return specs + [ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs]
 
-    def _prepare(self, instructions: str | None, items: Sequence[Item], foreign: Sequence[ToolSpec]) -> None:
+    def _prepare(self, instructions: str | None, items: Sequence[Item], foreign: Sequence[ToolSpec]) -> AgentSession:
         """Begin the session, or take over what has happened since the latest reply."""
-        head: list[Message] = [{"role": "system", "content": instructions}] if instructions else []
-        if self.session is None:
-            self._first = _before_the_game(items, {tool.name for tool in self.tools})
-            self.session = AgentSession(
-                self.episode,
-                player=self._player,
-                head=[*head, *self._first],
-                foreign_tools=foreign,
-                summaries=True,
-            )
-        elif not self.session.awaits_reply:
-            if self._first is None:
-                recorded = list(self.session.host_head)
-                self._first = recorded[1:] if head and recorded and recorded[0]["role"] == "system" else recorded
-            self._take(items)
-            self.session.change_head([*head, *self._first], foreign)
-
-    def _take(self, items: Sequence[Item]) -> None:
-        """Take over results of other tools, results that the SDK gave in the game's place, and user messages."""
-        assert self.session is not None
-        turn = self.session.latest_turn
-        if turn is None or not turn.calls:
-            return
-        since = _since_reply(items, turn.calls[0].id)
-        outputs = {item["call_id"]: item for item in since if item.get("type") == "function_call_output"}
-        answered = {item.position for item in turn.items}
-        known = {tool.name for tool in (*self.episode.tools, *self.session.foreign_tools)}
-        for position, call in enumerate(turn.calls):
-            if position in answered:
-                continue
-            if call.name not in known:
-                self.session.answer(call.id)  # the SDK's own words about unknown tools are not the game's
-            elif call.id in outputs:
-                content = _text(outputs[call.id].get("output"))
-                self.session.add({"role": "tool", "tool_call_id": call.id, "content": content})
-        words = [item for item in since if item.get("role") == "user"]
-        for item in words[self._words :]:
-            self.session.add({"role": "user", "content": _text(item["content"])})
-        self._words = max(self._words, len(words))
-
-    def _receive(self, answer: _Answer) -> ModelResponse:
-        """Take a reply; return the model's response with the call ids of the session."""
-        assert self.session is not None
-        response = answer.response
-        ids = iter([call.id for call in self.session.receive(answer.message, answer.usage)])
-        self._words = 0
-        output = [
-            item.model_copy(update={"call_id": next(ids)}) if isinstance(item, ResponseFunctionToolCall) else item
-            for item in response.output
-        ]
-        return dataclasses.replace(response, output=output)
+        chat = self._chat
+        system: list[Message] = [{"role": "system", "content": instructions}] if instructions else []
+        if chat.session is None:
+            first = _before_the_game(items, {tool.name for tool in self.tools})
+            return chat.begin(first, system=system, foreign_tools=foreign)
+        turn = chat.session.latest_turn
+        if turn is not None and turn.calls and not chat.session.awaits_reply:
+            messages = _since_reply(items, turn.calls[0].id)
+            names = {tool.name for tool in (*self.episode.tools, *chat.session.foreign_tools)}
+            # The SDK's own words about unknown tools are not the game's.
+            chat.settle(messages, play={call.id: None for call in turn.calls if call.name not in names})
+            chat.hear(messages)
+        chat.change(system=system, foreign_tools=foreign)
+        return chat.session
 
     def _tool(self, spec: ToolSpec) -> FunctionTool:
         async def invoke(context: ToolContext[Any], _: str) -> str:
@@ -228,6 +187,17 @@ class SmartPlayModel(Model):
         if any(call.name in by_name and by_name[call.name].needs_approval for call in before):
             return self.session.refuse(call_id, AWAITS_APPROVAL).text
         return (await self.session.aanswer(call_id, earlier=False)).text
+
+
+def _receive(session: AgentSession, answer: _Answer) -> ModelResponse:
+    """Take a reply; return the model's response with the call ids of the session."""
+    response = answer.response
+    ids = iter([call.id for call in session.receive(answer.message, answer.usage)])
+    output = [
+        item.model_copy(update={"call_id": next(ids)}) if isinstance(item, ResponseFunctionToolCall) else item
+        for item in response.output
+    ]
+    return dataclasses.replace(response, output=output)
 
 
 _OVER = ResponseOutputMessage(
@@ -261,15 +231,21 @@ def _before_the_game(items: Sequence[Item], ours: set[str]) -> list[Message]:
     return RESPONSES.read({"input": list(items[begin:])}).messages if begin < len(items) else []
 
 
-def _since_reply(items: Sequence[Item], first_call: str) -> list[Item]:
-    """The items after the latest reply's first call, read from the end."""
+def _since_reply(items: Sequence[Item], first_call: str) -> list[Message]:
+    """The results and the user messages after the latest reply's first call, read from the end."""
     for at in range(len(items) - 1, -1, -1):
         if items[at].get("type") == "function_call" and items[at].get("call_id") == first_call:
-            return list(items[at + 1 :])
+            return [message for item in items[at + 1 :] for message in _from_item(item)]
     raise InvalidArgumentError(
         "The runner's input has no trace of the model's latest reply. The window decides what a model sees: leave out "
         "input filters and nested histories of handoffs, and go on with the items of the run."
     )
+
+
+def _from_item(item: Item) -> list[Message]:
+    if item.get("type") == "function_call_output":
+        return [{"role": "tool", "tool_call_id": item["call_id"], "content": _text(item.get("output"))}]
+    return [{"role": "user", "content": _text(item["content"])}] if item.get("role") == "user" else []
 
 
 def _input(prompt: Prompt) -> list[Any]:
@@ -299,6 +275,7 @@ def _usage(usage: AgentsUsage) -> Usage | None:
         prompt=usage.input_tokens,
         reply=usage.output_tokens,
         cached=usage.input_tokens_details.cached_tokens or 0,
+        written=getattr(usage.input_tokens_details, "cache_write_tokens", None) or 0,
         reasoning=usage.output_tokens_details.reasoning_tokens or 0,
         requests=usage.requests,
     )

@@ -14,7 +14,7 @@ from typing import Any
 
 from openai.resources.chat.completions import Completions
 
-from smartplay_openai.interface import Event, Interface, arguments_of, halves
+from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of, halves, marked_message
 from smartplay_openai.parsing import plain, read_usage
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
@@ -22,6 +22,7 @@ from smartplay_openai.wire import acceptable
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.messages import assistant_message, calls_of, text_of
 from smartplay_tools.players import BrokenAnswerError
+from smartplay_tools.prompts import received
 
 NOT_SENT_BACK = {"annotations", "audio", "function_call"}
 """Fields of an answer that requests must not have."""
@@ -39,10 +40,18 @@ class ChatCompletions(Interface):
     stream_options = {"stream": True, "stream_options": {"include_usage": True}}  # noqa: RUF012 - read only
 
     def request(
-        self, prompt: Prompt, *, limit_field: str | None = None, own: Mapping[str, Any] = MappingProxyType({})
+        self,
+        prompt: Prompt,
+        *,
+        limit_field: str | None = None,
+        own: Mapping[str, Any] = MappingProxyType({}),
+        mark: bool = False,
     ) -> dict[str, Any]:
         """Return the arguments of `client.chat.completions.create`; older servers know `max_tokens` only."""
-        arguments: dict[str, Any] = {"messages": [*map(_sent, acceptable(prompt.messages))]}
+        messages = [*map(_sent, acceptable(prompt.messages))]
+        if mark and (at := marked_message(prompt)) is not None:
+            messages[at] = {**messages[at], "content": [{"type": "text", "text": text_of(messages[at]), **BREAKPOINT}]}
+        arguments: dict[str, Any] = {"messages": messages}
         if prompt.tools:
             arguments["tools"] = [schema(tool, "openai") for tool in prompt.tools]
         return arguments | prompt.settings(own, cap=limit_field or self.limit_field)
@@ -93,7 +102,7 @@ class ChatCompletions(Interface):
         canonical = [_message(message, f"messages[{at}]") for at, message in enumerate(messages)]
         check_calls(canonical, "messages")
         limit = read_limit(body, "max_completion_tokens", "max_tokens")
-        return Prompt(canonical, read_tools(body, "function"), limit)
+        return received(canonical, read_tools(body, "function"), limit)
 
     def read_tool_choice(self, body: Mapping[str, Any]) -> ToolChoice:
         """Return the choice, which names a function under `function`."""
@@ -101,15 +110,15 @@ class ChatCompletions(Interface):
 
     def write(self, message: Message, model: str, usage: Usage) -> dict[str, Any]:
         """Return the completion with a message."""
-        said: dict[str, Any] = {"role": "assistant", "content": text_of(message) or None, "refusal": None}
+        answer: dict[str, Any] = {"role": "assistant", "content": text_of(message) or None, "refusal": None}
         for item in message.get("provider_items", ()):
             if isinstance(item, Mapping) and "type" not in item:
-                said.update(item)
+                answer.update(item)
         if reasoning := message.get("reasoning_content"):
-            said["reasoning_content"] = reasoning
+            answer["reasoning_content"] = reasoning
         if calls := calls_of(message):
-            said["tool_calls"] = list(calls)
-        choice = {"index": 0, "message": said, "logprobs": None, "finish_reason": "tool_calls" if calls else "stop"}
+            answer["tool_calls"] = list(calls)
+        choice = {"index": 0, "message": answer, "logprobs": None, "finish_reason": "tool_calls" if calls else "stop"}
         return {
             "id": f"chatcmpl-{uuid.uuid4().hex}",
             "object": "chat.completion",
@@ -193,9 +202,9 @@ def _add_fields(message: dict[str, Any], delta: Mapping[str, Any]) -> None:
     for field, value in delta.items():
         if field in ("role", "tool_calls") or value is None:
             continue
-        known = message.get(field)
-        both_add = isinstance(known, str | list) and type(known) is type(value)
-        message[field] = known + value if both_add else value
+        before = message.get(field)
+        both_add = isinstance(before, str | list) and type(before) is type(value)
+        message[field] = before + value if both_add else value
 
 
 def _message(message: Any, param: str) -> Message:
@@ -206,10 +215,10 @@ def _message(message: Any, param: str) -> Message:
     try:
         text_of(message)
         if message["role"] == "assistant":
-            said = assistant_message(message)
-            if said["content"] is None and not calls_of(said):
+            checked = assistant_message(message)
+            if checked["content"] is None and not calls_of(checked):
                 raise bad("An assistant message has content or tool calls.", param)
-            return said
+            return checked
     except (AttributeError, TypeError, ValueError) as error:
         raise bad(f"The message cannot be read: {error}", param) from None
     fields = {field: message[field] for field in ("name", "tool_call_id") if message.get(field) is not None}
@@ -223,6 +232,6 @@ def _usage(usage: Usage) -> dict[str, Any]:
         "prompt_tokens": usage.prompt,
         "completion_tokens": usage.reply,
         "total_tokens": usage.prompt + usage.reply,
-        "prompt_tokens_details": {"cached_tokens": usage.cached},
+        "prompt_tokens_details": {"cached_tokens": usage.cached, "cache_write_tokens": usage.written},
         "completion_tokens_details": {"reasoning_tokens": usage.reasoning},
     }

@@ -20,6 +20,16 @@ Event = tuple[str | None, dict[str, Any] | str]
 """A server-sent event: its name, if it has one, and its data."""
 
 
+BREAKPOINT = {"prompt_cache_breakpoint": {"mode": "explicit"}}
+"""The mark of a content part up to which the provider caches a prompt."""
+
+
+def marked_message(prompt: Prompt) -> int | None:
+    """Return which message is marked for the cache: the last one that is stable and may have a mark; None for none."""
+    stable = range(prompt.prefix_messages - 1, -1, -1)
+    return next((at for at in stable if prompt.messages[at]["role"] != "assistant"), None)
+
+
 class Interface(ABC):
     """One of OpenAI's interfaces."""
 
@@ -42,12 +52,18 @@ class Interface(ABC):
 
     @abstractmethod
     def request(
-        self, prompt: Prompt, *, limit_field: str | None = None, own: Mapping[str, Any] = MappingProxyType({})
+        self,
+        prompt: Prompt,
+        *,
+        limit_field: str | None = None,
+        own: Mapping[str, Any] = MappingProxyType({}),
+        mark: bool = False,
     ) -> dict[str, Any]:
         """Return the keyword arguments of the client's `create`, except the model.
 
         `limit_field` is the name of the cap on the reply, if the server has another one; `own` are further fields, of
-        which a cap applies where it is smaller than the prompt's.
+        which a cap applies where it is smaller than the prompt's. `mark` marks the end of what is unchanged since the
+        previous prompt for the provider's cache.
         """
 
     @abstractmethod

@@ -6,6 +6,7 @@ Everything here is therefore read from plain dictionaries, without assumptions a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -29,14 +30,16 @@ def read_usage(usage: Any, prompt: str, reply: str) -> Usage | None:
     """Return the provider's usage; `prompt` and `reply` are the interface's names, such as `input` and `output`."""
     if not isinstance(usage, Mapping):
         return None
+    parts = usage.get(f"{prompt}_tokens_details")
     return Usage(
         prompt=_count(usage, f"{prompt}_tokens"),
         reply=_count(usage, f"{reply}_tokens"),
-        cached=_count(usage.get(f"{prompt}_tokens_details"), "cached_tokens"),
+        cached=_count(parts, "cached_tokens"),
+        written=_count(parts, "cache_write_tokens"),
         reasoning=_count(usage.get(f"{reply}_tokens_details"), "reasoning_tokens"),
     )
 
 
 def _count(counts: Any, name: str) -> int:
     count = counts.get(name) if isinstance(counts, Mapping) else None
-    return int(count) if isinstance(count, int | float) else 0
+    return int(count) if isinstance(count, int | float) and math.isfinite(count) else 0

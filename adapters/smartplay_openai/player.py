@@ -21,6 +21,7 @@ from smartplay_openai.interface import Interface
 from smartplay_openai.responses import RESPONSES
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
 from smartplay_tools.players import BrokenAnswerError, ModelPlayer
+from smartplay_tools.records import cache_rules, rule_of
 
 _transport = importlib.import_module(openai.DefaultHttpxClient.__mro__[1].__module__)
 """The HTTP library of the client: `httpx` up to version 2, `httpx2` from version 3 on."""
@@ -47,6 +48,8 @@ class OpenAIPlayer(ModelPlayer):
         typed: pass the fields that the client knows as arguments, so that tracers and other wrappers of the client see
             messages and tools. The client then compares every message with every type of message, which takes about
             1 ms for each turn in the window; False sends the body unchanged.
+        cache: say to OpenAI which prompts belong together (`prompt_cache_key`), and mark the end of the part that is
+            unchanged since the previous prompt for models that cache up to marks. Other servers are sent neither.
         options: those of `ModelPlayer`: `seed`, `retries`, `pause`, `at_once`.
     """
 
@@ -67,6 +70,7 @@ class OpenAIPlayer(ModelPlayer):
         parameters: Mapping[str, Any] | None = None,
         limit_field: str | None = None,
         typed: bool = True,
+        cache: bool = True,
         **options: Any,
     ) -> None:
         if not model:
@@ -84,11 +88,15 @@ class OpenAIPlayer(ModelPlayer):
             raise InvalidArgumentError(f"A model at {self._host} needs a key: set OPENAI_API_KEY.")
         self._limit_field = limit_field or self._usual_limit_field()
         self._stream, self._typed = stream, typed
+        self._caches = cache and self._host == "api.openai.com"
+        rule = rule_of(f"openai:{model}", {}, cache_rules()) if self._caches else None
+        self._marks = rule is not None and rule.marks != "auto"
         self._always = {"model": model, **(self._interface.stream_options if stream else {}), **(parameters or {})}
 
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the body of the request for a prompt."""
-        return self._interface.request(prompt, limit_field=self._limit_field, own=self._always)
+        own = {"prompt_cache_key": prompt.cache_key, **self._always} if self._caches else self._always
+        return self._interface.request(prompt, limit_field=self._limit_field, own=own, mark=self._marks)
 
     def new_client(self) -> openai.OpenAI:
         """Return a synchronous client."""
@@ -119,9 +127,9 @@ class OpenAIPlayer(ModelPlayer):
         """The arguments of the client's method; fields for which it has no argument are in `extra_body`."""
         if not self._typed:
             return {**self._interface.required, "model": body["model"], "stream": self._stream, "extra_body": body}
-        known = self._interface.arguments
-        typed = {field: value for field, value in body.items() if field in known}
-        extra = {field: value for field, value in body.items() if field not in known}
+        fields = self._interface.arguments
+        typed = {field: value for field, value in body.items() if field in fields}
+        extra = {field: value for field, value in body.items() if field not in fields}
         return {**typed, "extra_body": extra} if extra else typed
 
     def _usual_limit_field(self) -> str:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from openai.resources.responses import Responses as ClientResponses
 
-from smartplay_openai.interface import Event, Interface, arguments_of, halves
+from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of, halves, marked_message
 from smartplay_openai.parsing import plain, read_usage
 from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
@@ -24,6 +24,7 @@ from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage, schema
 from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.players import BrokenAnswerError
+from smartplay_tools.prompts import received
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -44,10 +45,20 @@ class Responses(Interface):
     stream_options = {"stream": True}  # noqa: RUF012 - read only
 
     def request(
-        self, prompt: Prompt, *, limit_field: str | None = None, own: Mapping[str, Any] = MappingProxyType({})
+        self,
+        prompt: Prompt,
+        *,
+        limit_field: str | None = None,
+        own: Mapping[str, Any] = MappingProxyType({}),
+        mark: bool = False,
     ) -> dict[str, Any]:
         """Return the arguments of `client.responses.create`."""
-        items = [item for message in acceptable(prompt.messages) for item in _items(message)]
+        at = marked_message(prompt) if mark else None
+        items = [
+            _marked(item) if number == at else item
+            for number, message in enumerate(acceptable(prompt.messages))
+            for item in _items(message)
+        ]
         arguments: dict[str, Any] = {"input": items, "store": False, "include": ["reasoning.encrypted_content"]}
         if prompt.tools:
             arguments["tools"] = [schema(tool, "responses") for tool in prompt.tools]
@@ -94,7 +105,7 @@ class Responses(Interface):
             raise bad("input is a text, or a list of at least one item.", "input")
         messages = [*_instructions(body), *_messages(items)]
         check_calls(messages, "input")
-        return Prompt(messages, read_tools(body, None), read_limit(body, "max_output_tokens"))
+        return received(messages, read_tools(body, None), read_limit(body, "max_output_tokens"))
 
     def read_tool_choice(self, body: Mapping[str, Any]) -> ToolChoice:
         """Return the choice, which names a function next to its type."""
@@ -126,7 +137,7 @@ class Responses(Interface):
             "store": False,
             "usage": {
                 "input_tokens": usage.prompt,
-                "input_tokens_details": {"cached_tokens": usage.cached, "cache_write_tokens": 0},
+                "input_tokens_details": {"cached_tokens": usage.cached, "cache_write_tokens": usage.written},
                 "output_tokens": usage.reply,
                 "output_tokens_details": {"reasoning_tokens": usage.reasoning},
                 "total_tokens": usage.prompt + usage.reply,
@@ -180,6 +191,12 @@ def _items(message: Message) -> Iterator[dict[str, Any]]:
         yield from output_items(message)
     else:
         yield {"role": message["role"], "content": text_of(message)}
+
+
+def _marked(item: dict[str, Any]) -> dict[str, Any]:
+    """An input item, which is not the assistant's, with a mark for the cache."""
+    field = "output" if item.get("type") == "function_call_output" else "content"
+    return {**item, field: [{"type": "input_text", "text": item[field], **BREAKPOINT}]}
 
 
 def output_items(message: Message) -> Iterator[dict[str, Any]]:

@@ -28,26 +28,26 @@ class ToolChoice:
 
     def restrict(self, prompt: Prompt) -> Prompt:
         """Return the prompt with only the allowed tools; that for a summary keeps all, which its player expects."""
-        if self.allowed is None or prompt.purpose == "summary":
+        if self.allowed is None or prompt.asks_for_summary:
             return prompt
         return replace(prompt, tools=tuple(tool for tool in prompt.tools if tool.name in self.allowed))
 
     def apply(self, message: Message, tools: Sequence[ToolSpec]) -> Message:
         """Return a message that follows the choice; `tools` are the allowed ones."""
-        said, kept = calls_of(message), list(calls_of(message))
+        calls, kept = calls_of(message), list(calls_of(message))
         if self.allowed is not None or not tools:
-            kept = [call for call in said if call["function"]["name"] in (self.allowed or ())]
+            kept = [call for call in calls if call["function"]["name"] in (self.allowed or ())]
         if self.at_most_one:
             kept = kept[:1]
         if self.must_call and not kept:
             kept = [_plainest_call(tools)]
-        if kept == list(said):
+        if kept == list(calls):
             return message
         # The provider's items contain the original calls, so they are removed, too.
         fitting: Message = {"role": "assistant", "content": message["content"]}
         if kept:
             return {**fitting, "tool_calls": kept}
-        return {**fitting, "content": text_of(message) or f"I would call {_as_words(said)}."}
+        return {**fitting, "content": text_of(message) or f"I would call {_as_words(calls)}."}
 
 
 def read_tool_choice(body: Mapping[str, Any], tools: Sequence[ToolSpec], function_field: str | None) -> ToolChoice:
@@ -107,8 +107,8 @@ def plainest_value(schema: Any) -> Any:
     match kind[0] if isinstance(kind, list) and kind else kind:
         case "object":
             properties = schema.get("properties")
-            known = properties if isinstance(properties, Mapping) else {}
-            return {name: plainest_value(known.get(name)) for name in _required(schema)}
+            schemas = properties if isinstance(properties, Mapping) else {}
+            return {name: plainest_value(schemas.get(name)) for name in _required(schema)}
         case "array":
             return []
         case "integer" | "number":

@@ -27,9 +27,10 @@ from openenv.core.env_server.mcp_types import (
 from openenv.core.env_server.types import EnvironmentMetadata, Observation, State
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError, ToolSpec
-from smartplay_tools.episode import RewardName, reward_of
+from smartplay_tools.episode import EpisodeFactory, RewardName
 from smartplay_tools.messages import text_of
 from smartplay_tools.records import trial_seed
+from smartplay_tools.web import Bounded
 
 
 class Split(NamedTuple):
@@ -85,12 +86,8 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
         **options: Any,
     ) -> None:
         super().__init__()
-        self._new_episode = partial(Episode, game, budget=budget, context="host", **options)
-        self._reward: RewardName = reward
-        self._records = None if records is None else Path(records)
-        with self._new_episode(seed=0) as sample:
-            reward_of(sample, reward)
-            self._game, self._tools = sample.spec.id, tools_of(sample.tools)
+        self._factory = EpisodeFactory(game, budget=budget, reward=reward, records=records, context="host", **options)
+        self._game, self._tools = self._factory.game, tools_of(self._factory.tools)
         self.episode: Episode | None = None
         """The episode of the latest reset."""
         self._episode_id: str | None = None
@@ -113,8 +110,7 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
             raise InvalidArgumentError("reset takes seed, or split and index, and not both.")
         self.close()
         self._episode_id, self._rewarded = episode_id or str(uuid4()), 0.0
-        record = None if self._records is None else self._records / f"{seed}.{self._episode_id}.jsonl"
-        self.episode = self._new_episode(seed=seed, transcript=record)
+        self.episode = self._factory.episode(seed, self._episode_id)
         return ResetObservation(text="\n\n".join(text_of(message) for message in self.episode.head))
 
     def step(self, action: Any, timeout_s: float | None = None, **options: Any) -> Observation:
@@ -176,13 +172,13 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
 
     def get_task(self, split: str, index: int) -> dict[str, Any]:
         """Return a task: its id, index and seed. An index that is out of range is an `IndexError`, as OpenEnv asks."""
-        found = _split(split)
-        if not 0 <= index < found.tasks:
-            raise IndexError(f"{split} has the tasks 0 to {found.tasks - 1}, and not {index}.")
+        chosen = _split(split)
+        if not 0 <= index < chosen.tasks:
+            raise IndexError(f"{split} has the tasks 0 to {chosen.tasks - 1}, not {index}.")
         return {
             "id": f"{self._game}-{split}-{index}",
             "index": index,
-            "seed": trial_seed(found.run_seed, self._game, index),
+            "seed": trial_seed(chosen.run_seed, self._game, index),
         }
 
     def get_task_range(self, split: str, start: int | None = None, stop: int | None = None) -> list[dict[str, Any]]:
@@ -201,7 +197,7 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
 
     def _gain(self) -> float:
         assert self.episode is not None
-        before, self._rewarded = self._rewarded, reward_of(self.episode, self._reward)
+        before, self._rewarded = self._rewarded, self._factory.reward(self.episode)
         return self._rewarded - before
 
 
@@ -211,7 +207,7 @@ def new_app(game: str, *, sessions: int = 64, **options: Any) -> FastAPI:
     `sessions` is how many clients may play at the same time, each an episode of its own.
     """
     SmartPlayEnvironment(game, **options)  # a mistake is reported here, not to the first client
-    return create_app(
+    app = create_app(
         partial(SmartPlayEnvironment, game, **options),
         CallToolAction,
         CallToolObservation,
@@ -220,6 +216,8 @@ def new_app(game: str, *, sessions: int = 64, **options: Any) -> FastAPI:
         state_cls=SmartPlayState,
         reset_observation_cls=ResetObservation,
     )
+    app.add_middleware(Bounded)
+    return app
 
 
 def tools_of(specs: tuple[ToolSpec, ...]) -> list[Tool]:

@@ -24,8 +24,8 @@ from openenv.core.harness import (
 from openenv.core.harness import ToolResult as OpenEnvResult
 
 from smartplay_openenv.environment import tools_of
-from smartplay_tools import AgentSession, Budget, Episode, InvalidArgumentError, Message, Prompt, ToolResult
-from smartplay_tools.episode import RewardName, reward_of
+from smartplay_tools import AgentSession, Budget, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolResult
+from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 
 TOO_MANY = "Error: The host allows no more calls in one message."
 
@@ -72,7 +72,7 @@ class SmartPlaySessions(ResourceSessionFactory[SmartPlaySession]):
         game: the id of a setting.
         budget: what the model sees and may spend.
         reward: "normalized", 1 is the human's score; "score"; or "return", the sum of the game's rewards.
-        records: a folder for the record of every rollout.
+        records: a folder for the record of every rollout, under its seed and episode id.
         options: `Episode`'s other arguments.
     """
 
@@ -85,26 +85,15 @@ class SmartPlaySessions(ResourceSessionFactory[SmartPlaySession]):
         records: str | Path | None = None,
         **options: Any,
     ) -> None:
-        self._game, self._budget, self._options = game, budget, options
         self._reward: RewardName = reward
-        self._records = None if records is None else Path(records)
-        with self._episode(0, None) as sample:
-            reward_of(sample, reward)
+        self._factory = EpisodeFactory(game, budget=budget, reward=reward, records=records, **options)
 
     def create(self, task: Any, seed: int | None = None, episode_id: str | None = None) -> SmartPlaySession:
         """Return a session. A task that is a mapping with a `seed` has precedence over the trainer's seed."""
         chosen = task["seed"] if isinstance(task, dict) and "seed" in task else seed
         if chosen is None:
             raise InvalidArgumentError("A rollout needs a seed: the trainer's, or that of a task with a `seed`.")
-        record = None
-        if self._records is not None:
-            if episode_id is None:
-                raise InvalidArgumentError("Rollouts are recorded under their episode_id; give each one of its own.")
-            record = self._records / f"{chosen}.{episode_id}.jsonl"
-        return SmartPlaySession(self._episode(int(chosen), record), self._reward)
-
-    def _episode(self, seed: int, record: Path | None) -> Episode:
-        return Episode(self._game, seed=seed, budget=self._budget, transcript=record, **self._options)
+        return SmartPlaySession(self._factory.episode(int(chosen), episode_id), self._reward)
 
 
 class SmartPlayHarness(HarnessAdapter):
@@ -142,15 +131,12 @@ class _Rollout:
         self._turns = 0
 
     def play(self) -> HarnessRolloutResult:
-        while (prompt := self._agent.prompt()) is not None:
-            if self._turns == self._limits.max_turns:
-                self._episode.end("host", detail="max_turns")
-            elif (
-                self._limits.max_total_tool_calls is not None and len(self._trace) >= self._limits.max_total_tool_calls
-            ):
-                self._episode.end("host", detail="max_total_tool_calls")
-            else:
-                self._turn(prompt)
+        while not self._is_at_a_limit() and (step := self._agent.ask(self._sample)) is not None:
+            self._turns += 1
+            for position, call in enumerate(self._agent.receive(step.message)):
+                allowed = self._may_call(position)
+                result = self._agent.answer(call.id) if allowed else self._agent.refuse(call.id, TOO_MANY)
+                self._trace.append(ToolTraceEntry(call.name, dict(call.arguments.values or {}), _result(result)))
         return HarnessRolloutResult(
             messages=[dict(message) for turn in self._agent.turns for message in turn.messages],
             tool_trace=self._trace,
@@ -158,16 +144,19 @@ class _Rollout:
             metrics={"turns": self._turns, "tool_calls": len(self._trace)},
         )
 
-    def _turn(self, prompt: Prompt) -> None:
+    def _sample(self, prompt: Prompt) -> Reply:
         sampling = prompt.settings(self._limits.sampling)
         step = self._model_step([dict(message) for message in prompt.messages], self._tools, sampling)
-        calls = self._agent.receive(cast(Message, step.response.to_message_dict()))
-        if prompt.purpose == "play":
-            self._turns += 1
-        for position, call in enumerate(calls):
-            allowed = self._may_call(position)
-            result = self._agent.answer(call.id) if allowed else self._agent.refuse(call.id, TOO_MANY)
-            self._trace.append(ToolTraceEntry(call.name, dict(call.arguments.values or {}), _result(result)))
+        return Reply(cast(Message, step.response.to_message_dict()))
+
+    def _is_at_a_limit(self) -> bool:
+        """Whether a limit of the trainer's ends the episode here."""
+        most = self._limits.max_total_tool_calls
+        if self._turns == self._limits.max_turns:
+            self._episode.end("host", detail="max_turns")
+        elif most is not None and len(self._trace) >= most:
+            self._episode.end("host", detail="max_total_tool_calls")
+        return self._episode.done
 
     def _may_call(self, position: int) -> bool:
         """Whether the trainer's limits allow the next call of a message."""

@@ -18,11 +18,11 @@ from opentelemetry import trace
 from opentelemetry.context import Context
 from opentelemetry.trace import Span, SpanKind, Status, StatusCode, Tracer, TracerProvider
 
-from smartplay_tools import Episode, EpisodeConfig, read_transcript
+from smartplay_tools import Episode, EpisodeConfig, Usage, read_transcript
 from smartplay_tools.episode import Listener, add_listener
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.messages import calls_of, reasoning_of, text_of
-from smartplay_tools.transcript import read_times
+from smartplay_tools.transcript import concerns_summary, read_times
 
 PROVIDERS = {"anthropic": "anthropic", "openai": "openai", "openai-responses": "openai"}
 """The provider by the name of the player that speaks to it, where the conventions have a name for it."""
@@ -136,8 +136,8 @@ class _EpisodeSpans:
             "smartplay.shown_steps": view["shown_steps"],
             "smartplay.dropped_turns": view["dropped_turns"],
         }
-        if "purpose" in view:
-            attributes["smartplay.purpose"] = view["purpose"]
+        if concerns_summary(view):
+            attributes["smartplay.summary"] = True
         if view["max_tokens"] is not None:
             attributes["gen_ai.request.max_tokens"] = view["max_tokens"]
         self._chat = self._tracer.start_span(
@@ -152,19 +152,21 @@ class _EpisodeSpans:
         reason = "tool_calls" if self._ids else "stop"
         self._chat.set_attribute("gen_ai.response.finish_reasons", [reason])
         if self._content:
-            said = {"role": "assistant", "parts": _parts(message, self._ids), "finish_reason": reason}
-            self._chat.set_attribute("gen_ai.output.messages", json.dumps([said], ensure_ascii=False))
+            output = {"role": "assistant", "parts": _parts(message, self._ids), "finish_reason": reason}
+            self._chat.set_attribute("gen_ai.output.messages", json.dumps([output], ensure_ascii=False))
 
     def _charge(self, usage: Mapping[str, Any], now: int) -> None:
         """End the chat span; the usage of a reply is recorded with it, and that of failed attempts without one."""
         if self._chat is None:
             return
-        provider = usage["provider"] or {}
-        self._chat.set_attribute("gen_ai.usage.input_tokens", provider.get("prompt", usage.get("prompt", 0)))
-        self._chat.set_attribute("gen_ai.usage.output_tokens", provider.get("reply", usage.get("reply", 0)))
-        if provider:
-            self._chat.set_attribute("gen_ai.usage.cache_read.input_tokens", provider["cached"])
-            self._chat.set_attribute("gen_ai.usage.reasoning.output_tokens", provider["reasoning"])
+        reported = Usage.reported(usage)
+        counted = reported or Usage(prompt=usage.get("prompt", 0), reply=usage.get("reply", 0))
+        self._chat.set_attribute("gen_ai.usage.input_tokens", counted.prompt)
+        self._chat.set_attribute("gen_ai.usage.output_tokens", counted.reply)
+        if reported is not None:
+            self._chat.set_attribute("gen_ai.usage.cache_read.input_tokens", reported.cached)
+            self._chat.set_attribute("gen_ai.usage.cache_creation.input_tokens", reported.written)
+            self._chat.set_attribute("gen_ai.usage.reasoning.output_tokens", reported.reasoning)
         if "reply" in usage:
             self._chat.set_attribute("smartplay.reply_tokens", usage["reply"])
             self._chat.end(now)
@@ -232,10 +234,10 @@ def _fail(span: Span, result: Mapping[str, Any]) -> None:
 
 def _head(head: Mapping[str, Any]) -> dict[str, str]:
     system = [message for message in head["messages"] if message["role"] in ("system", "developer")]
-    said = [{"type": "text", "content": text_of(message)} for message in system]
+    instructions = [{"type": "text", "content": text_of(message)} for message in system]
     tools = [{"type": "function", **tool} for tool in head["tools"]]
     return {
-        "gen_ai.system_instructions": json.dumps(said, ensure_ascii=False),
+        "gen_ai.system_instructions": json.dumps(instructions, ensure_ascii=False),
         "gen_ai.tool.definitions": json.dumps(tools, ensure_ascii=False),
     }
 

@@ -4,7 +4,7 @@
         agent = Agent("openai:gpt-4o-mini", capabilities=[SmartPlay(episode)])
         agent.run_sync("", usage_limits=UsageLimits(request_limit=None))
 
-`SmartPlay` brings the tools and shows the model the window of one `Conversation`; the agent's own history keeps
+`SmartPlay` brings the tools and shows the model the window of one `AgentSession`; the agent's own history keeps
 everything. `PlayerModel` makes a model of a player of this package, to try an agent without a key.
 """
 

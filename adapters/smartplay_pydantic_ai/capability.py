@@ -1,24 +1,25 @@
 """SmartPlay: the capability that plays one episode in an agent of Pydantic AI's.
 
-Its hooks surround every request to the model. Before it, the messages are replaced by the window of a `Conversation`;
-after it, the conversation takes the reply, charges it, and plays its calls in the order of the message. The toolset of
+Its hooks surround every request to the model. Before it, the messages are replaced by the window of an `AgentSession`;
+after it, the session takes the reply, charges it, and plays its calls in the order of the message. The toolset of
 the capability only hands out these answers, so the agent may run the calls in any order. The agent's history is not
 touched: what a capability does to a request is not kept there.
 
 A reply of words only, or of calls that the agent cannot run (an unknown tool, broken arguments), is answered by the
-conversation and followed by another attempt in the same step, so the agent's own retry limits are not used up.
+session and followed by another attempt in the same step, so the agent's own retry limits are not used up.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from typing import Any, cast
 
 from pydantic_ai import RunContext
 from pydantic_ai.capabilities import AbstractCapability, WrapModelRequestHandler
 from pydantic_ai.exceptions import RetryModelRequest, ToolFailed, UsageLimitExceeded
-from pydantic_ai.messages import ModelResponse, TextPart, ToolCallPart
+from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ToolCallPart
 from pydantic_ai.models import ModelRequestContext
 from pydantic_ai.run import AgentRunResult
 from pydantic_ai.settings import ModelSettings
@@ -32,12 +33,12 @@ from smartplay_pydantic_ai.messages import (
     from_history,
     from_response,
     read_usage,
-    tool_results,
+    since_response,
     tool_spec,
     with_ids,
 )
-from smartplay_tools import Conversation, Episode, InvalidArgumentError, Message, ToolResult
-from smartplay_tools.types import Purpose
+from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
+from smartplay_tools.conversation import HostChat
 
 ANY = SchemaValidator(core_schema.any_schema())
 """The episode judges arguments, and it has done so when a tool is run."""
@@ -57,15 +58,10 @@ class SmartPlay(AbstractCapability[Any]):
     def __init__(self, episode: Episode, *, player: str | None = None) -> None:
         self.episode = episode
         self._player = player
-        self._conversation: Conversation | None = None
+        self._host: HostChat | None = None
         self._chat = Chat()
-        self._foreign: set[str] = set()
-        self._waiting: set[str] = set()
-        """The ids of calls to other tools whose results have not arrived yet."""
         self._results: dict[str, ToolResult] = {}
         """The latest reply's results by call id."""
-        self._purpose: Purpose = "play"
-        """What the latest prompt asks for."""
 
     def get_toolset(self) -> AbstractToolset[Any]:
         """Return the game's tools."""
@@ -75,16 +71,18 @@ class SmartPlay(AbstractCapability[Any]):
         self, ctx: RunContext[Any], *, request_context: ModelRequestContext, handler: WrapModelRequestHandler
     ) -> ModelResponse:
         """Leave the model alone when the episode is over."""
-        await self._take_note(request_context)
-        return await handler(request_context) if await self._begun.aprompt() is not None else _over()
+        if self._host is None:
+            self._host = self._begin(request_context)
+        else:
+            self._catch_up(request_context.messages)
+        return await handler(request_context) if await self._session.aprompt() is not None else _over()
 
     async def prepare_model_request(
         self, ctx: RunContext[Any], request_context: ModelRequestContext
     ) -> ModelRequestContext:
         """Show the window instead of the history."""
-        prompt = await self._begun.aprompt()
+        prompt = await self._session.aprompt()
         assert prompt is not None, "the episode is over, and yet the model is asked"
-        self._purpose = prompt.purpose
         own = {**(request_context.model.settings or {}), **(request_context.model_settings or {})}
         settings = cast(ModelSettings, prompt.settings(own))
         # The head has the agent's instructions.
@@ -100,16 +98,15 @@ class SmartPlay(AbstractCapability[Any]):
         self, ctx: RunContext[Any], *, request_context: ModelRequestContext, response: ModelResponse
     ) -> ModelResponse:
         """Have the reply's calls answered; return it with the calls that the agent is to run."""
-        conversation = self._begun
-        results = await conversation.areceive(from_response(response), read_usage(response.usage))
-        if self._purpose == "summary":
+        session = self._session
+        before = session.latest_turn
+        calls = await session.areceive(from_response(response), read_usage(response.usage))
+        turn = session.latest_turn
+        if turn is None or turn is before:  # a summary
             return await self._another_attempt()
-        turn = conversation.latest_turn
-        assert turn is not None
-        own = [call.id for call in turn.calls if call.name not in self._foreign]
-        self._waiting = {call.id for call in turn.calls} - set(own)
-        self._results = dict(zip(own, results, strict=True))
-        response = with_ids(response, [call.id for call in turn.calls])
+        foreign = {tool.name for tool in session.foreign_tools}
+        self._results = {call.id: await session.aanswer(call.id) for call in calls if call.name not in foreign}
+        response = with_ids(response, [call.id for call in calls])
         self._chat.remember(turn.assistant, response)
         runnable = [part for part in response.parts if not isinstance(part, ToolCallPart) or self._can_run(part)]
         if any(isinstance(part, ToolCallPart) for part in runnable):
@@ -124,7 +121,8 @@ class SmartPlay(AbstractCapability[Any]):
 
     async def _another_attempt(self) -> ModelResponse:
         """Have the model asked again in the same step, unless the episode is over."""
-        if await self._begun.aprompt() is None:
+        self._catch_up(())
+        if await self._session.aprompt() is None:
             return _over()
         raise RetryModelRequest
 
@@ -133,23 +131,19 @@ class SmartPlay(AbstractCapability[Any]):
         return self._results[call_id]
 
     @property
-    def _begun(self) -> Conversation:
-        assert self._conversation is not None
-        return self._conversation
+    def _session(self) -> AgentSession:
+        assert self._host is not None
+        assert self._host.session is not None
+        return self._host.session
 
-    async def _take_note(self, request: ModelRequestContext) -> None:
-        """Begin the conversation, or add the results of other tools, and other words, since the latest reply."""
-        if self._conversation is None:
-            self._begin(request)
-            return
-        for message in tool_results(request.messages):
-            if message["role"] == "tool" and message["tool_call_id"] in self._waiting:
-                self._waiting.remove(message["tool_call_id"])
-                self._begun.add(message)
-            elif message["role"] == "user":
-                self._begun.add(message)
+    def _catch_up(self, history: Sequence[ModelMessage]) -> None:
+        """Take over the results of other tools, and other words, since the latest reply."""
+        assert self._host is not None
+        since = since_response(history)
+        self._host.settle(since)
+        self._host.hear(since)
 
-    def _begin(self, request: ModelRequestContext) -> None:
+    def _begin(self, request: ModelRequestContext) -> HostChat:
         parameters = request.model_request_parameters
         if parameters.output_tools or not parameters.allow_text_output:
             raise InvalidArgumentError("An agent that plays has no output_type: the end of the game is the end.")
@@ -157,19 +151,15 @@ class SmartPlay(AbstractCapability[Any]):
             raise InvalidArgumentError("A streamed run cannot play: use `run` or `run_sync`.")
         ours = {tool.name for tool in self.episode.tools}
         foreign = [tool_spec(tool) for tool in parameters.function_tools if tool.name not in ours]
-        self._foreign = {tool.name for tool in foreign}
         instructions = "\n\n".join(part.content for part in parameters.instruction_parts or ())
-        head: list[Message] = [{"role": "system", "content": instructions}] if instructions else []
-        self._conversation = Conversation(
-            self.episode,
-            player=self._player or f"pydantic-ai:{request.model.model_name}",
-            head=[*head, *from_history(request.messages)],
-            foreign_tools=foreign,
-        )
+        system: list[Message] = [{"role": "system", "content": instructions}] if instructions else []
+        host = HostChat(self.episode, player=self._player or f"pydantic-ai:{request.model.model_name}")
+        host.begin(from_history(request.messages), system=system, foreign_tools=foreign)
+        return host
 
     def _can_run(self, call: ToolCallPart) -> bool:
         """Whether the agent would run a call; it answers the others itself, a second time."""
-        if call.tool_name not in self._foreign and call.tool_name not in {tool.name for tool in self.episode.tools}:
+        if call.tool_name not in {tool.name for tool in (*self.episode.tools, *self._session.foreign_tools)}:
             return False
         if not isinstance(call.args, str):
             return True

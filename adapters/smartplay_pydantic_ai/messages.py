@@ -113,16 +113,16 @@ def from_response(response: ModelResponse) -> Message:
 
 def from_history(messages: Iterable[ModelMessage]) -> list[Message]:
     """Return Pydantic AI's messages in canonical form."""
-    found: list[Message] = []
+    history: list[Message] = []
     for message in messages:
         if isinstance(message, ModelResponse):
-            found.append(from_response(message))
+            history.append(from_response(message))
         else:
-            found += [canonical for part in message.parts for canonical in _from_part(part)]
-    return found
+            history += [canonical for part in message.parts for canonical in _from_part(part)]
+    return history
 
 
-def tool_results(messages: Sequence[ModelMessage]) -> list[Message]:
+def since_response(messages: Sequence[ModelMessage]) -> list[Message]:
     """Return what stands after the latest response: results of tools, and the host's words."""
     latest = max((at for at, message in enumerate(messages) if isinstance(message, ModelResponse)), default=-1)
     return from_history(messages[latest + 1 :])
@@ -136,6 +136,7 @@ def read_usage(usage: RequestUsage) -> Usage | None:
         prompt=usage.input_tokens,
         reply=usage.output_tokens,
         cached=usage.cache_read_tokens,
+        written=usage.cache_write_tokens,
         reasoning=usage.details.get("reasoning_tokens", 0),
     )
 

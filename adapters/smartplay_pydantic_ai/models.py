@@ -10,7 +10,7 @@ from pydantic_ai.usage import RequestUsage
 
 from smartplay_pydantic_ai.messages import from_history, to_response, tool_spec
 from smartplay_tools import AsyncPlayer, Player, Prompt, Reply
-from smartplay_tools.prompts import purpose_of
+from smartplay_tools.prompts import received
 
 
 class PlayerModel(FunctionModel):
@@ -23,7 +23,7 @@ class PlayerModel(FunctionModel):
     async def _answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
         history, cap = from_history(messages), (info.model_settings or {}).get("max_tokens")
         tools = tuple(map(tool_spec, info.function_tools))
-        reply = await self._reply(Prompt(history, tools, cap, purpose=purpose_of(history)))
+        reply = await self._reply(received(history, tools, cap))
         response = to_response(reply.message)
         if reply.usage is not None:
             response.usage = RequestUsage(input_tokens=reply.usage.prompt, output_tokens=reply.usage.reply)

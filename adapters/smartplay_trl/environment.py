@@ -9,19 +9,14 @@ history, and limits on prompts do not apply. A rollout ends when the model stops
 
 from __future__ import annotations
 
-import itertools
-import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError
-from smartplay_tools.episode import RewardName, reward_of
+from smartplay_tools.episode import EpisodeFactory, RewardName
 from smartplay_tools.messages import text_of
-
-NewEpisode = Callable[[int, Path | None], Episode]
-"""Makes the episode of a seed, with its record if a file is given."""
 
 
 class GameEnvironment:
@@ -30,10 +25,7 @@ class GameEnvironment:
     Public methods would be tools, so there are no others.
     """
 
-    _new_episode: ClassVar[NewEpisode]
-    _reward: ClassVar[RewardName]
-    _records: ClassVar[Path | None]
-    _numbers: ClassVar[Iterator[int]]
+    _factory: ClassVar[EpisodeFactory]
 
     def __init__(self) -> None:
         self.episode: Episode | None = None
@@ -47,14 +39,14 @@ class GameEnvironment:
         if seed is None:
             raise InvalidArgumentError("The dataset needs a column `seed`: the seed of each row's episode.")
         self._close()
-        self.episode = type(self)._new_episode(int(seed), self._record(int(seed)))
+        self.episode = self._factory.episode(int(seed))
         return "\n\n".join(text_of(message) for message in self.episode.head)
 
     def get_reward(self) -> float:
         """End the episode, if the game has not ended it, and return its reward."""
         episode = self._close()
         assert episode is not None, "a reward is asked for before the first reset"
-        return reward_of(episode, self._reward)
+        return self._factory.reward(episode)
 
     def _answer(self, name: str, arguments: dict[str, str]) -> str:
         assert self.episode is not None, "a tool is called before the first reset"
@@ -65,13 +57,6 @@ class GameEnvironment:
             self.episode.end("host", detail="The trainer has ended the rollout.")
             self.episode.close()
         return self.episode
-
-    def _record(self, seed: int) -> Path | None:
-        """A new file; trainers run in several processes, so its name has the process."""
-        if self._records is None:
-            return None
-        self._records.mkdir(parents=True, exist_ok=True)
-        return self._records / f"{seed}.{os.getpid()}.{next(self._numbers)}.jsonl"
 
 
 def environment(
@@ -91,20 +76,10 @@ def environment(
         records: a folder for the record of every rollout, from which it can be replayed.
         options: `Episode`'s other arguments: `engine`, `manual`, `batch`, `tokenizer`, and the game's own.
     """
-
-    def new_episode(seed: int, record: Path | None = None) -> Episode:
-        return Episode(game, seed=seed, budget=budget, context="host", transcript=record, **options)
-
-    with new_episode(0) as sample:
-        reward_of(sample, reward)
+    factory = EpisodeFactory(game, budget=budget, reward=reward, records=records, context="host", **options)
+    members: dict[str, Any] = {"__doc__": f"The environment of {game}.", "_factory": factory}
+    with factory.sample() as sample:
         functions = sample.functions()
-    members: dict[str, Any] = {
-        "__doc__": f"The environment of {game}.",
-        "_new_episode": staticmethod(new_episode),
-        "_reward": reward,
-        "_records": None if records is None else Path(records),
-        "_numbers": itertools.count(),
-    }
     for method, function in zip(_tools(), functions, strict=True):
         # What the schema of a tool is made of; `self` must have no annotation.
         method.__doc__, method.__annotations__ = function.__doc__, function.__annotations__

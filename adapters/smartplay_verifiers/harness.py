@@ -73,7 +73,7 @@ async def _play(episode: Episode, player: ModelPlayer, trace: vf.Trace[Any, Any]
             reply = await player.areply(prompt)
         except Exception as error:
             if trace.stop_condition is None:
-                episode.end("player_error", error)
+                conversation.give_up(error)
             else:
                 episode.end("host", detail=trace.stop_condition)
             return

@@ -16,14 +16,14 @@ def save_records(traces: str | Path, folder: str | Path) -> list[Path]:
     A file is named by its task and the number of its rollout. An existing file, or traces without records, is a
     `TranscriptError`.
     """
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for line in Path(traces).read_text(encoding="utf-8").splitlines():
         for trace in json.loads(line)["traces"]:
             if INFO in trace["info"]:
                 name = trace["task"]["data"]["name"]
-                rollout = sum(known.startswith(f"{name}.") for known in found)
+                rollout = sum(other.startswith(f"{name}.") for other in texts)
                 events = trace["info"][INFO]["record"]
-                found[f"{name}.{rollout}.jsonl"] = "".join(json.dumps(event) + "\n" for event in events)
-    if not found:
+                texts[f"{name}.{rollout}.jsonl"] = "".join(json.dumps(event) + "\n" for event in events)
+    if not texts:
         raise TranscriptError(f"{traces} holds no record of an episode; it has to be of smartplay_verifiers' tasks.")
-    return write_records(found, folder)
+    return write_records(texts, folder)

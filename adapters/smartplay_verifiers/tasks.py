@@ -7,17 +7,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+from typing import Annotated, Any
 
 import verifiers.v1 as vf
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, create_model
 
-from smartplay_tools import Budget, Episode, EpisodeConfig, InvalidArgumentError
-from smartplay_tools.episode import RewardName, cell_config, reward_of
+from smartplay_tools import Budget, InvalidArgumentError
+from smartplay_tools.episode import EpisodeFactory, RewardName
 from smartplay_tools.errors import in_one_line
 from smartplay_tools.records import trial_seed
-from smartplay_tools.tokens import TokenCounter
-from smartplay_tools.types import BeyondHistory
 
 INFO = "smartplay"
 """Where a trace keeps what the harness has played: reward, result and record."""
@@ -46,31 +44,26 @@ class SmartPlayTask(vf.Task[SmartPlayData, vf.State, vf.TaskConfig]):
     async def figures(self, trace: vf.Trace[Any, Any]) -> Mapping[str, float]:
         """Figures of the episode's result; a game without a human score has no normalised one."""
         result = trace.info[INFO]["result"]
-        found = {name: float(result[name]) for name in FIGURES if result[name] is not None}
+        figures = {name: float(result[name]) for name in FIGURES if result[name] is not None}
         tokens = result["tokens"]
-        return {**found, "prompt_tokens": float(tokens["prompt"]), "reply_tokens": float(tokens["reply"])}
+        return {**figures, "prompt_tokens": float(tokens["prompt"]), "reply_tokens": float(tokens["reply"])}
 
 
-class BudgetConfig(vf.BaseConfig):
-    """Fields of a `Budget`. One that is not given has its default; the word "none" means no limit."""
+Limit = Annotated[int | float | str | None, Field(union_mode="left_to_right")]
+"""A number, or a word such as "none"; the budget says which of them it takes."""
 
-    history: int | Literal["none"] | None = None
-    prompt_tokens: int | Literal["none"] | None = None
-    reply_tokens: int | Literal["none"] | None = None
-    episode_tokens: int | Literal["none"] | None = None
-    result_tokens: int | Literal["none", "auto"] | None = None
-    tool_calls: int | Literal["none"] | None = None
-    slack: float | None = None
-    beyond_history: BeyondHistory | None = None
-    notes_tokens: int | Literal["none"] | None = None
-    summary_tokens: int | Literal["none"] | None = None
+
+_FIELDS: dict[str, Any] = dict.fromkeys(Budget.model_fields, (Limit, None))
+_Fields: Any = create_model("_Fields", __base__=vf.BaseConfig, **_FIELDS)
+
+
+class BudgetConfig(_Fields):  # type: ignore[misc]
+    """The fields of a `Budget`. One that is not given has its default; the word "none" means no limit."""
 
     def budget(self) -> Budget:
         """Return the budget."""
-        given = {name: value for name, value in self.model_dump().items() if value is not None}
-        asked: dict[str, Any] = {name: None if value == "none" else value for name, value in given.items()}
         try:
-            return Budget(**asked)
+            return Budget.of(**self.model_dump())
         except ValidationError as error:
             raise InvalidArgumentError(f"The taskset's budget is invalid: {in_one_line(error)}.") from None
 
@@ -99,21 +92,20 @@ class SmartPlayTaskset(vf.Taskset[SmartPlayTask, SmartPlayConfig]):
 
     def load(self) -> Iterator[SmartPlayTask]:
         """Yield a task for every trial."""
-        asked = self.config
-        cell = cell_config(
-            asked.game,
-            budget=asked.budget.budget(),
-            counter=TokenCounter(asked.tokenizer),
-            **{"engine": None, **asked.options},
+        chosen = self.config
+        factory = EpisodeFactory(
+            chosen.game,
+            budget=chosen.budget.budget(),
+            reward=chosen.reward,
+            tokenizer=chosen.tokenizer,
+            **chosen.options,
         )
-        with Episode.from_config(cell.with_seed(0), tokenizer=asked.tokenizer) as sample:
-            reward_of(sample, asked.reward)  # a game without this reward is refused before anything is played
         for trial in itertools.count():
-            config: EpisodeConfig = cell.with_seed(trial_seed(asked.seed, cell.game, trial))
+            config = factory.config(trial_seed(chosen.seed, factory.game, trial))
             data = SmartPlayData(  # type: ignore[call-arg]  # defaults that mypy does not see
-                name=f"{cell.game}-{trial}",
-                prompt=f"Play {cell.game}, trial {trial}.",
+                name=f"{factory.game}-{trial}",
+                prompt=f"Play {factory.game}, trial {trial}.",
                 config=config.to_json(),
-                reward=asked.reward,
+                reward=chosen.reward,
             )
-            yield SmartPlayTask(data, asked.task)
+            yield SmartPlayTask(data, chosen.task)

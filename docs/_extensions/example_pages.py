@@ -24,6 +24,7 @@ TITLES = {
     "12_agents_sdk": "Play with OpenAI's Agents SDK",
     "13_anthropic": "Call Anthropic's client in a loop of your own",
     "14_mcp_client": "Play over the Model Context Protocol",
+    "15_evaluate_agents": "Evaluate agents of LangChain and of OpenAI's Agents SDK",
     "ppo_crafter": "Train on Crafter with PPO",
 }
 """What people would call the examples."""

@@ -50,6 +50,11 @@ COMMANDS = {
         "Play several trials of games with players, and print the results. The same command again resumes the run.",
         True,
     ),
+    "agent": _Entry(
+        "agent:agent",
+        "Play a run with a program of yours, which asks its model at an address that shows it the exact window.",
+        True,
+    ),
     "check": _Entry(
         "check:check",
         "Ask every model of a run once, and print whether it can be reached, calls tools and reports usage.",
@@ -70,10 +75,25 @@ COMMANDS = {
         "Compare runs pair by pair: differences with intervals, wins, ties and losses, tokens.",
         True,
     ),
+    "cost": _Entry(
+        "cost:cost",
+        "Show what runs would have cost under the rules of providers' caches, computed from their records.",
+        True,
+    ),
+    "power": _Entry(
+        "power:power",
+        "Say how many trials it takes to see a difference, from the spread of the pairs in these runs.",
+        True,
+    ),
     "report": _Entry(
         "report:report",
         "Write one self-contained HTML page that replays every episode of a run; it opens from disk, without a "
         "network.",
+        True,
+    ),
+    "share": _Entry(
+        "share:share",
+        "Write one episode, or some turns of it, as one small HTML page without lists, to send or to embed.",
         True,
     ),
     "merge": _Entry("merge:merge", "Merge the shards of a run.", True),
@@ -99,12 +119,12 @@ class _LateCommands(Mapping[str, Any]):
 
     def __getitem__(self, name: str) -> Any:
         entry = COMMANDS[name]
-        found = resolve(f"{__name__}.{entry.place}")
-        if isinstance(found, typer.Typer):
-            command: Any = get_group(found)
+        target = resolve(f"{__name__}.{entry.place}")
+        if isinstance(target, typer.Typer):
+            command: Any = get_group(target)
         else:
             alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-            alone.command(name, no_args_is_help=entry.needs_arguments)(found)
+            alone.command(name, no_args_is_help=entry.needs_arguments)(target)
             command = get_command(alone)
         command.name = name
         return command

@@ -30,8 +30,7 @@ def board(
     from smartplay_tools.evaluation.board.submissions.findings import printable
 
     def say(checked: Checked) -> None:
-        said = "verified" if checked.verified else f"not verified ({len(checked.errors)} errors)"
-        typer.echo(f"{printable(checked.bundle)}: {said}")
+        typer.echo(f"{printable(checked.bundle)}: {checked.verdict}")
 
     made = build_board(
         bundles,

@@ -14,10 +14,9 @@ from rich.markup import escape
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.runs import PlayerConfig
+from smartplay_tools.evaluation.runs.players import PlayerConfig, given_prices
 from smartplay_tools.evaluation.runs.probe import Probe, probe
 from smartplay_tools.evaluation.runs.run_file import RunFile, read_run_file
-from smartplay_tools.records.prices import Price
 
 
 def check(
@@ -35,37 +34,37 @@ def check(
     Example: smartplay-tools check --players openai:gpt-5-mini
     """
     file = RunFile() if run_file is None else read_run_file(run_file)[0]
-    names = options.names(players) or [one.name for one in file.configs()]
+    names = options.names(players) or [config.name for config in file.configs()]
     if not names:
         raise InvalidArgumentError("Name players (--players openai:MODEL) or a run file.")
     configs = runs.player_configs(list(dict.fromkeys(names)), base_url, player_option, file.configs())
-    prices = {one.name: Price.per_million(*one.price) for one in configs if one.price is not None} | runs.prices(price)
-    found = [(config, probe(config, prices)) for config in configs]
-    probes = [one for _, one in found if one is not None]
+    prices = given_prices(configs) | runs.prices(price)
+    answers = [(config, probe(config, prices)) for config in configs]
+    probes = [answer for _, answer in answers if answer is not None]
     if as_json:
-        print(json.dumps([{**asdict(one), "advice": one.advice} for one in probes], indent=2))
+        print(json.dumps([{**asdict(answer), "advice": answer.advice} for answer in probes], indent=2))
     else:
-        _print(found)
-    if not all(one.playable for one in probes):
+        _print(answers)
+    if not all(answer.playable for answer in probes):
         raise typer.Exit(1)
 
 
-def _print(found: list[tuple[PlayerConfig, Probe | None]]) -> None:
+def _print(answers: list[tuple[PlayerConfig, Probe | None]]) -> None:
     console = Console()
     table = compact_table("player", "reached", "tools", "ids", "parallel", "usage", "reasoning", "price")
     table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
-    for config, one in found:
-        if one is None:
+    for config, answer in answers:
+        if answer is None:
             table.add_row(escape(config.name), "no model", *[""] * 6)
             continue
-        answers = [_word(answer) for answer in (one.reachable, one.tools, one.ids, one.parallel, one.usage)]
-        reasoning = "" if one.reasoning is None else str(one.reasoning)
-        table.add_row(escape(one.player), *answers, reasoning, "known" if one.price else "unknown")
+        words = map(_word, (answer.reachable, answer.tools, answer.ids, answer.parallel, answer.usage))
+        reasoning = "" if answer.reasoning is None else str(answer.reasoning)
+        table.add_row(escape(answer.player), *words, reasoning, "known" if answer.price else "unknown")
     console.print(table)
-    for _, one in found:
-        for line in one.advice if one is not None else []:
+    for _, answer in answers:
+        for line in answer.advice if answer is not None else []:
             console.print(line, highlight=False, markup=False, soft_wrap=True)
-    costs = [one.cost for _, one in found if one is not None and one.cost is not None]
+    costs = [answer.cost for _, answer in answers if answer is not None and answer.cost is not None]
     if costs:
         console.print(f"These calls have cost ${sum(costs):.4f}.", highlight=False)
 

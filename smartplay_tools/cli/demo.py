@@ -57,9 +57,9 @@ def demo(
                 path = _record(folder, game, player)
                 with Episode(game, seed=seed, budget=budget, transcript=path) as episode:
                     result = loop.play(episode, player, on_turn=watch)
-                found = replay(path)
-                failures += found.differences[:1]
-                table.add_row(*_row(result, cap, watch), "identical" if found.identical else "differs")
+                replayed = replay(path)
+                failures += replayed.differences[:1]
+                table.add_row(*_row(result, cap, watch), "identical" if replayed.identical else "differs")
             tables.append(table)
         failures += [
             f"{game} differs when {player.name} plays it."

@@ -6,8 +6,6 @@ the values as one `EpisodeOptions`. A new rule or a new field of the budget is o
 
 from __future__ import annotations
 
-import functools
-import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -15,7 +13,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from smartplay_tools.cli.options import key_values, names
+from smartplay_tools.cli.options import key_values, names, with_options
 from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import STRATEGIES, Budget
@@ -47,6 +45,7 @@ BUDGET: Mapping[str, tuple[Any, Any]] = {
     "episode_tokens": (_limit("Cap on all prompts and replies together."), "none"),
     "result_tokens": (_limit("Cap on one tool result: a number, auto or none."), "auto"),
     "tool_calls": (_limit("Cap on tool calls: a number, game (4 x rollout + 16) or none."), "game"),
+    "stalled_turns": (_limit("Cap on turns in a row that play no step and show nothing new, or none."), "10"),
     "slack": (_option(float, "Share of the window that is dropped at once when it is full."), 0.0),
     **{
         kind.name: (_limit(kind.option_help), "none")
@@ -110,33 +109,18 @@ def with_episode_options(
         if name not in without
     }
 
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        @functools.wraps(command)
-        def wrapped(**given: Any) -> None:
-            asked = {name: given.pop(name) for name in added}
-            lists = {name: _values(name, asked.pop(name)) for name in added if name in vary}
-            episode = EpisodeOptions(
-                {name: asked[name] for name in BUDGET if name in asked},
-                {name: asked[name] for name in RULES if name in asked},
-                asked.get("engine"),
-                asked.get("tokenizer"),
-                key_values(asked.get("option")),
-                lists,
-            )
-            command(**given, episode=episode)
+    def pack(asked: dict[str, Any]) -> EpisodeOptions:
+        lists = {name: _values(name, asked.pop(name)) for name in added if name in vary}
+        return EpisodeOptions(
+            {name: asked[name] for name in BUDGET if name in asked},
+            {name: asked[name] for name in RULES if name in asked},
+            asked.get("engine"),
+            asked.get("tokenizer"),
+            key_values(asked.get("option")),
+            lists,
+        )
 
-        signature = inspect.signature(command, eval_str=True)
-        own = [parameter for name, parameter in signature.parameters.items() if name != "episode"]
-        others = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-            for name, (annotation, default) in added.items()
-        ]
-        own = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
-        wrapped.__signature__ = inspect.Signature([*own, *others])  # type: ignore[attr-defined]
-        wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in [*own, *others]}
-        return wrapped
-
-    return decorate
+    return with_options("episode", added, pack)
 
 
 def listed(option: str, text: str) -> list[str]:

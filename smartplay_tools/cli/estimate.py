@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import reduce
 from operator import add, attrgetter
@@ -14,11 +14,21 @@ from rich.markup import escape
 
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.episode.config import RULES, CellConfig
-from smartplay_tools.evaluation.runs import Caps, Estimate, Plan, PlayerConfig, cell_name, estimate, player_of
+from smartplay_tools.evaluation.runs import (
+    Caps,
+    Estimate,
+    Plan,
+    PlayerConfig,
+    RunOptions,
+    cell_name,
+    estimate,
+    player_of,
+)
 from smartplay_tools.evaluation.runs.estimate import SECONDS_A_CALL, TOKENS_A_SECOND, Range
 from smartplay_tools.evaluation.runs.executors import WAITING_AT_ONCE
+from smartplay_tools.evaluation.runs.players import given_prices
 from smartplay_tools.quantities import short
-from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.records.prices import find_price
 
 CUT_SHARE = 0.05
 """The share of cut tool results from which on a warning is printed."""
@@ -33,50 +43,44 @@ AXES: tuple[tuple[str, Callable[[CellConfig], Any]], ...] = (
 
 
 def print_estimate(
-    plan: Plan,
-    given: Mapping[str, Price],
-    configs: Sequence[PlayerConfig] = (),
-    *,
-    caps: Caps,
-    workers: int | None,
-    reply_tokens: int | None,
-    as_json: bool,
+    plan: Plan, players: Sequence[PlayerConfig], options: RunOptions, *, reply_tokens: int | None, as_json: bool
 ) -> None:
-    """Print the estimate of a plan."""
-    known = {player_of(cell): find_price(player_of(cell), cell.player_options) for cell in plan.cells}
-    known |= {one.name: Price.per_million(*one.price) for one in configs if one.price is not None}
-    prices = {player: price for player, price in {**known, **given}.items() if price is not None}
-    found = estimate(plan, prices, reply_tokens=reply_tokens)
-    at_once = min(workers or WAITING_AT_ONCE, len(plan.episodes))
+    """Print the estimate of a plan, or of the shard of it that would be played."""
+    plan = plan if options.shard is None else plan.shard(*options.shard)
+    prices = {player_of(cell): find_price(player_of(cell), cell.player_options) for cell in plan.cells}
+    prices |= {**given_prices(players), **(options.prices or {})}
+    priced = {player: price for player, price in prices.items() if price is not None}
+    estimates = estimate(plan, priced, reply_tokens=reply_tokens)
+    at_once = min(options.workers or WAITING_AT_ONCE, len(plan.episodes))
     if as_json:
-        print(json.dumps([{**asdict(one), "cell": one.cell.model_dump(mode="json")} for one in found], indent=2))
+        print(json.dumps([{**asdict(each), "cell": each.cell.model_dump(mode="json")} for each in estimates], indent=2))
         return
     console = Console()
-    console.print(_table(found))
-    for line in _sentences(found, caps, at_once):
+    console.print(_table(estimates))
+    for line in _sentences(estimates, options.caps, at_once):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _table(found: Sequence[Estimate]) -> Any:
-    axes = [axis for axis in AXES if len({axis[1](one.cell) for one in found}) > 1] or [AXES[0]]
+def _table(estimates: Sequence[Estimate]) -> Any:
+    axes = [axis for axis in AXES if len({axis[1](each.cell) for each in estimates}) > 1] or [AXES[0]]
     table = compact_table(*(name for name, _ in axes), "episodes", "calls", "prompts", "replies", "USD")
     for column in table.columns[: len(axes)]:
         column.no_wrap, column.overflow = False, "fold"
-    for one in found:
-        named = [escape("none" if value(one.cell) is None else str(value(one.cell))) for _, value in axes]
-        table.add_row(*named, *_figures(one.episodes, one.calls, one.prompt_tokens, one.reply_tokens, one.cost))
-    if len(found) > 1:
+    for each in estimates:
+        named = [escape("none" if value(each.cell) is None else str(value(each.cell))) for _, value in axes]
+        table.add_row(*named, *_figures(each.episodes, each.calls, each.prompt_tokens, each.reply_tokens, each.cost))
+    if len(estimates) > 1:
         calls, prompts, replies = (
-            _sum([getattr(one, name) for one in found]) for name in ("calls", "prompt_tokens", "reply_tokens")
+            _sum([getattr(each, name) for each in estimates]) for name in ("calls", "prompt_tokens", "reply_tokens")
         )
-        episodes = sum(one.episodes for one in found)
+        episodes = sum(each.episodes for each in estimates)
         names = ["[bold]all[/]", *[""] * (len(axes) - 1)]
-        table.add_row(*names, *_figures(episodes, calls, prompts, replies, _total_cost(found)))
+        table.add_row(*names, *_figures(episodes, calls, prompts, replies, _total_cost(estimates)))
     return table
 
 
 def _figures(episodes: int, calls: Range, prompts: Range, replies: Range, cost: Range | None) -> list[str]:
-    tokens = [_span(one, lambda value: short(round(value))) for one in (calls, prompts, replies)]
+    tokens = [_span(figure, lambda value: short(round(value))) for figure in (calls, prompts, replies)]
     return [f"{episodes:,}", *tokens, "unknown" if cost is None else _span(cost, "{:,.2f}".format)]
 
 
@@ -89,36 +93,37 @@ def _sum(ranges: Sequence[Range]) -> Range:
     return reduce(add, ranges, Range(0, 0, 0))
 
 
-def _total_cost(found: Sequence[Estimate]) -> Range | None:
-    costs = [one.cost for one in found if one.cost is not None]
-    return _sum(costs) if len(costs) == len(found) else None
+def _total_cost(estimates: Sequence[Estimate]) -> Range | None:
+    costs = [each.cost for each in estimates if each.cost is not None]
+    return _sum(costs) if len(costs) == len(estimates) else None
 
 
-def _sentences(found: Sequence[Estimate], caps: Caps, at_once: int) -> list[str]:
-    said = ["Tokens: from the shortest of the sampled episodes to the longest that the game allows."]
-    lengths = sorted({one.reply_length for one in found if one.reply_length is not None})
+def _sentences(estimates: Sequence[Estimate], caps: Caps, at_once: int) -> list[str]:
+    sentences = ["Tokens: from the shortest of the sampled episodes to the longest that the game allows."]
+    lengths = sorted({each.reply_length for each in estimates if each.reply_length is not None})
     if lengths:
         span = " and ".join(f"{low} to {high}" if low < high else f"{low}" for low, high in lengths)
-        said.append(
+        sentences.append(
             f"A model's replies are assumed to have {span} tokens; --assume-reply-tokens changes this, "
             "--reply-tokens makes it a cap."
         )
-        hours = _sum([one.call_seconds for one in found]) * (1 / 3600 / at_once)
-        said.append(
+        hours = _sum([each.call_seconds for each in estimates]) * (1 / 3600 / at_once)
+        sentences.append(
             f"Hours: {_span(hours, '{:.2g}'.format)} with {at_once} episodes at a time, if a reply takes "
             f"{SECONDS_A_CALL[0]:g} to {SECONDS_A_CALL[1]:g} seconds and its tokens come at {TOKENS_A_SECOND[1]:g} to "
             f"{TOKENS_A_SECOND[0]:g} a second."
         )
-    tokens = _sum([one.prompt_tokens + one.reply_tokens for one in found])
-    said += _against_cap("--run-tokens", caps.tokens, tokens, lambda value: short(round(value)))
-    cost = _total_cost(found)
-    said += _against_cap("--run-cost", caps.cost, cost, "${:,.2f}".format) if cost is not None else []
-    for one in found:
-        if one.cut_share > CUT_SHARE:
-            said.append(
-                f"{cell_name(one.cell)}: {one.cut_share:.0%} of the tool results are cut to fit; raise --prompt-tokens."
+    tokens = _sum([each.prompt_tokens + each.reply_tokens for each in estimates])
+    sentences += _against_cap("--run-tokens", caps.tokens, tokens, lambda value: short(round(value)))
+    cost = _total_cost(estimates)
+    sentences += _against_cap("--run-cost", caps.cost, cost, "${:,.2f}".format) if cost is not None else []
+    for each in estimates:
+        if each.cut_share > CUT_SHARE:
+            sentences.append(
+                f"{cell_name(each.cell)}: {each.cut_share:.0%} of the tool results are cut to fit; "
+                "raise --prompt-tokens."
             )
-    return said
+    return sentences
 
 
 def _against_cap(option: str, cap: float | None, figure: Range, show: Callable[[float], str]) -> list[str]:

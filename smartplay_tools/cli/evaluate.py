@@ -3,26 +3,37 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.episode_options import RULES, EpisodeOptions, read_budget, with_episode_options
-from smartplay_tools.cli.estimate import print_estimate
 from smartplay_tools.cli.results import print_next, print_summary
-from smartplay_tools.cli.show import table_console
+from smartplay_tools.cli.show import print_table, table_console
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.analysis.decisions import Margin
+from smartplay_tools.evaluation.analysis.gates import Gate, baseline_gates, mean_gates
+from smartplay_tools.evaluation.analysis.gates import junit as as_junit
+from smartplay_tools.evaluation.analysis.repeats import repeated, repeats_table
+from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
+from smartplay_tools.evaluation.analysis.stopping import decisions_table
 from smartplay_tools.evaluation.analysis.summary import summarize
-from smartplay_tools.evaluation.analysis.tables import summary_json
-from smartplay_tools.evaluation.runs import Caps, Plan, PlayerConfig, Run, make_cells, plan_episodes, plan_suite
+from smartplay_tools.evaluation.analysis.tables import plain, summary_json
+from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, make_cells, plan_episodes, plan_suite
 from smartplay_tools.evaluation.runs.run_file import RunFile, read_run_file
 from smartplay_tools.evaluation.suites import get_suite, suite_games
+from smartplay_tools.records.manifest import Until
 from smartplay_tools.records.rows import unplayed
+from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.types import Budget
 
 
 @with_episode_options()
+@runs.with_run_options(out="run")
 def evaluate(
     context: typer.Context,
     run_file: Annotated[
@@ -32,22 +43,29 @@ def evaluate(
     games: Annotated[str | None, typer.Option(help="Comma-separated ids of settings.")] = None,
     suite: Annotated[str | None, typer.Option(help="paper (the seven settings of its tables), or tools-v1.")] = None,
     players: Annotated[str, typer.Option(help="Comma-separated names of players.")] = "rule",
-    out: runs.Out = Path("run"),
-    trials: runs.Trials = None,
-    seed: options.Seed = 0,
-    base_url: options.BaseUrls = None,
-    player_option: options.PlayerOptions = None,
-    workers: runs.Workers = None,
-    executor: runs.ExecutorName = None,
-    shard: runs.Shard = None,
-    run_tokens: runs.RunTokens = None,
-    run_cost: runs.RunCost = None,
-    price: runs.Prices = None,
-    dry_run: runs.DryRun = False,
-    assume_reply_tokens: runs.AssumeReplyTokens = None,
-    quiet: runs.Quiet = False,
-    as_json: options.Json = False,
+    repeats: Annotated[int, typer.Option(min=1, help="How often each world is played, for players that sample.")] = 1,
+    until: Annotated[
+        str | None,
+        typer.Option(metavar="decided", help="Stop when each cell's comparison with the first is decided."),
+    ] = None,
+    margin: Annotated[
+        str | None,
+        typer.Option(metavar="M", help="For --until: what does not matter, in points or (0.1h) human."),
+    ] = None,
+    clip: Annotated[
+        float | None, typer.Option(min=0, help="For --until: the largest difference that counts, without score bounds.")
+    ] = None,
+    by: Annotated[str, typer.Option(help="For --until: score, or wins (which side of a pair scores more).")] = "score",
+    fail_if: Annotated[
+        list[str] | None,
+        typer.Option(metavar="'score < X'", help="Fail if it holds for a cell's mean; repeatable."),
+    ] = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="A stored run: fail where this one is worse (with --margin).")
+    ] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write these checks as JUnit XML.")] = None,
     *,
+    run: runs.RunCommand,
     episode: EpisodeOptions,
 ) -> None:
     """Play several trials of games with players, and print the results. The same command again resumes the run.
@@ -56,39 +74,39 @@ def evaluate(
     """
     file, text = (RunFile(), None) if run_file is None else read_run_file(run_file)
     asked = _Asked(context, file)
-    names = asked.names("players", [one.name for one in file.configs()])
-    configs = runs.player_configs(list(dict.fromkeys(names)), base_url, player_option, file.configs())
-    plan = _plan(asked, configs, episode)
-    part = runs.read_shard(shard)
-    caps = Caps(asked.value("run_tokens"), asked.value("run_cost"))
-    given = runs.prices(price)
-    if dry_run:
-        print_estimate(
-            plan if part is None else plan.shard(*part),
-            given,
-            configs,
-            caps=caps,
-            workers=asked.value("workers"),
-            reply_tokens=assume_reply_tokens,
-            as_json=as_json,
-        )
-        return
-    run = runs.carry_out(
-        plan,
-        asked.value("out"),
-        quiet=quiet or as_json,
-        workers=asked.value("workers"),
-        executor=asked.value("executor"),
-        shard=part,
-        caps=caps,
-        prices=given,
-        configs=configs,
-        run_file=text,
-    )
-    print_run(run, as_json=as_json)
+    shared = {field.name for field in fields(run)} & RunFile.model_fields.keys()
+    run = replace(run, **{name: asked.value(name) for name in shared})
+    names = asked.names("players", [config.name for config in file.configs()])
+    configs = run.players(list(dict.fromkeys(names)), file.configs())
+    end = _until(until, margin, clip, by, needs_margin=baseline is not None)
+    conditions = list(map(RowCondition.parse, fail_if or []))
+    kept = None if baseline is None else RunFolder(baseline).rows()
+    done = run.play(_plan(asked, configs, episode, repeats), configs, run_file=text, until=end)
+    if done is not None:
+        judged = list(mean_gates(done.rows, conditions))
+        if kept is not None and margin is not None:
+            judged += baseline_gates(done.rows, kept, Margin.parse(margin))
+        if junit is not None:
+            junit.write_text(as_junit(judged, str(run.out)), encoding="utf-8", newline="\n")
+        print_run(done, judged, as_json=run.as_json)
 
 
-def _plan(asked: _Asked, configs: list[PlayerConfig], episode: EpisodeOptions) -> Plan:
+def _until(until: str | None, margin: str | None, clip: float | None, by: str, *, needs_margin: bool) -> Until | None:
+    if needs_margin and margin is None:
+        raise InvalidArgumentError("--baseline needs --margin M: how much worse does not matter.")
+    if until is None:
+        if clip is not None or (margin is not None and not needs_margin):
+            raise InvalidArgumentError("--margin and --clip belong to --until decided, or --margin to --baseline.")
+        return None
+    if until != "decided" or margin is None:
+        raise InvalidArgumentError("Write --until decided --margin M, where M is a difference that does not matter.")
+    if by not in ("score", "wins"):
+        raise InvalidArgumentError(f"--by is score or wins, not {by}.")
+    Margin.parse(margin)
+    return Until(margin, clip, cast(Any, by))
+
+
+def _plan(asked: _Asked, configs: list[PlayerConfig], episode: EpisodeOptions, repeats: int) -> Plan:
     suite, game_options = asked.value("suite"), {**asked.file.options, **episode.options}
     if suite is not None and get_suite(suite).is_fixed:
         given = asked.beside_suite() | ({"options"} if game_options else set())
@@ -96,7 +114,7 @@ def _plan(asked: _Asked, configs: list[PlayerConfig], episode: EpisodeOptions) -
     ids = suite_games(suite, asked.names("games", asked.file.games))
     rules = {name: asked.value(name) for name in ("engine", "tokenizer", *episode.rules)}
     cells = make_cells(ids, configs, asked.budgets(), **rules, options=game_options)
-    return plan_episodes(cells, trials=asked.value("trials"), seed=asked.value("seed"))
+    return plan_episodes(cells, trials=asked.value("trials"), seed=asked.value("seed"), repeats=repeats)
 
 
 class _Asked:
@@ -127,11 +145,11 @@ class _Asked:
         fields = {name: self._values[name] for name in Budget.model_fields if name in self._given}
         given = read_budget(**fields)
         changed = {name: getattr(given, name) for name in fields}
-        return [Budget(**{**one.model_dump(), **changed}) for one in self.file.budgets or [Budget()]]
+        return [Budget(**{**dict(budget), **changed}) for budget in self.file.budgets or [Budget()]]
 
 
-def print_run(run: Run, *, as_json: bool) -> None:
-    """Print the results of a run; the exit code is 0 only if every planned episode is finished and was played."""
+def print_run(run: Run, gates: Sequence[Gate] = (), *, as_json: bool) -> None:
+    """Print the results of a run; the exit code is 0 only if all episodes are finished and played, and gates pass."""
     summary = summarize(run.rows, run.failures)
     if as_json:
         facts: dict[str, Any] = {
@@ -141,9 +159,19 @@ def print_run(run: Run, *, as_json: bool) -> None:
             "refused": run.refused,
         }
         facts |= {"paused": run.status.paused, "spending": run.spending.to_json(), "warnings": unplayed(run.rows)}
+        facts |= {"checks": plain(list(gates))} if gates else {}
         print(json.dumps({**facts, **summary_json(summary)}, indent=2))
     else:
         console = table_console()
         print_summary(console, summary)
+        if figures := repeated(run.rows):
+            print_table(console, repeats_table(figures))
+        if run.decisions:
+            print_table(console, decisions_table(run.decisions, run.folder.manifest().cells))
         print_next(console, [run.folder.path])
     runs.conclude(run, quiet=as_json)
+    for gate in gates:
+        if not gate.passed:
+            typer.echo(f"Failed: {gate.game}, {gate.name}: {gate.message}", err=True)
+    if not all(gate.passed for gate in gates):
+        raise typer.Exit(1)

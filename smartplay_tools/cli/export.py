@@ -35,7 +35,7 @@ def export(
     # Reading many records takes imports that no other command needs.
     from smartplay_tools.exports import export as write
 
-    found = write(
+    exported = write(
         run,
         out,
         format,
@@ -46,7 +46,7 @@ def export(
         min_normalized_score=min_normalized_score,
         best=best,
     )
-    counted = ", ".join(f"{number:,} {name}" for name, number in found.counts.items())
-    Console().print(f"{found.folder}: {counted}", highlight=False, soft_wrap=True, markup=False)
-    for reason, number in sorted(found.left_out.items()):
+    counted = ", ".join(f"{number:,} {name}" for name, number in exported.counts.items())
+    Console().print(f"{exported.folder}: {counted}", highlight=False, soft_wrap=True, markup=False)
+    for reason, number in sorted(exported.left_out.items()):
         Console().print(f"left out: {number:,} ({reason})", highlight=False, soft_wrap=True, markup=False)

@@ -22,7 +22,7 @@ def merge(
     Example: smartplay-tools merge runs/part1 runs/part2 --out runs/whole
     """
     whole = merge_parts(parts, out)
-    finished, planned = len(whole.rows()), len(whole.manifest()["episodes"])
+    finished, planned = len(whole.rows()), len(whole.manifest().episodes)
     Console().print(f"{out}: {finished} of {planned} episodes are finished.", highlight=False, soft_wrap=True)
     if finished < planned:
         raise typer.Exit(1)

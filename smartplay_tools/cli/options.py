@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import json
+from collections.abc import Callable, Mapping
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from smartplay_tools.errors import InvalidArgumentError
+
+
+class Format(StrEnum):
+    """The output formats of tables."""
+
+    TEXT = "text"
+    MARKDOWN = "markdown"
+    LATEX = "latex"
+    CSV = "csv"
+    JSON = "json"
+
 
 Game = Annotated[
     str, typer.Argument(help="The id of a setting; `smartplay-tools games` lists them.", show_default=False)
@@ -35,6 +50,11 @@ AllowOrigin = Annotated[
 Plugins = Annotated[
     bool, typer.Option("--plugins", help="Import games of installed packages that records name, to draw them.")
 ]
+Caches = Annotated[
+    list[str] | None,
+    typer.Option("--cache", metavar="RULE", help="The rule of a cache, or PROVIDER:MODEL for a model's; repeatable."),
+]
+CachesFile = Annotated[Path | None, typer.Option("--caches", help="A file with further rules of caches.")]
 TranscriptFile = Annotated[Path | None, typer.Option("--transcript", help="Write the record to this new file.")]
 
 
@@ -55,3 +75,28 @@ def key_values(pairs: list[str] | None, name: str = "--option") -> dict[str, Any
         except ValueError:
             options[key] = value
     return options
+
+
+def with_options(
+    name: str, added: Mapping[str, tuple[Any, Any]], pack: Callable[[dict[str, Any]], Any]
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Add options with their defaults to a command; its argument `name` gets what `pack` makes of their values."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def wrapped(**given: Any) -> None:
+            values = {option: given.pop(option) for option in added}
+            command(**given, **{name: pack(values)})
+
+        signature = inspect.signature(command, eval_str=True)
+        own = [parameter for own_name, parameter in signature.parameters.items() if own_name != name]
+        others = [
+            inspect.Parameter(option, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            for option, (annotation, default) in added.items()
+        ]
+        parameters = [*(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own), *others]
+        wrapped.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        return wrapped
+
+    return decorate

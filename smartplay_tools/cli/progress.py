@@ -24,7 +24,7 @@ from smartplay_tools.records.snapshot import RunSnapshot
 LOG_SECONDS = 60.0
 """Seconds after which a log gets another line."""
 
-OTHER_LINES = 6
+OTHER_LINES = 7
 """Lines of the live display apart from those of games, including some free ones."""
 
 
@@ -60,22 +60,28 @@ class _Screen:
             bar = ProgressBar(total=game.planned, completed=game.finished, width=12)
             table.add_row(game.game, bar, f"{game.finished}/{game.planned}", words)
         lines = [Text(self._snapshot.describe())]
+        if warning := self._snapshot.warning:
+            lines.append(Text(warning, style="yellow", no_wrap=True, overflow="ellipsis"))
         if error := self._snapshot.latest_error:
             lines.append(Text(f"latest failure: {error}", style="red", no_wrap=True, overflow="ellipsis"))
         return Group(table, *lines)
 
 
 class _Log:
-    """Lines with the time: at the start, at every tenth, every minute and the end, and one for every failure."""
+    """Lines with the time: at the start, at every tenth, every minute and the end, for failures and the first stall."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._tenth, self._last, self._words = -1, 0.0, ""
         self._failures: set[tuple[str, int]] | None = None
+        self._has_warned = False
 
     def __call__(self, snapshot: RunSnapshot) -> None:
         """Log what has changed since the last snapshot."""
         self._log_failures(snapshot)
+        if snapshot.warning and not self._has_warned:
+            self._has_warned = True
+            self._say(snapshot.warning)
         tenth = 10 * snapshot.finished // max(1, snapshot.planned)
         is_due = time.monotonic() - self._last >= LOG_SECONDS
         if tenth > self._tenth or is_due or (not snapshot.running and snapshot.describe() != self._words):

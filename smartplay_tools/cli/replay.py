@@ -16,7 +16,7 @@ from smartplay_tools.cli import options
 from smartplay_tools.evaluation.runs.audit import EpisodeAudit, audit
 from smartplay_tools.records.replays import replay as run_again
 from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.snapshot import run_snapshot
+from smartplay_tools.records.run_follower import run_snapshot
 
 SHOWN_DIFFERENCES = 3
 """The most differences printed per episode; the first matters, the others mostly follow from it."""
@@ -46,19 +46,21 @@ def replay(
 
 
 def _replay_file(path: Path, tokenizer: str | None, *, as_json: bool) -> bool:
-    found = run_again(path, tokenizer=tokenizer)
+    replayed = run_again(path, tokenizer=tokenizer)
     if as_json:
-        print(json.dumps({**asdict(found), "result": found.result and found.result.model_dump()}, indent=2))
-    elif found.identical:
-        resumed = f", resumed at event {', '.join(map(str, found.resumed))}" if found.resumed else ""
-        said = f"[green]identical[/]: {found.events} events of {path}{resumed}"
-        Console().print(said, highlight=False, soft_wrap=True)
-    elif not found.differences:
-        said = f"[yellow]incomplete[/]: the {found.events} events of {path} are identical, but its end is missing"
-        Console(stderr=True).print(said, highlight=False, soft_wrap=True)
+        print(json.dumps({**asdict(replayed), "result": replayed.result and replayed.result.model_dump()}, indent=2))
+    elif replayed.identical:
+        resumed = f", resumed at event {', '.join(map(str, replayed.resumed))}" if replayed.resumed else ""
+        sentence = f"[green]identical[/]: {replayed.events} events of {path}{resumed}"
+        Console().print(sentence, highlight=False, soft_wrap=True)
+    elif not replayed.differences:
+        sentence = (
+            f"[yellow]incomplete[/]: the {replayed.events} events of {path} are identical, but its end is missing"
+        )
+        Console(stderr=True).print(sentence, highlight=False, soft_wrap=True)
     else:
-        Console(stderr=True).print(f"[red]differs[/]: {found.differences[0]}", highlight=False, soft_wrap=True)
-    return found.identical
+        Console(stderr=True).print(f"[red]differs[/]: {replayed.differences[0]}", highlight=False, soft_wrap=True)
+    return replayed.identical
 
 
 def _replay_run(path: Path, workers: int | None, tokenizer: str | None, *, as_json: bool) -> bool:
@@ -82,8 +84,8 @@ def _print_unfinished(folder: RunFolder) -> None:
     """List the episodes that have no result yet, which are not replayed."""
     for cell in run_snapshot(folder).cells:
         if cell.paused or cell.running:
-            said = f"{cell.game}, {cell.player}: {cell.paused} paused, {cell.running} running; not replayed"
-            Console().print(said, highlight=False, soft_wrap=True, markup=False)
+            sentence = f"{cell.game}, {cell.player}: {cell.paused} paused, {cell.running} running; not replayed"
+            Console().print(sentence, highlight=False, soft_wrap=True, markup=False)
 
 
 def _print_findings(path: Path, total: int, differing: list[EpisodeAudit]) -> None:

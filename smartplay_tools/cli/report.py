@@ -35,6 +35,8 @@ def report(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes that read records, where there are many.")
     ] = None,
+    cache: options.Caches = None,
+    caches: options.CachesFile = None,
 ) -> None:
     """Write one self-contained HTML page that replays every episode of a run; it opens from disk, without a network.
 
@@ -44,8 +46,10 @@ def report(
     """
     # Reading records and drawing games needs imports that no other command needs.
     from smartplay_tools.evaluation.pages.report import write_report
+    from smartplay_tools.records import tariffs_of
 
     processes = workers or os.cpu_count() or 1
-    path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes)
+    tariffs = tariffs_of(cache, caches=caches) if cache else ()
+    path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes, tariffs=tariffs)
     size = path.stat().st_size / 1e6
     Console().print(f"{path} ({size:.1f} MB): open it in a browser.", highlight=False, soft_wrap=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -13,17 +13,25 @@ from rich.console import Console
 from rich.text import Text
 
 from smartplay_tools.cli import options
+from smartplay_tools.cli.cost import check_columns, cost_columns
+from smartplay_tools.cli.formats import FormatOption, print_tables
+from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.running import print_running, print_spending
 from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
+from smartplay_tools.evaluation.analysis.intervals import Method
+from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json, repeated, repeats_table
+from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
+from smartplay_tools.evaluation.analysis.stopping import Comparisons, decisions_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
-from smartplay_tools.evaluation.analysis.tables import summary_json, write_csv, write_parquet
+from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
 from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.snapshot import RunSnapshot, run_snapshot
+from smartplay_tools.records.run_follower import run_snapshot
+from smartplay_tools.records.snapshot import RunSnapshot
 
 
 @dataclass(frozen=True)
@@ -40,10 +48,17 @@ def results(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of runs.", show_default=False)],
     everything: Annotated[bool, typer.Option("--all", help="Show all tables, not only the first.")] = False,
     explain: Annotated[bool, typer.Option("--explain", help="Explain the terms in the tables.")] = False,
+    form: FormatOption = Format.TEXT,
     as_json: options.Json = False,
     csv: Annotated[Path | None, typer.Option(help="Write a CSV file with a row for each episode.")] = None,
     parquet: Annotated[Path | None, typer.Option(help="Write the same as Parquet, with column types.")] = None,
+    cache: options.Caches = None,
+    caches: options.CachesFile = None,
     weights: Annotated[str, typer.Option(help="How capabilities are weighted: paper or zero-based.")] = "paper",
+    success: Annotated[
+        str | None, typer.Option(metavar="'score >= X'", help="Which episodes count as successes of repeats.")
+    ] = None,
+    exact: Annotated[bool, typer.Option("--exact", help="Exact intervals of shares (Clopper-Pearson).")] = False,
 ) -> None:
     """Show the scores of runs with intervals, tokens and cost; with --all also mistakes, ends and differences.
 
@@ -51,15 +66,24 @@ def results(
 
     Example: smartplay-tools results runs/first --all --csv first.csv
     """
-    shown = [_read(folder, weights) for folder in folders]
+    check_columns(cache, caches, Format.JSON if as_json else form)
+    succeeds = None if success is None else RowCondition.parse(success)
+    shown = [_read(folder, weights, exact=exact) for folder in folders]
     _write_files(shown, csv, parquet)
-    if as_json:
-        found = [{**_counts(run), **summary_json(run.summary)} for run in shown]
-        print(json.dumps(found[0] if len(found) == 1 else found, indent=2))
+    if as_json or form is Format.JSON:
+        summaries = [{**_counts(run), **summary_json(run.summary), **_repeats(run, succeeds)} for run in shown]
+        print(json.dumps(summaries[0] if len(summaries) == 1 else summaries, indent=2))
+        return
+    if form is not Format.TEXT:
+        tables = [table for run in shown for table in _tables(run, everything=everything, succeeds=succeeds)]
+        rows = [{"run": str(run.folder), **row} for run in shown for row in cell_rows(run.summary)]
+        print_tables(form, [*tables, *cost_columns(folders, cache, caches)], rows, None)
         return
     console = table_console()
     for run in shown:
-        _show(console, run, everything=everything)
+        _show(console, run, everything=everything, succeeds=succeeds)
+    for table in cost_columns(folders, cache, caches):
+        print_table(console, table)
     if explain:
         print_terms(console)
     print_next(console, folders, everything=everything)
@@ -67,13 +91,18 @@ def results(
 
 def print_summary(console: Console, summary: RunSummary, *, everything: bool = False) -> None:
     """Print a run's headline and its failures, or all of its tables."""
+    for table in summary_tables(summary, everything=everything):
+        print_table(console, table)
+
+
+def summary_tables(summary: RunSummary, *, everything: bool = False) -> Iterator[TextTable]:
+    """Yield a run's headline and its failures, or all of its tables."""
     if summary.cells:
-        print_table(console, headline(summary))
+        yield headline(summary)
     if everything:
-        for table in details(summary):
-            print_table(console, table)
+        yield from details(summary)
     elif summary.failures:
-        print_table(console, failures_table(summary.failures))
+        yield failures_table(summary.failures)
 
 
 def print_terms(console: Console) -> None:
@@ -97,10 +126,10 @@ def print_next(console: Console, folders: Sequence[Path], *, everything: bool = 
         console.print(Text(f"  {command}"), soft_wrap=True)
 
 
-def _read(folder: Path, weights: str) -> _Shown:
+def _read(folder: Path, weights: str, *, exact: bool) -> _Shown:
     run = RunFolder(folder)
     rows, failures = run.rows(), run.failures()
-    summary = summarize(rows, failures, weights=cast(Any, weights))
+    summary = summarize(rows, failures, weights=cast(Any, weights), method=Method(exact=exact))
     return _Shown(folder, list(rows), run_snapshot(run), summary)
 
 
@@ -124,15 +153,31 @@ def _counts(run: _Shown) -> dict[str, Any]:
     return {"folder": str(run.folder), **counts, "failed_attempts": now.failed, **figures, **more}
 
 
-def _show(console: Console, run: _Shown, *, everything: bool) -> None:
+def _tables(run: _Shown, *, everything: bool, succeeds: Succeeds | None) -> Iterator[TextTable]:
+    yield from summary_tables(run.summary, everything=everything)
+    if figures := repeated(run.rows, succeeds):
+        yield repeats_table(figures)
+    manifest = RunFolder(run.folder).manifest()
+    if manifest.until is not None:
+        decisions = Comparisons(manifest).decisions({row["key"]: row for row in run.rows})
+        yield decisions_table(decisions, manifest.cells)
+
+
+def _repeats(run: _Shown, succeeds: Succeeds | None) -> dict[str, Any]:
+    figures = list(map(as_json, repeated(run.rows, succeeds)))
+    return {"repeats": figures} if figures else {}
+
+
+def _show(console: Console, run: _Shown, *, everything: bool, succeeds: Succeeds | None) -> None:
     now = run.snapshot
     counted = {"running": now.running, "paused by a cap": now.paused, "failed attempts": now.failed}
     others = "".join(f", {count} {what}" for what, count in counted.items() if count)
-    said = f"{run.folder}: {now.finished} of {now.planned} episodes finished{others}\n"
-    console.print(said, highlight=False, markup=False, soft_wrap=True)
+    sentence = f"{run.folder}: {now.finished} of {now.planned} episodes finished{others}\n"
+    console.print(sentence, highlight=False, markup=False, soft_wrap=True)
     if now.finished < now.planned:
         print_running(console, now)
-    print_summary(console, run.summary, everything=everything)
+    for table in _tables(run, everything=everything, succeeds=succeeds):
+        print_table(console, table)
     print_spending(console, now.spending)
     for warning in unplayed(run.rows):
         console.print(warning, highlight=False, markup=False, soft_wrap=True)

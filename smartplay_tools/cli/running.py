@@ -63,14 +63,14 @@ def print_running(console: Console, snapshot: RunSnapshot) -> None:
 def spending_sentence(spending: Spending) -> str:
     """Return a sentence about the total use of a run, and the part of it that is not in its results."""
     total, others = spending.total, spending.other_attempts
-    said = f"Spent in all: {short(total.tokens)} tokens{_dollars(total.cost)}"
+    sentence = f"Spent in all: {short(total.tokens)} tokens{_dollars(total.cost)}"
     if others.tokens:
-        said += f", of them {short(others.tokens)} tokens{_dollars(others.cost)} in attempts without a result"
+        sentence += f", of them {short(others.tokens)} tokens{_dollars(others.cost)} in attempts without a result"
     if total.unknown_calls:
         calls = "1 call was" if total.unknown_calls == 1 else f"{total.unknown_calls} calls were"
         most = f"at most {short(total.unknown_tokens)} tokens{_dollars(total.unknown_cost)}"
-        said += f". {calls} under way when the run was stopped; whether they are charged is unknown, {most}"
-    return said + "."
+        sentence += f". {calls} under way when the run was stopped; whether they are charged is unknown, {most}"
+    return sentence + "."
 
 
 def _dollars(cost: float | None) -> str:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from rich.console import Console
 
 from smartplay_tools.cli import options
+from smartplay_tools.cli.estimate import print_estimate
 from smartplay_tools.cli.progress import showing
 from smartplay_tools.cli.running import print_spending
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.runs import Caps, Plan, PlayerConfig, Run, player_of, run_plan
+from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, RunOptions, player_of, run_plan
+from smartplay_tools.evaluation.runs.players import player_named
 from smartplay_tools.evaluation.runs.progress import not_shown
 from smartplay_tools.players import is_interactive, is_model
+from smartplay_tools.records.manifest import Until
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import unplayed
 
@@ -42,7 +46,10 @@ RunCost = Annotated[float | None, typer.Option(min=0, help="Cap on the whole run
 Prices = Annotated[
     list[str] | None,
     typer.Option(
-        "--price", metavar="PLAYER=IN,OUT[,CACHED]", help="USD per million tokens; repeatable.", rich_help_panel=_RUN
+        "--price",
+        metavar="PLAYER=IN,OUT[,CACHED[,WRITTEN]]",
+        help="USD per million tokens; repeatable.",
+        rich_help_panel=_RUN,
     ),
 ]
 DryRun = Annotated[
@@ -55,14 +62,14 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress.", rich_h
 
 
 def player_configs(
-    names: Sequence[str], urls: Sequence[str] | None, pairs: Sequence[str] | None, known: Sequence[PlayerConfig] = ()
+    names: Sequence[str], urls: Sequence[str] | None, pairs: Sequence[str] | None, configs: Sequence[PlayerConfig] = ()
 ) -> list[PlayerConfig]:
     """Return the players of a run, from the run file or by name, with the options of the command line.
 
     An option is of one player as NAME.KEY=VALUE, else of all. A server is of one player as NAME=URL, else of every
     model (such as `openai:MODEL`).
     """
-    players = [one for name in names for one in _named(name, known)]
+    players = [player for name in names for player in _named(name, configs)]
     common: dict[str, Any] = {}
     own: dict[str, dict[str, Any]] = {}
     for pair in pairs or []:
@@ -80,19 +87,67 @@ def player_configs(
             )
         for name in [player] if player else list(filter(is_model, names)):
             own[name] = {"base_url": url.removeprefix(f"{player}=") if player else url, **own.get(name, {})}
-    return [one.model_copy(update={"options": {**common, **one.options, **own.get(one.name, {})}}) for one in players]
+    return [
+        player.model_copy(update={"options": {**common, **player.options, **own.get(player.name, {})}})
+        for player in players
+    ]
 
 
-def _named(name: str, known: Sequence[PlayerConfig]) -> list[PlayerConfig]:
-    return [one for one in known if one.name == name] or [PlayerConfig(name=name)]
+def _named(name: str, configs: Sequence[PlayerConfig]) -> list[PlayerConfig]:
+    return [config for config in configs if config.name == name] or [player_named(name)]
 
 
-def carry_out(plan: Plan, out: Path, *, quiet: bool, shard: tuple[int, int] | None, caps: Caps, **how: Any) -> Run:
-    """Play a plan, with its progress on standard error."""
-    # A person plays on the terminal on which the progress would be shown.
-    quiet = quiet or any(is_interactive(player_of(cell)) for cell in plan.cells)
-    display = not_shown if quiet else partial(showing, Console(stderr=True))
-    return run_plan(plan, out, shard=shard, caps=caps, display=display, **how)
+@dataclass(frozen=True)
+class RunCommand:
+    """The options that `eval` and `sweep` have in common, as they were given."""
+
+    out: Out
+    trials: Trials = None
+    seed: options.Seed = 0
+    base_url: options.BaseUrls = None
+    player_option: options.PlayerOptions = None
+    workers: Workers = None
+    executor: ExecutorName = None
+    shard: Shard = None
+    run_tokens: RunTokens = None
+    run_cost: RunCost = None
+    price: Prices = None
+    dry_run: DryRun = False
+    assume_reply_tokens: AssumeReplyTokens = None
+    quiet: Quiet = False
+    as_json: options.Json = False
+
+    def players(self, names: Sequence[str], configs: Sequence[PlayerConfig] = ()) -> list[PlayerConfig]:
+        """Return the players of the run (`player_configs`)."""
+        return player_configs(names, self.base_url, self.player_option, configs)
+
+    def play(
+        self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None, until: Until | None = None
+    ) -> Run | None:
+        """Play a plan, with its progress on standard error; a dry run prints its estimate instead and returns None."""
+        how = RunOptions(
+            executor=self.executor,
+            workers=self.workers,
+            shard=read_shard(self.shard),
+            run_tokens=self.run_tokens,
+            run_cost=self.run_cost,
+            prices=prices(self.price),
+            until=until,
+        )
+        if self.dry_run:
+            print_estimate(plan, players, how, reply_tokens=self.assume_reply_tokens, as_json=self.as_json)
+            return None
+        # A person plays on the terminal on which the progress would be shown.
+        quiet = self.quiet or self.as_json or any(is_interactive(player_of(cell)) for cell in plan.cells)
+        display = not_shown if quiet else partial(showing, Console(stderr=True))
+        return run_plan(plan, self.out, players, how, run_file=run_file, display=display)
+
+
+def with_run_options(*, out: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Add the options of a run to a command; the command's argument `run` gets their values as a `RunCommand`."""
+    kinds = get_type_hints(RunCommand, include_extras=True)
+    added = {field.name: (kinds[field.name], field.default) for field in fields(RunCommand)}
+    return options.with_options("run", added | {"out": (kinds["out"], Path(out))}, lambda given: RunCommand(**given))
 
 
 def conclude(run: Run, *, quiet: bool = False) -> None:
@@ -123,13 +178,13 @@ def conclude(run: Run, *, quiet: bool = False) -> None:
 
 def prices(pairs: list[str] | None) -> dict[str, Price]:
     """Return the prices of PLAYER=IN,OUT pairs."""
-    found = {}
+    given = {}
     for pair in pairs or []:
         player, equals, numbers = pair.rpartition("=")
         if not equals:
             raise InvalidArgumentError(f"--price {pair} names no player; write it as PLAYER=INPUT,OUTPUT.")
-        found[player] = Price.parse(numbers)
-    return found
+        given[player] = Price.parse(numbers)
+    return given
 
 
 def read_shard(text: str | None) -> tuple[int, int] | None:

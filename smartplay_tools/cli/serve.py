@@ -27,7 +27,11 @@ def openai(
     seed: options.Seed = 0,
     host: options.Host = "127.0.0.1",
     port: options.Port = 8000,
-    api_key: Annotated[str | None, typer.Option(help="A key that requests must have.")] = None,
+    allow_host: options.AllowHost = None,
+    allow_origin: options.AllowOrigin = None,
+    api_key: Annotated[
+        str | None, typer.Option(help="A key that requests must have.", envvar="SMARTPLAY_ENDPOINT_KEY")
+    ] = None,
     context_tokens: Annotated[
         int | None, typer.Option(help="Refuse longer prompts with context_length_exceeded.", min=1)
     ] = None,
@@ -46,10 +50,11 @@ def openai(
     players = [get_player(name, seed=seed) for name in player or ["rule"]]
     adapter = importlib.import_module(ENDPOINT)
     limits = adapter.SimulatedLimits(context_tokens=context_tokens, busy_every=busy_every)
-    endpoint = adapter.LocalEndpoint(*players, host=host, port=port, api_key=api_key, limits=limits)
+    names = {"hosts": allow_host or (), "origins": allow_origin or ()}
+    endpoint = adapter.LocalEndpoint(*players, host=host, port=port, api_key=api_key, limits=limits, **names)
     console = Console()
-    names = ", ".join(player.name for player in players)
-    console.print(f"{endpoint.base_url} answers as {names}; stop with Ctrl-C.", highlight=False, soft_wrap=True)
+    models = ", ".join(player.name for player in players)
+    console.print(f"{endpoint.base_url} answers as {models}; stop with Ctrl-C.", highlight=False, soft_wrap=True)
     try:
         endpoint.run()
     except KeyboardInterrupt:

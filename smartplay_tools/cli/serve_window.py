@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import importlib
+import json
+import math
+import time
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
+
+if TYPE_CHECKING:
+    from smartplay_tools.episode.episode import Episode
+    from smartplay_tools.evaluation.runs import Held, Plan, PlayerConfig, Progress
 
 ADAPTER = "smartplay_openai"
 """The adapter that serves windows; imported at first use."""
@@ -20,7 +29,7 @@ def window(
     game: options.Game,
     player: Annotated[str, typer.Option(help="Who plays: openai:MODEL, anthropic:MODEL, rule, ...")] = "rule",
     base_url: options.BaseUrl = None,
-    seed: options.Seed = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the first episode or, with --out, of the run.", min=0)] = 0,
     episodes: Annotated[int, typer.Option(help="Open N episodes, with consecutive seeds.", min=0)] = 1,
     host: options.Host = "127.0.0.1",
     port: options.Port = 8000,
@@ -33,9 +42,12 @@ def window(
         str, typer.Option(help="The tool with which an agent's framework closes a run.")
     ] = "final_answer",
     most: Annotated[int, typer.Option(help="How many episodes may be open.", min=1)] = 1000,
-    idle: Annotated[float, typer.Option(help="Close an episode after N seconds without a request.")] = 1800.0,
+    idle: Annotated[
+        float, typer.Option(help="Without --out: close an episode after N seconds without a request.")
+    ] = 1800.0,
     out: Annotated[
-        Path | None, typer.Option(help="A folder for the transcripts; episodes then outlive a restart.")
+        Path | None,
+        typer.Option(help="The folder of a run: its seeds are those of `eval`, and the same command continues it."),
     ] = None,
     *,
     episode: EpisodeOptions,
@@ -43,29 +55,151 @@ def window(
     """Serve a game's window as a model: an agent that uses it plays under the exact budget.
 
     The model of --player sees the window and nothing else. An agent's base_url is the address that is printed, its
-    model smartplay/HANDLE, its tools those of the MCP address.
+    model smartplay/HANDLE, its tools those of the MCP address. Each episode that ends is printed with its score.
 
     Example: smartplay-tools serve window Hanoi3Disk-v0 --player openai:gpt-4o-mini --prompt-tokens 2000
     """
-    from rich.console import Console
+    endpoint = open_endpoint(
+        *(player, base_url, seed),
+        host=host,
+        port=port,
+        token=token,
+        closing=closing,
+        most=most,
+        idle=idle if out is None else math.inf,  # the episodes of a run wait for their agents
+        hosts=allow_host or (),
+        origins=allow_origin or (),
+    )
+    say(f"base_url {endpoint.base_url}  ({player} plays; stop with Ctrl-C)")
+    if out is not None:
+        from smartplay_tools.evaluation.runs import PlayerConfig
 
+        offered = _Offered(endpoint, out)
+        config = PlayerConfig(name=player, agent=offered, options=server(base_url))
+        _serve_run(endpoint, plan_of(game, config, episodes, seed, episode), config, offered, out)
+        return
+    ends = _Ends()
+    settings: dict[str, Any] = {"budget": episode.budget, "engine": episode.engine, "tokenizer": episode.tokenizer}
+    for number in range(episodes):
+        handle = ends.watched(endpoint, game, seed=seed + number, **settings, **episode.rules, **episode.options)
+        say(_where(endpoint, handle, seed + number))
+    with suppress(KeyboardInterrupt):
+        endpoint.run()
+    say(f"{len(ends.scores)} of {episodes} episodes are over{_mean(ends.scores)}.")
+
+
+def open_endpoint(player: str, base_url: str | None, seed: int, **where: Any) -> Any:
+    """Return the endpoint of a player; `where` are its other arguments."""
     from smartplay_tools.players import get_player
 
-    where = {} if base_url is None else {"base_url": base_url}
-    first = get_player(player, seed=seed, **where)
+    options = server(base_url)
+    first = get_player(player, seed=seed, **options)
     one_for_all = getattr(first, "serves_many", False)
-    players: Any = first if one_for_all else lambda of_seed: get_player(player, seed=of_seed, **where)
-    settings: dict[str, Any] = {"budget": episode.budget, "engine": episode.engine, "tokenizer": episode.tokenizer}
-    settings |= {**episode.rules, **episode.options}
-    names = {"hosts": allow_host or (), "origins": allow_origin or ()}
-    endpoint = importlib.import_module(ADAPTER).WindowEndpoint(
-        players, host=host, port=port, token=token, closing=closing, folder=out, most=most, idle=idle, **names
+    players: Any = first if one_for_all else lambda of_seed: get_player(player, seed=of_seed, **options)
+    return importlib.import_module(ADAPTER).WindowEndpoint(players, **where)
+
+
+def server(base_url: str | None) -> dict[str, Any]:
+    """Return the option of a player that names its server."""
+    return {} if base_url is None else {"base_url": base_url}
+
+
+def plan_of(game: str, player: PlayerConfig, episodes: int, seed: int, episode: EpisodeOptions) -> Plan:
+    """Return the plan of a run of one cell."""
+    from smartplay_tools.evaluation.runs import make_cells, plan_episodes
+
+    where: dict[str, Any] = {"engine": episode.engine, "tokenizer": episode.tokenizer}
+    cells = make_cells([game], [player], [episode.budget], options=episode.options, **where, **episode.rules)
+    return plan_episodes(cells, trials=episodes, seed=seed)
+
+
+def say(line: str) -> None:
+    """Print a line that is not wrapped, at once."""
+    print(line, flush=True)
+
+
+def ended(name: str, result: Mapping[str, Any]) -> str:
+    """Return the line of an episode that is over, from its result."""
+    tokens = result["tokens"]
+    return (
+        f"{name}  score {result['score']:g}  {result['end_reason']}  {result['steps']} steps  "
+        f"{tokens['prompt']:,} prompt and {tokens['reply']:,} reply tokens"
     )
-    console = Console()
-    line = f"base_url {endpoint.base_url}  ({player} plays; stop with Ctrl-C)"
-    console.print(line, highlight=False, soft_wrap=True)
-    for number in range(episodes):
-        handle = endpoint.open(game, seed=seed + number, **settings)
-        line = f"model {endpoint.model(handle)}  MCP {endpoint.mcp_url(handle)}  seed {seed + number}"
-        console.print(line, highlight=False, soft_wrap=True)
-    endpoint.run()
+
+
+def _where(endpoint: Any, handle: str, seed: int) -> str:
+    return f"model {endpoint.model(handle)}  MCP {endpoint.mcp_url(handle)}  seed {seed}"
+
+
+def _mean(scores: list[float]) -> str:
+    return f", mean score {sum(scores) / len(scores):.4g}" if scores else ""
+
+
+class _Ends:
+    """Prints every episode that ends; for episodes that belong to no run."""
+
+    def __init__(self) -> None:
+        self.scores: list[float] = []
+        self._handles: dict[int, str] = {}
+        """By seed."""
+
+    def watched(self, endpoint: Any, game: str, *, seed: int, **settings: Any) -> str:
+        """Open an episode, and print its end when it comes."""
+        from smartplay_tools.episode.listeners import add_listener
+
+        stop_listening = add_listener(self._listener)
+        try:
+            self._handles[seed] = str(endpoint.open(game, seed=seed, **settings))
+        finally:
+            stop_listening()
+        return self._handles[seed]
+
+    def _listener(self, episode: Episode) -> Any:
+        def listen(event: Mapping[str, Any]) -> None:
+            if "result" in event:
+                self.scores.append(event["result"]["score"])
+                say(ended(self._handles[episode.config.seed], event["result"]))
+
+        return listen
+
+
+def _serve_run(endpoint: Any, plan: Plan, player: PlayerConfig, offered: _Offered, out: Path) -> None:
+    from smartplay_tools.cli.evaluate import print_run
+    from smartplay_tools.evaluation.runs import RunOptions, run_plan
+
+    with endpoint:
+        how = RunOptions(workers=len(plan.episodes), on_progress=offered.tell)
+        run = run_plan(plan, out, [player], how)
+        print_run(run, as_json=False)
+        if run.stopped is not None:
+            return
+        say("All episodes are over; an agent still hears so until you press Ctrl-C.")
+        with suppress(KeyboardInterrupt):
+            while True:
+                time.sleep(1)
+
+
+class _Offered:
+    """Offers each episode of a run under a handle, which it keeps in `handles.json`, and waits for its end."""
+
+    goes_on = True
+
+    def __init__(self, endpoint: Any, out: Path) -> None:
+        self._endpoint, self._file = endpoint, out / "handles.json"
+        self._handles: dict[str, str] = json.loads(self._file.read_text()) if self._file.exists() else {}
+        """By the key of the episode."""
+
+    async def play(self, held: Held) -> None:
+        """Wait until somebody else has played."""
+        handle = self._endpoint.serve(held.episode, handle=self._handles.get(held.key), session=held.session)
+        self._handles[held.key] = handle
+        self._file.touch(mode=0o600)  # who knows a handle may play
+        self._file.write_text(json.dumps(self._handles, indent=1) + "\n", encoding="ascii", newline="\n")
+        say(_where(self._endpoint, handle, held.episode.config.seed))
+        await held.wait_for_others()
+
+    def tell(self, progress: Progress) -> None:
+        """Print the end of an episode."""
+        if progress.episode is not None:
+            handle = self._handles.get(progress.episode.key, progress.episode.key)
+            say(f"{handle}  {progress.error}" if progress.row is None else ended(handle, progress.row))

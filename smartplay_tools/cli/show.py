@@ -73,8 +73,8 @@ def print_result(console: Console, result: EpisodeResult) -> None:
     table.add_row("tokens", f"{tokens.prompt:,} in prompts ({stable} prefix-stable), {tokens.reply:,} in replies")
     table.add_row("mistakes", ", ".join(f"{count} {name}" for name, count in mistakes.items() if count) or "none")
     for at, (name, values) in enumerate(result.deviations.items()):
-        said = f"{name} {_value(values['played'])} (paper: {_value(values['paper'])})"
-        table.add_row("" if at else "not as in the paper", said)
+        deviation = f"{name} {_value(values['played'])} (paper: {_value(values['paper'])})"
+        table.add_row("" if at else "not as in the paper", deviation)
     console.print(table)
 
 

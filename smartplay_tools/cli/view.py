@@ -73,8 +73,8 @@ def view(
         runs = [SiteRun(own, own.name), *(run for run in others if run.folder.path != own)]
     server = ViewServer(runs, host=host, port=port, token=token, hosts=allow_host or (), play=playing, plugins=plugins)
     counted = "1 run" if len(runs) == 1 else f"{len(runs)} runs"
-    said = counted if playing is None else f"{counted}, and {play} to play (its record is in {out}),"
-    typer.echo(f"{said} at {server.entry} - Ctrl-C stops.", err=True)
+    served = counted if playing is None else f"{counted}, and {play} to play (its record is in {out}),"
+    typer.echo(f"{served} at {server.entry} - Ctrl-C stops.", err=True)
     with playing or nullcontext():
         if open_browser:
             webbrowser.open(server.entry)

@@ -50,8 +50,8 @@ class TokenIndex:
 
     def lines(self, first: int, stop: int) -> list[bytes]:
         """Return the canonical JSON of `messages`; each is encoded once, when it is first asked for."""
-        known = bisect_left(self._starts, len(self._lines))
-        for turn in self.turns[known:stop]:
+        encoded = bisect_left(self._starts, len(self._lines))
+        for turn in self.turns[encoded:stop]:
             self._lines.extend(turn.canonical)
         return self._lines[self._starts[first] : self._starts[stop]]
 

@@ -68,6 +68,7 @@ class ContextWindow:
         self._plain_head = list(head)
         self._heads: dict[str | None, Head] = {}
         self._index = TokenIndex(counter)
+        self._stretches, self._stretches_after_move = self._ageing.stretches(budget.history)
         self._newest: int | None = None
         self._overflows = False
         state = WindowState.after(self._index, 0, None, self._head(None))
@@ -97,8 +98,11 @@ class ContextWindow:
         """Add a complete turn and decide what is shown after it, and whether a summary is asked for first."""
         self._before, self._leaving = self._now, None
         self._index.append(turn)
+        last = len(self._index.turns) - 1
         if turn.shows and turn.shows[-1] == turn.step:
-            self._newest = len(self._index.turns) - 1
+            self._newest = last
+        for stretches in (self._stretches, self._stretches_after_move):
+            stretches.append(last, has_step=turn.step > self._now.state.step)
         summary, was_first = self._now.summary, self._now.selection.first
         oldest = self._ageing.oldest(turn.step, self.budget.history, self._now.state.oldest)
         state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual))
@@ -238,7 +242,7 @@ class ContextWindow:
     def _holds(self, state: WindowState, first: int, summary: int) -> bool:
         """Whether the view that begins at `first` is within the limits, and leaves room to ask for another summary."""
         cap, question = self.budget.prompt_tokens, 0 if self._form is None else self._form.question_tokens
-        if self._ageing.drops and first < state.boundary:
+        if self._ageing.drops and first < max(state.boundary, self._stretches.first):
             return False
         return cap is None or state.tokens(first) + question + summary <= cap
 
@@ -247,6 +251,7 @@ class ContextWindow:
         history, cap, last, low = self.budget.history, self.budget.prompt_tokens, state.last, 0
         if history is not None and self._ageing.drops:
             low = min(last, self._index.first_from(state.step - math.ceil(self._share * history)))
+            low = max(low, self._stretches_after_move.first)
         if cap is None:
             return low
         pins = state.tokens(last)

@@ -88,19 +88,19 @@ class WindowState:
 
     def messages(self, chosen: Selection) -> list[Message]:
         """Return the messages of the selected turns."""
-        found: list[Message] = []
+        messages: list[Message] = []
         whole, turns = self._whole_from(chosen), self.index.turns
         for index in (*chosen.pinned, *range(chosen.first, whole)):
-            found += turns[index].seen(chosen.oldest_of(turns[index]))
-        return found + self.index.messages(whole, chosen.last + 1)
+            messages += turns[index].seen(chosen.oldest_of(turns[index]))
+        return messages + self.index.messages(whole, chosen.last + 1)
 
     def lines(self, chosen: Selection) -> list[bytes]:
         """Return the canonical JSON of `messages`."""
-        found: list[bytes] = []
+        lines: list[bytes] = []
         whole, turns = self._whole_from(chosen), self.index.turns
         for index in (*chosen.pinned, *range(chosen.first, whole)):
-            found += turns[index].canonical_seen(chosen.oldest_of(turns[index]))
-        return found + self.index.lines(whole, chosen.last + 1)
+            lines += turns[index].canonical_seen(chosen.oldest_of(turns[index]))
+        return lines + self.index.lines(whole, chosen.last + 1)
 
     def _whole_from(self, chosen: Selection) -> int:
         """The turn of a selection's run from which on no observation is masked."""

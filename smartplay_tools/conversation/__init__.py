@@ -1,6 +1,7 @@
 """Conversations, which exchange prompts and replies under a budget, in tool calls or free text; and `play`."""
 
 from smartplay_tools.conversation.base import BaseConversation
+from smartplay_tools.conversation.host_chat import HostChat
 from smartplay_tools.conversation.loop import AttachedPlayer, aplay, play
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.conversation.session import AgentSession, Conversation
@@ -10,6 +11,7 @@ __all__ = [
     "AttachedPlayer",
     "BaseConversation",
     "Conversation",
+    "HostChat",
     "PaperConversation",
     "aplay",
     "play",

@@ -20,7 +20,7 @@ from smartplay_tools.context.view import View
 from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
+from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError
 from smartplay_tools.messages import Call, Message, assistant_message, calls_of, read_calls
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult, Prompt, ToolSpec, Usage
@@ -49,11 +49,12 @@ class Pending:
     view: View
     max_tokens: int | None
     prefix_messages: int
+    cache_key: str
 
     def prompt(self) -> Prompt:
         """Return the prompt, which copies the window's messages when they are first read."""
         view = self.view
-        return Prompt(view.shown, view.tools, self.max_tokens, self.prefix_messages, view.purpose)
+        return Prompt(view.shown, view.tools, self.max_tokens, self.prefix_messages, view.purpose, self.cache_key)
 
     def cost(self, reply: int) -> dict[str, Any]:
         """Our count of the prompt and its reply, as fields of a `usage` event."""
@@ -92,6 +93,7 @@ class BaseConversation(ABC):
         self._pending: Pending | None = None
         self._is_warm = False
         episode.begin(player=player, protocol=self.protocol)
+        self._cache_key = episode.config.key
         self._record_head(head, tools, **facts)
 
     def _record_head(self, head: Sequence[Message], tools: Sequence[ToolSpec], **facts: Any) -> None:
@@ -175,6 +177,19 @@ class BaseConversation(ABC):
         """
         self.episode.if_closed = ("player_error", error, None)
 
+    def give_up(self, error: Exception) -> None:
+        """End the episode because its player gives no reply; what the error's `usage` says is counted, if it has one.
+
+        A `PlayerLeftError` ends it as `closed`, any other as `player_error`.
+        """
+        usage = getattr(error, "usage", None)
+        if isinstance(usage, Usage):
+            self.spend(usage)
+        if isinstance(error, PlayerLeftError):
+            self.episode.end("closed")
+        else:
+            self.episode.end("player_error", error)
+
     def halt(self, detail: str) -> None:
         """Note that the host has stopped for a limit of its own, where it may go on later.
 
@@ -209,13 +224,13 @@ class BaseConversation(ABC):
         calls: Sequence[Call],
         pending: Pending | None,
     ) -> list[Event]:
-        said: Event = {"event": "message", "turn": number, "by": "player", "message": reply.message}
+        message: Event = {"event": "message", "turn": number, "by": "player", "message": reply.message}
         if ids != sent:
-            said["ids"] = ids
+            message["ids"] = ids
         if pending is None:
-            return [said]
+            return [message]
         tokens = self.episode.counter.message(reply.message, [call.arguments.canonical for call in calls])
-        return [said, {"event": "usage", "turn": number, **pending.cost(tokens), "provider": reply.usage}]
+        return [message, {"event": "usage", "turn": number, **pending.cost(tokens), "provider": reply.usage}]
 
     def _next_prompt(self) -> Pending | None:
         try:
@@ -234,7 +249,7 @@ class BaseConversation(ABC):
         differs = compress(count(), map(is_not, view.shown, self._shown_before))
         prefix_messages = next(differs, min(len(view.shown), len(self._shown_before)))
         self._shown_before = view.shown
-        return Pending(view, max_tokens, prefix_messages)
+        return Pending(view, max_tokens, prefix_messages, self._cache_key)
 
     def _max_tokens(self, prompt_tokens: int) -> int | None:
         budget = self.episode.budget

@@ -12,8 +12,8 @@ from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.conversation.session import Conversation
 from smartplay_tools.episode.config import ProtocolName, check_choice
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError
-from smartplay_tools.types import AsyncPlayer, EpisodeResult, Player, Prompt, Reply, Usage
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.types import AsyncPlayer, EpisodeResult, Player, Prompt, Reply
 
 AnyConversation: TypeAlias = Conversation | PaperConversation
 
@@ -62,10 +62,10 @@ def play(
         try:
             reply = _checked(player.reply(prompt))
         except Exception as error:
-            _fail(conversation, error)
+            conversation.give_up(error)
             break
         conversation.receive_checked(reply)
-        if on_turn is not None and prompt.purpose == "play":
+        if on_turn is not None and not prompt.asks_for_summary:
             on_turn(conversation)
     return _result(conversation)
 
@@ -88,10 +88,10 @@ async def aplay(
             else:
                 reply = _checked(await asyncio.to_thread(player.reply, prompt))
         except Exception as error:
-            _fail(conversation, error)
+            conversation.give_up(error)
             break
         await conversation.areceive_checked(reply)
-        if on_turn is not None and prompt.purpose == "play":
+        if on_turn is not None and not prompt.asks_for_summary:
             on_turn(conversation)
     return _result(conversation)
 
@@ -139,16 +139,6 @@ def _checked(reply: Reply) -> CheckedReply:
     if not isinstance(reply, Reply):
         raise InvalidArgumentError(f"A player replies with a `Reply`, not with {type(reply).__name__}.")
     return CheckedReply.of(reply.message, reply.usage)
-
-
-def _fail(conversation: AnyConversation, error: Exception) -> None:
-    usage = getattr(error, "usage", None)
-    if isinstance(usage, Usage):
-        conversation.spend(usage)
-    if isinstance(error, PlayerLeftError):
-        conversation.episode.end("closed")
-    else:
-        conversation.episode.end("player_error", error)
 
 
 def _result(conversation: AnyConversation) -> EpisodeResult:

@@ -125,16 +125,16 @@ class PaperConversation(BaseConversation):
         """Do what `open` does with an answer that has been checked."""
         with self.episode.lock:
             self._open_turn(reply, self._prepare())
-            said = text_of(reply.message)
+            answer = text_of(reply.message)
             if self._thoughts is None:
-                self._thoughts = said
+                self._thoughts = answer
             else:
-                self._choice = said
+                self._choice = answer
 
     def settle(self) -> list[ToolResult]:
         """Play the action that was chosen and not played yet, if there is one."""
-        said, self._choice = self._choice, None
-        return [] if said is None else [self._choose(said)]
+        answer, self._choice = self._choice, None
+        return [] if answer is None else [self._choose(answer)]
 
     def _choose(self, answer: str) -> ToolResult:
         """Play the action that an answer names, or the first one."""
@@ -207,8 +207,8 @@ def sent_prompts(events: Sequence[Event]) -> Iterator[tuple[Event, Prompt, str]]
                 manual = next((text_of(message) for message in event["messages"][1:]), None)
                 observations += [*event["before"], event["observation"]]
             case "message":
-                said = text_of(event["message"])
-                thoughts = said if thoughts is None else None
+                answer = text_of(event["message"])
+                thoughts = answer if thoughts is None else None
             case "call":
                 observations.append(event["text"])
             case "view":

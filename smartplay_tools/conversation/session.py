@@ -33,8 +33,8 @@ class AgentSession(ToolConversation):
         head: messages that the host wants before the first reply, after the system and task messages.
         foreign_tools: other tools of the host's agent. They are counted and shown; their calls are left to the host,
             which gives their results to `add`.
-        summaries: whether the host makes another model call where a prompt's `purpose` is "summary". Without it, a
-            budget that asks for summaries is refused.
+        summaries: whether the host makes another model call where a prompt asks for a summary
+            (`Prompt.asks_for_summary`). Without it, a budget that asks for summaries is refused.
     """
 
     def __init__(
@@ -66,11 +66,15 @@ class AgentSession(ToolConversation):
         """Return the reply to the next prompt to play, for `receive`; None when the episode is over.
 
         `send` sends a prompt to the model. Where a summary is owed, it is called with the prompt for that first, and
-        the summary is taken here; it stays if a later call of `send` raises.
+        the summary is taken here; it stays if a later call of `send` raises. What `send` raises is noted (`fail`).
         """
         while (prompt := self.prompt()) is not None:
-            reply = send(prompt)
-            if prompt.purpose == "play":
+            try:
+                reply = send(prompt)
+            except Exception as error:
+                self.fail(error)
+                raise
+            if not prompt.asks_for_summary:
                 return reply
             self.receive(reply.message, reply.usage)
         return None
@@ -78,8 +82,12 @@ class AgentSession(ToolConversation):
     async def aask(self, send: Callable[[Prompt], Awaitable[R]]) -> R | None:
         """Return the reply to the next prompt to play as `ask` does, without blocking the event loop for long."""
         while (prompt := await self.aprompt()) is not None:
-            reply = await send(prompt)
-            if prompt.purpose == "play":
+            try:
+                reply = await send(prompt)
+            except Exception as error:
+                self.fail(error)
+                raise
+            if not prompt.asks_for_summary:
                 return reply
             await self.areceive(reply.message, reply.usage)
         return None
@@ -101,17 +109,17 @@ class AgentSession(ToolConversation):
         """Play one call and return its result; a call that is already answered returns the same result again.
 
         Calls are played in the order of the message: earlier calls that are still open are played first, as the model
-        sent them. With `earlier=False` they stay open, for a host that has refused them and says so later; calls of
-        tools that do not exist are answered, too, because no host runs them.
+        sent them. With `earlier=False` they stay open, for a host that has refused them and says so later; they can
+        then only be refused. Calls of tools that do not exist are answered, too, because no host runs them.
         `arguments` that differ from the model's have the effect of `edit`.
         """
         with self.episode.lock:
             position = self._own(call_id)
-            known = self._edits.get(position, self._builder.calls[position].arguments.text)
-            if arguments is not None and read(arguments).canonical != read(known).canonical:
+            current = self._edits.get(position, self._builder.calls[position].arguments.text)
+            if arguments is not None and read(arguments).canonical != read(current).canonical:
                 self.edit(call_id, arguments)
             kept = self._foreign if earlier else self._foreign | {tool.name for tool in self.episode.tools}
-            for before in self._builder.waiting:
+            for before in () if position in self._results else self._builder.waiting:
                 if before < position and self._builder.calls[before].name not in kept:
                     self.answer_at(before)
             return self.answer_at(position)

@@ -7,7 +7,8 @@ without a call, other tools of the host, and the end. The two subclasses decide 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from smartplay_tools import prompts
@@ -18,6 +19,7 @@ from smartplay_tools.conversation.base import BaseConversation, CheckedReply, Pe
 from smartplay_tools.episode import budgets
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
+from smartplay_tools.episode.stats import UNANSWERED
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Call, Message, head_messages, host_message, text_of
 from smartplay_tools.transcript.events import Event
@@ -203,9 +205,18 @@ class ToolConversation(BaseConversation):
         """Answer a call that is still open when the next prompt is asked for."""
 
     def answer_at(self, position: int, *, refusal: str | None = None, edited: str | None = None) -> ToolResult:
-        """Answer the call at a position of the message: in the host's words with `refusal`, with `edited` arguments."""
+        """Answer the call at a position of the message: in the host's words with `refusal`, with `edited` arguments.
+
+        A call is not played after a later one of its message, or observations would not be shown in their order. Such a
+        call can only be refused; playing it raises an `InvalidArgumentError`.
+        """
         if position in self._results:
             return self._results[position]
+        if refusal is None and any(at > position for at in self._answered()):
+            raise InvalidArgumentError(
+                f"The call {self._builder.calls[position].id} comes before one that has been answered: answer the "
+                "calls of a message in their order, or refuse the earlier one."
+            )
         if edited is not None:
             self._edits[position] = edited
         call = self._builder.calls[position]
@@ -224,19 +235,22 @@ class ToolConversation(BaseConversation):
         if arguments is not call.arguments:
             self._builder.edit(position, arguments.text)
         self._builder.add_result(position, result.text, result.data)
-        self._results[position] = result
-        if not self.open_calls:
+        if not self._builder.waiting:
+            self.episode.complete_turn()
+            result = replace(result, done=self.episode.done)
+        elif not self.open_calls:
             self.episode.finish_if_over()
+        self._results[position] = result
         return result
 
     def _has_acted(self, position: int) -> bool:
         """Whether an earlier call of the message was an action that the host let be played."""
         calls = self._builder.calls
-        return any(
-            calls[at].name == "act" and result.data.get("mistake") != "host"
-            for at, result in self._results.items()
-            if at < position
-        )
+        return any(calls[at].name == "act" for at in self._answered() if at < position)
+
+    def _answered(self) -> Iterator[int]:
+        """The positions of the message's own calls that the game has answered, while it was played."""
+        return (at for at, result in self._results.items() if result.data.get("mistake") not in UNANSWERED)
 
     def _own(self, call_id: str) -> int:
         """The position of one of the game's own calls of the latest reply."""
@@ -275,3 +289,4 @@ class ToolConversation(BaseConversation):
         self._add({"role": "user", "content": prompts.text("idle")}, "library", None)
         if self._idle_in_a_row == IDLE_REPLIES:
             self.episode.end("no_tool_call")
+        self.episode.complete_turn()

@@ -3,6 +3,7 @@
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import CellConfig, EpisodeConfig
 from smartplay_tools.episode.episode import Episode
+from smartplay_tools.episode.factory import EpisodeFactory
 from smartplay_tools.episode.functions import AsyncGameTools, GameTools, tool_functions
 from smartplay_tools.episode.listeners import Listener, NewListener, add_listener
 from smartplay_tools.episode.rewards import RewardName, reward_of
@@ -14,6 +15,7 @@ __all__ = [
     "CellConfig",
     "Episode",
     "EpisodeConfig",
+    "EpisodeFactory",
     "EpisodeStats",
     "GameTools",
     "Listener",

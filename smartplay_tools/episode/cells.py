@@ -33,8 +33,8 @@ def cell_config(
     rules = read_rules({name: value for name, value in given.items() if name in RULES})
     options = {name: value for name, value in given.items() if name not in RULES}
     if unknown := options.keys() - set(kind.options):
-        known = ", ".join(kind.options) or "none"
-        raise InvalidArgumentError(f"{spec.id} has no option {', '.join(sorted(unknown))}; its options: {known}.")
+        offered = ", ".join(kind.options) or "none"
+        raise InvalidArgumentError(f"{spec.id} has no option {', '.join(sorted(unknown))}; its options: {offered}.")
     if engine is not None and engine not in kind.engines:
         raise InvalidArgumentError(
             f"{spec.id} has no engine {engine!r}; its engines: {', '.join(kind.engines) or 'only one'}."

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args, get_origin
 
@@ -20,7 +20,7 @@ from smartplay_tools import prompts
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one_line
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.transcript.hashing import canonical_json
-from smartplay_tools.types import Budget
+from smartplay_tools.types import Budget, RecordedBudget
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -100,7 +100,7 @@ class CellConfig(Rules):
     """The engine that runs the game; None for games that have only one."""
     options: PlainData = Field(default_factory=dict)
     """The game's own options (`TextGame.options`)."""
-    budget: Budget = Field(default_factory=Budget)
+    budget: RecordedBudget = Field(default_factory=lambda: Budget.from_record({}))
     """The budget as the user gave it, before "game" and "auto" are resolved."""
     tokenizer: str = "o200k_base"
     """The name of the tokenizer that counts budget tokens."""
@@ -113,9 +113,19 @@ class CellConfig(Rules):
     player_options: PlainData = Field(default_factory=dict)
     """The options with which the player was created."""
 
-    def with_seed(self, seed: int) -> EpisodeConfig:
+    def with_seed(self, seed: int, repeat: int = 0) -> EpisodeConfig:
         """Return the config of one episode."""
-        return EpisodeConfig(**dict(self), seed=seed)
+        return EpisodeConfig(**dict(self), seed=seed, repeat=repeat)
+
+    def episode_keys(self, seeds: Iterable[int]) -> Iterator[str]:
+        """Yield the keys of the episodes with these seeds; what they share, which may be long, is hashed once."""
+        plain, seed = self.to_json(), "seed"
+        before, after = ({name: plain[name] for name in plain if (name < seed) is first} for first in (True, False))
+        shared = hashlib.sha256(canonical_json(before)[:-1])
+        for number in seeds:
+            digest = shared.copy()
+            digest.update(b"," + canonical_json({seed: number, **after})[1:])
+            yield digest.hexdigest()[:16]
 
     @property
     def spec(self) -> GameSpec:
@@ -146,6 +156,8 @@ class EpisodeConfig(CellConfig):
 
     seed: int
     """The only source of the game's randomness."""
+    repeat: int = 0
+    """Which time this world is played; the player's randomness differs."""
 
     @property
     def key(self) -> str:

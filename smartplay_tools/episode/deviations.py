@@ -12,7 +12,7 @@ from typing import Any
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.games.specs import GAMES, GameSpec
-from smartplay_tools.types import ResolvedBudget
+from smartplay_tools.types import Budget, ResolvedBudget
 
 Deviations = dict[str, dict[str, Any]]
 """name -> {"paper": ..., "played": ...}; None stands for no cap."""
@@ -40,26 +40,28 @@ def _of_setting(spec: GameSpec, budget: ResolvedBudget) -> Deviations:
 
 
 def _of_protocol(config: EpisodeConfig) -> Deviations:
-    found = {} if config.context == "window" else {"context": differs("window", config.context)}
+    differences = {} if config.context == "window" else {"context": differs("window", config.context)}
     if config.protocol == "paper":
         # The manual is part of all of its prompts, whether or not there is a tool that could read it.
-        return {**found, **({"manual": differs("pinned", "none")} if config.manual == "none" else {})}
-    found["protocol"] = differs("paper", config.protocol)
+        return {**differences, **({"manual": differs("pinned", "none")} if config.manual == "none" else {})}
+    differences["protocol"] = differs("paper", config.protocol)
     if config.manual != "pinned":
-        found["manual"] = differs("pinned", config.manual)
+        differences["manual"] = differs("pinned", config.manual)
     if config.batch != "first_act":
-        found["batch"] = differs("one action a prompt", config.batch)
-    return found
+        differences["batch"] = differs("one action a prompt", config.batch)
+    return differences
 
 
 def _of_caps(config: EpisodeConfig, budget: ResolvedBudget) -> Deviations:
     """The usual cap on tool calls is far beyond the calls that a rollout takes, so only a lower one counts."""
     caps = {name: getattr(budget, name) for name in CAPS}
-    found = {name: differs(None, cap) for name, cap in caps.items() if cap is not None}
+    differences = {name: differs(None, cap) for name, cap in caps.items() if cap is not None}
     if budget.slack:
-        found["slack"] = differs(0.0, budget.slack)
-    fields = type(budget).model_fields
-    found |= {name: differs(fields[name].default, getattr(budget, name)) for name in budget.strategies}
+        differences["slack"] = differs(0.0, budget.slack)
+    fields = Budget.model_fields
+    differences |= {name: differs(fields[name].default, getattr(budget, name)) for name in budget.strategies}
     if budget.tool_calls is not None and budget.tool_calls < usual_tool_calls(config.setting.rollout):
-        found["tool_calls"] = differs(None, budget.tool_calls)
-    return found
+        differences["tool_calls"] = differs(None, budget.tool_calls)
+    if budget.stalled_turns is not None and budget.stalled_turns < fields["stalled_turns"].default:
+        differences["stalled_turns"] = differs(None, budget.stalled_turns)
+    return differences

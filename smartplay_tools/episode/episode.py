@@ -33,6 +33,7 @@ from smartplay_tools.episode.deviations import deviations, differs
 from smartplay_tools.episode.functions import tool_functions
 from smartplay_tools.episode.listeners import listeners_of
 from smartplay_tools.episode.session import Answer, GameSession
+from smartplay_tools.episode.stalls import Stalls
 from smartplay_tools.episode.stats import EpisodeStats, versions
 from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.errors import InvalidArgumentError
@@ -42,7 +43,16 @@ from smartplay_tools.tokens import TokenCounter, Tokenizer
 from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import Sink, TranscriptWriter
-from smartplay_tools.types import Budget, EndReason, EpisodeResult, Progress, ToolCall, ToolResult, ToolSpec
+from smartplay_tools.types import (
+    Budget,
+    EndReason,
+    EpisodeResult,
+    Progress,
+    ToolCall,
+    ToolResult,
+    ToolSpec,
+    facts_as_html,
+)
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -144,6 +154,7 @@ class Episode:
         """What becomes of the past: the strategies that the budget asks for."""
         self.stats = EpisodeStats()
         """What has been counted so far."""
+        self._stalls = Stalls()
         self.result: EpisodeResult | None = None
         """The result, once the episode is over."""
         self.if_closed: tuple[EndReason, Exception | None, str | None] | None = None
@@ -187,7 +198,8 @@ class Episode:
                     result = self.answer(turn, position, name, arguments, may_act=may_act, key=key)
                 acted = acted or name == "act"
                 results.append(result)
-            self.finish_if_over()
+            self.complete_turn()
+            results[-1:] = [replace(last, done=self.done) for last in results[-1:]]
             return results
 
     async def acall(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
@@ -289,7 +301,7 @@ class Episode:
         host: Literal["edited", "refused"] | None = None,
         refusal: str = "",
     ) -> ToolResult:
-        """Answer one call of a turn and record it; a conversation calls `finish_if_over` when the turn is complete.
+        """Answer one call of a turn and record it; a conversation calls `complete_turn` after the last one.
 
         `host` says what the host did to the call: changed its arguments, or refused it with the text `refusal`.
         """
@@ -322,6 +334,7 @@ class Episode:
                 self._transcript.append(*events)
             for event in events:
                 self.stats.apply(event)
+                self._stalls.apply(event)
                 for listener in self._listeners:
                     listener(dict(event))
 
@@ -358,11 +371,29 @@ class Episode:
     ) -> None:
         self.close()
 
+    def _repr_html_(self) -> str:
+        if self.result is not None:
+            return self.result._repr_html_()
+        facts = {
+            "player": self.config.player or "none yet",
+            "seed": str(self.config.seed),
+            "budget": self.config.budget.describe() or "default",
+            "steps": f"{self.stats.steps} of {self.spec.rollout:,}",
+        }
+        return facts_as_html(self.spec.id, facts)
+
     def __reduce__(self) -> NoReturn:
         raise TypeError(
             "An Episode holds a running game and cannot be pickled; pickle its `config` and make it again with "
             "`Episode.from_config`, or continue its record with `resume`."
         )
+
+    def complete_turn(self) -> None:
+        """End the episode if too many turns in a row have brought nothing; a conversation says that one is complete."""
+        cap = self.budget.stalled_turns
+        if cap is not None and self._stalls.in_a_row >= cap:
+            self._session.end("stalled_turns")
+        self.finish_if_over()
 
     def finish_if_over(self) -> None:
         """Create the result and end the record, if the episode is over."""
@@ -431,6 +462,6 @@ class Episode:
             self._answered.popitem(last=False)
 
     def _deviations(self) -> dict[str, Any]:
-        known = deviations(self.config, self.spec, self.budget, is_privileged=self._is_privileged)
+        configured = deviations(self.config, self.spec, self.budget, is_privileged=self._is_privileged)
         pictures = {"pictures": differs("none", "shown when asked for")} if self._has_shown_pictures else {}
-        return {**known, **pictures, **self.game.deviations()}
+        return {**configured, **pictures, **self.game.deviations()}

@@ -14,6 +14,7 @@ from importlib import metadata
 from typing import Any, Self
 
 from smartplay_tools.messages import calls_of
+from smartplay_tools.transcript.events import concerns_summary
 from smartplay_tools.types import Tokens, Usage
 
 RECORDED_PACKAGES = ("smartplay-tools", "gymnasium", "numpy", "tiktoken")
@@ -45,6 +46,7 @@ class EpisodeStats:
     summaries: int = 0
     cut_summaries: int = 0
     empty_summaries: int = 0
+    unusable_usages: int = 0
     _sums: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SUMMED, 0))
     _provider: Usage | None = None
 
@@ -101,15 +103,16 @@ class EpisodeStats:
             self.reward += data["reward"]
 
     def _charge(self, event: Mapping[str, Any]) -> None:
-        if event["provider"] is not None:
-            usage = Usage(**event["provider"])
+        usage = Usage.reported(event)
+        self.unusable_usages += usage is None and event["provider"] is not None
+        if usage is not None:
             self._provider = usage if self._provider is None else self._provider + usage
         sums, prompt, reply = self._sums, event.get("prompt", 0), event.get("reply", 0)
         sums["prompt"] += prompt
         sums["reply"] += reply
         sums["prefix"] += event.get("prefix", 0)
         sums["overruns"] += event.get("overrun", False)
-        if event.get("purpose") == "summary":
+        if concerns_summary(event):
             sums["summary_prompt"] += prompt
             sums["summary_reply"] += reply
 

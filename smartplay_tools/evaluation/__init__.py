@@ -20,10 +20,11 @@ from smartplay_tools.lazy import lazy_exports
 if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs.players import PlayerConfig
     from smartplay_tools.evaluation.runs.run_file import RunFile, read_run_file
+    from smartplay_tools.evaluation.runs.run_options import RunOptions
     from smartplay_tools.evaluation.runs.runner import Run, evaluate
     from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep
 
-__all__ = ["PlayerConfig", "Run", "RunFile", "Sweep", "evaluate", "read_run_file", "sweep"]
+__all__ = ["PlayerConfig", "Run", "RunFile", "RunOptions", "Sweep", "evaluate", "read_run_file", "sweep"]
 
 if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(
@@ -31,6 +32,7 @@ if not TYPE_CHECKING:
         {
             "runs.players": ("PlayerConfig",),
             "runs.run_file": ("RunFile", "read_run_file"),
+            "runs.run_options": ("RunOptions",),
             "runs.runner": ("Run", "evaluate"),
             "runs.sweeps": ("Sweep", "sweep"),
         },

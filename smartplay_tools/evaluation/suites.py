@@ -63,7 +63,9 @@ class Suite:
 
 def _tools_v1() -> Suite:
     trials = dict.fromkeys(PAPER_SETTINGS, 10) | {"Crafter-v0": 5, "MinedojoCreative0-v0": 5}
-    budgets = tuple(Budget(history=None, prompt_tokens=cap, tool_calls=MOST_CALLS) for cap in PROMPT_CAPS)
+    budgets = tuple(
+        Budget(history=None, prompt_tokens=cap, tool_calls=MOST_CALLS, stalled_turns=None) for cap in PROMPT_CAPS
+    )
     return Suite("tools-v1", MappingProxyType(trials), budgets, {"sentences": "grammar"})
 
 
@@ -82,7 +84,7 @@ def get_suite(name: str) -> Suite:
 
 def suite_games(suite: str | None, games: Sequence[str]) -> list[str]:
     """Return the games of a suite and then those that are named; there has to be one."""
-    found = [*(() if suite is None else get_suite(suite).games), *games]
-    if not found:
+    names = [*(() if suite is None else get_suite(suite).games), *games]
+    if not names:
         raise InvalidArgumentError(f"Name games, or a suite ({', '.join(SUITES)}).")
-    return found
+    return names

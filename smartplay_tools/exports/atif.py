@@ -14,6 +14,8 @@ from typing import Any
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.messages import Call, Message, reasoning_of, text_of
 from smartplay_tools.records.record import Record
+from smartplay_tools.transcript.events import concerns_summary
+from smartplay_tools.types import Usage
 
 SCHEMA = "ATIF-v1.7"
 """The version whose fields are written."""
@@ -24,11 +26,11 @@ def write_trajectories(episodes: Iterable[Record], folder: Path) -> dict[str, in
     (folder / "trajectories").mkdir()
     counts = {"episodes": 0, "steps": 0}
     for episode in episodes:
-        found = trajectory(episode)
-        text = json.dumps(found, ensure_ascii=False, indent=1) + "\n"
+        document = trajectory(episode)
+        text = json.dumps(document, ensure_ascii=False, indent=1) + "\n"
         (folder / "trajectories" / f"{episode.name}.json").write_text(text, encoding="utf-8", newline="\n")
         counts["episodes"] += 1
-        counts["steps"] += len(found["steps"])
+        counts["steps"] += len(document["steps"])
     return counts
 
 
@@ -57,8 +59,7 @@ def trajectory(episode: Record) -> dict[str, Any]:
 
 
 def _steps(episode: Record) -> Iterator[dict[str, Any]]:
-    shown = (view for view in episode.views if view.get("purpose") != "summary")
-    views = {event["turn"]: event for event in shown}
+    views = {view["turn"]: view for view in episode.views if not concerns_summary(view)}
     for message in episode.head_messages:
         yield _said(message)
     for turn in episode.turns:
@@ -85,8 +86,8 @@ def _reply(turn: Turn, usage: Mapping[str, Any], view: Mapping[str, Any]) -> dic
         }
     if usage:
         step["metrics"] = {"prompt_tokens": usage["prompt"], "completion_tokens": usage["reply"]}
-        if usage["provider"]:
-            step["metrics"]["cached_tokens"] = usage["provider"]["cached"]
+        if (reported := Usage.reported(usage)) is not None:
+            step["metrics"]["cached_tokens"] = reported.cached
             step["metrics"]["extra"] = {"provider": usage["provider"]}
     shown = {name: view[name] for name in ("tokens", "turns", "masked", "shown_steps", "sha256") if name in view}
     step["extra"] = {"smartplay": {"turn": turn.number, "prompt": shown}}

@@ -68,8 +68,8 @@ def _row(game: str, player: str, asked: str, episodes: Sequence[Record]) -> str:
 
 def _chosen(selection: EpisodeSelection, left_out: Counter[str]) -> str:
     asked = selection.model_dump(exclude_defaults=True)
-    said = ", ".join(f"{name} = {_word(value)}" for name, value in asked.items())
-    chosen = f"Selected by {said}." if said else "All finished episodes."
+    conditions = ", ".join(f"{name} = {_word(value)}" for name, value in asked.items())
+    chosen = f"Selected by {conditions}." if conditions else "All finished episodes."
     if not left_out:
         return chosen
     reasons = ", ".join(f"{number:,} ({reason})" for reason, number in sorted(left_out.items()))

@@ -50,10 +50,10 @@ class _AfterImport:
         if name != GYMNASIUM:
             return None
         sys.meta_path.remove(self)
-        found = find_spec(name)
-        if found is not None and found.loader is not None:
-            found.loader = cast("Loader", _Registering(found.loader))
-        return found
+        spec = find_spec(name)
+        if spec is not None and spec.loader is not None:
+            spec.loader = cast("Loader", _Registering(spec.loader))
+        return spec
 
 
 class _Registering:

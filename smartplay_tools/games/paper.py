@@ -82,7 +82,8 @@ MIN_SCORES: Mapping[str, float] = MappingProxyType(dict(zip(PAPER_SETTINGS, (0, 
 """The lowest score of the settings that have a human baseline (paper, appendix)."""
 
 HUMAN_SCORES: Mapping[str, float] = PAPER_RESULTS[0].raw
-"""The human scores. A setting that is not in this table has no normalised score."""
+"""The human scores: means of three practised players, over 9 episodes of the bandit and Rock Paper Scissors, 15 of
+MESSENGER and 3 of the others. A setting that is not in this table has no normalised score."""
 
 
 def normalize(score: float, human_score: float, min_score: float) -> float:

@@ -135,8 +135,8 @@ def _load(declared: EntryPoint) -> GameSpec:
             f"The game {declared.name} of the package {package_of(declared)} is invalid: {declared.value} is not a "
             "GameSpec of that id."
         )
-    found: GameSpec = spec
-    return found
+    setting: GameSpec = spec
+    return setting
 
 
 def _register_with_gymnasium(spec: GameSpec) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -21,10 +21,11 @@ def check_seeds(seed: Any, count: int) -> list[int | None]:
     """Return the seed of each of several worlds: from one number s, s and the following; or one each, None for none."""
     if seed is None:
         return [None] * count
-    if not isinstance(seed, Iterable) or whole(seed) is not None:
+    is_several = isinstance(seed, Iterable) and not isinstance(seed, str | bytes | Set)
+    if not is_several or whole(seed) is not None:
         first = check_seed(seed)
         return [first + number for number in range(count)]
-    seeds = [None if one is None else check_seed(one) for one in seed]
+    seeds = [None if each is None else check_seed(each) for each in seed]
     if len(seeds) != count:
         raise InvalidArgumentError(f"seed must be a number or {count} of them, not {len(seeds)}.")
     return seeds

@@ -44,6 +44,9 @@ class GameSpec:
     people played for the paper. `challenges` rates how much of each capability the game requires; a setting without
     ratings is not part of the capability scores.
 
+    `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to say
+    something, and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
+
     `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
     `gymnasium_entry_point` and `vector_entry_point` ("module:name") say what `gymnasium.make` and `make_vec` give
     if that is more than the text game.
@@ -58,6 +61,8 @@ class GameSpec:
     trials: int
     human_score: float | None = None
     min_score: float | None = None
+    score_bounds: tuple[float, float] | None = None
+    two_valued: bool = False
     challenges: Mapping[str, int] = field(default_factory=dict)
     action_count: int | None = None
     gymnasium_entry_point: str | None = None
@@ -109,28 +114,31 @@ _FAMILIES: Mapping[str, Mapping[str, Any]] = {
         "gymnasium_entry_point": f"{_GAMES}.crafter.environment:make",
         "vector_entry_point": f"{_GAMES}.crafter.vector:CrafterVectorEnv",
     },
-    "minecraft": {"entry_point": f"{_GAMES}.minecraft.game:Minecraft", "action_count": 4},
+    "minecraft": {"entry_point": f"{_GAMES}.minecraft.game:Minecraft", "action_count": 4, "two_valued": True},
 }
 """What the settings of a game have in common."""
 
 # fmt: off
-_SETTINGS: tuple[tuple[str, str, Mapping[str, Any], int, int, int, Mapping[str, int]], ...] = (
-    # family, id, arguments, history, rollout, trials, challenges
-    ("bandit", "BanditTwoArmedDeterministicFixed-v0", {"arms": ((1.0, 1), (0.0, 1))}, 50, 50, 20, _BANDIT),
-    ("bandit", "BanditTwoArmedHighHighFixed-v0", {"arms": ((0.8, 1), (0.9, 1))}, 50, 50, 20, _BANDIT),
-    ("bandit", "BanditTwoArmedHighLowFixed-v0", {"arms": ((0.8, 1), (0.2, 1))}, 50, 50, 20, _BANDIT),
-    ("bandit", "BanditTwoArmedLowLowFixed-v0", {"arms": ((0.1, 1), (0.2, 1))}, 50, 50, 20, _BANDIT),
+_SETTINGS: tuple[
+    tuple[str, str, Mapping[str, Any], int, int, int, tuple[float, float] | None, Mapping[str, int]], ...
+] = (
+    # family, id, arguments, history, rollout, trials, score bounds, challenges
+    ("bandit", "BanditTwoArmedDeterministicFixed-v0", {"arms": ((1.0, 1), (0.0, 1))}, 50, 50, 20, (0, 50), _BANDIT),
+    ("bandit", "BanditTwoArmedHighHighFixed-v0", {"arms": ((0.8, 1), (0.9, 1))}, 50, 50, 20, (0, 50), _BANDIT),
+    ("bandit", "BanditTwoArmedHighLowFixed-v0", {"arms": ((0.8, 1), (0.2, 1))}, 50, 50, 20, (0, 50), _BANDIT),
+    ("bandit", "BanditTwoArmedLowLowFixed-v0", {"arms": ((0.1, 1), (0.2, 1))}, 50, 50, 20, (0, 50), _BANDIT),
     ("rock_paper_scissors", "RockPaperScissorBasic-v0",
-     {"probabilities": (0.2, 0.2, 0.6), "scores": (1, 1, 1)}, 50, 50, 20, _ROCK_PAPER_SCISSORS),
+     {"probabilities": (0.2, 0.2, 0.6), "scores": (1, 1, 1)}, 50, 50, 20, (0, 50), _ROCK_PAPER_SCISSORS),
     ("rock_paper_scissors", "RockPaperScissorDifferentScore-v0",
-     {"probabilities": (0.3, 0.3, 0.4), "scores": (1, 2, 1)}, 50, 50, 20, _ROCK_PAPER_SCISSORS),
-    ("hanoi", "Hanoi3Disk-v0", {"disks": 3}, 30, 30, 10, _HANOI),
-    ("hanoi", "Hanoi4Disk-v0", {"disks": 4}, 30, 30, 10, _HANOI),
-    ("messenger", "MessengerL1-v0", {"level": 1}, 2, 4, 100, _MESSENGER_L1),
-    ("messenger", "MessengerL2-v0", {"level": 2}, 2, 64, 100, _MESSENGER),
-    ("messenger", "MessengerL3-v0", {"level": 3}, 2, 128, 100, _MESSENGER),
-    ("crafter", "Crafter-v0", {}, 5, 10_000, 10, _CRAFTER),
-    *(("minecraft", f"MinedojoCreative{task}-v0", {"task": task}, 2, 200, 20, _MINECRAFT)
+     {"probabilities": (0.3, 0.3, 0.4), "scores": (1, 2, 1)}, 50, 50, 20, (0, 50), _ROCK_PAPER_SCISSORS),
+    ("hanoi", "Hanoi3Disk-v0", {"disks": 3}, 30, 30, 10, (0, 3), _HANOI),
+    ("hanoi", "Hanoi4Disk-v0", {"disks": 4}, 30, 30, 10, (0, 4), _HANOI),
+    ("messenger", "MessengerL1-v0", {"level": 1}, 2, 4, 100, (-1, 1), _MESSENGER_L1),
+    ("messenger", "MessengerL2-v0", {"level": 2}, 2, 64, 100, (-1, 1), _MESSENGER),
+    # At level 3 the enemy and both decoys can touch the avatar at once.
+    ("messenger", "MessengerL3-v0", {"level": 3}, 2, 128, 100, (-3, 1), _MESSENGER),
+    ("crafter", "Crafter-v0", {}, 5, 10_000, 10, None, _CRAFTER),
+    *(("minecraft", f"MinedojoCreative{task}-v0", {"task": task}, 2, 200, 20, (0, 1), _MINECRAFT)
       for task in (0, 1, 2, 4, 5, 7, 8, 9)),
 )
 # fmt: on
@@ -143,12 +151,13 @@ GAMES = Games(
         history=history,
         rollout=rollout,
         trials=trials,
+        score_bounds=score_bounds,
         challenges=challenges,
         human_score=HUMAN_SCORES.get(id),
         min_score=MIN_SCORES.get(id),
         **_FAMILIES[family],
     )
-    for family, id, kwargs, history, rollout, trials, challenges in _SETTINGS  # noqa: A001 - the field's name
+    for family, id, kwargs, history, rollout, trials, score_bounds, challenges in _SETTINGS  # noqa: A001 - its name
 )
 """Every setting that can be played, by id: the benchmark's, then those that were registered or installed."""
 

@@ -38,10 +38,10 @@ class ModelCallError(SmartPlayError):
 
     def __init__(self, usage: Usage, error: Exception) -> None:
         times = "1 attempt" if usage.requests == 1 else f"{usage.requests} attempts"
-        said = str(error).rstrip(".")
-        if (url := _asked(error)) and status_of(error) is None and url not in said:
-            said = f"{said} ({url})"
-        super().__init__(f"No reply from the model in {times}: {type(error).__name__}: {said}")
+        reason = str(error).rstrip(".")
+        if (url := _asked(error)) and status_of(error) is None and url not in reason:
+            reason = f"{reason} ({url})"
+        super().__init__(f"No reply from the model in {times}: {type(error).__name__}: {reason}")
         self.usage = usage
 
 

@@ -22,19 +22,23 @@ def is_in_file(name: str) -> bool:
 
 
 def load_from_file(name: str) -> Callable[..., Any]:
-    """Import the file of `FILE.py:CLASS` and return the class; `InvalidArgumentError` if it is not there.
-
-    A class whose constructor takes no `seed` is made without one.
-    """
-    path, _, attribute = name.rpartition(":")
-    factory = getattr(_module(Path(path)), attribute, None)
-    if not callable(factory):
-        raise InvalidArgumentError(f"{path} has no class {attribute!r}; name a player of it as {path}:CLASS.")
+    """Return what makes the player `FILE.py:CLASS`. A class whose constructor takes no `seed` is made without one."""
+    factory = read_file(name)
 
     def make(*, seed: int, **options: Any) -> Any:
         return factory(**({"seed": seed} if _takes_seed(factory) else {}), **options)
 
     return make
+
+
+def read_file(name: str) -> Callable[..., Any]:
+    """Import the file of `FILE.py:CLASS` and return the class; `InvalidArgumentError` if it is not there."""
+    path, _, attribute = name.rpartition(":")
+    held = getattr(_module(Path(path)), attribute, None)
+    if not callable(held):
+        raise InvalidArgumentError(f"{path} has no class {attribute!r}; name a player of it as {path}:CLASS.")
+    read: Callable[..., Any] = held
+    return read
 
 
 def _module(path: Path) -> Any:
@@ -64,4 +68,4 @@ def _takes_seed(factory: Callable[..., Any]) -> bool:
         parameters = inspect.signature(factory).parameters.values()
     except (TypeError, ValueError):
         return True
-    return any(one.name == "seed" or one.kind is inspect.Parameter.VAR_KEYWORD for one in parameters)
+    return any(parameter.name == "seed" or parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters)

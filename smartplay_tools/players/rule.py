@@ -60,7 +60,7 @@ class RulePlayer:
     def reply(self, prompt: Prompt) -> Reply:
         """Decide by the rules of the game whose actions the prompt offers; without any, reply in text."""
         reading = Reading(prompt)
-        if prompt.purpose == "summary":
+        if prompt.asks_for_summary:
             return Reply({"role": "assistant", "content": self._summary(reading)})
         if reading.is_over:
             return Reply({"role": "assistant", "content": GAME_IS_OVER})
@@ -69,8 +69,8 @@ class RulePlayer:
         for rules in self.rules:
             if reading.actions and rules.plays(reading):
                 return Reply(_offered(self._decide(rules, reading), reading))
-        known = ", ".join(reading.actions) or "none"
-        raise InvalidArgumentError(f"The rule player has no rules for a game with the actions {known}.")
+        actions = ", ".join(reading.actions) or "none"
+        raise InvalidArgumentError(f"The rule player has no rules for a game with the actions {actions}.")
 
     def _decide(self, rules: GameRules, reading: Reading) -> Message:
         return rules.decide(reading)

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Sequence
 from importlib import resources
 from typing import Literal
 
 from smartplay_tools.messages import Message, text_of
-from smartplay_tools.types import Purpose
+from smartplay_tools.types import Prompt, ToolSpec
 
 __all__ = [
     "GAME_IS_OVER",
@@ -23,7 +22,7 @@ __all__ = [
     "OBSERVATION_LEFT",
     "VERSION",
     "head",
-    "purpose_of",
+    "received",
     "text",
 ]
 
@@ -50,11 +49,11 @@ def text(name: str) -> str:
     return file.read_text(encoding="utf-8").removesuffix("\n")
 
 
-def purpose_of(messages: Sequence[Message]) -> Purpose:
-    """Return what a prompt asks for that has passed a provider's interface, where nothing but its messages says so."""
-    if not messages or messages[-1]["role"] != "user":
-        return "play"
-    return "summary" if _summary_request().fullmatch(text_of(messages[-1])) else "play"
+def received(messages: list[Message], tools: tuple[ToolSpec, ...] = (), max_tokens: int | None = None) -> Prompt:
+    """Return a prompt that has passed a provider's interface; that it asks for a summary shows in its last message."""
+    last = messages[-1] if messages and messages[-1]["role"] == "user" else None
+    is_request = last is not None and _summary_request().fullmatch(text_of(last)) is not None
+    return Prompt(messages, tools, max_tokens, purpose="summary" if is_request else "play")
 
 
 @functools.cache

@@ -4,11 +4,16 @@ record          an episode as its record tells it
 prompts         every prompt rebuilt from a record and verified
 driver, replays a record played again on a new game and compared
 resumption      an episode continued from its record
+accounts        where the tokens of prompts went, and why turns left them
 rows            the results of episodes as plain data
 prices          what tokens cost
+manifest        what a run plays, and its seeds and shards
+caches, requests, charges, tariffs  what a record costs where prompts are cached, under any rule
 run_folder      the folder of a run
-spent, spending what episodes and runs have used
+counts, spent   what the events of a record add up to, and what runs have used
+snapshot        how far a run is; run_follower counts it
 parallel        many records read by several processes
+process_pool    processes of which one may die
 
 Nothing here plays: a model or a player is never called.
 """
@@ -20,32 +25,49 @@ from typing import TYPE_CHECKING
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
+    from smartplay_tools.records.caches import CacheRule, cache_rules, rule_of
+    from smartplay_tools.records.charges import Charge, calls_under, charge
+    from smartplay_tools.records.manifest import Manifest, Until, trial_seed
     from smartplay_tools.records.prices import Price
     from smartplay_tools.records.prompts import SentPrompt, recorded_turns, sent_prompts
     from smartplay_tools.records.record import Record
     from smartplay_tools.records.replays import Replay, replay
+    from smartplay_tools.records.requests import RequestLog, requests_of
     from smartplay_tools.records.resumption import Resumed, resume
     from smartplay_tools.records.run_folder import RunFolder
-    from smartplay_tools.records.seeds import trial_seed
-    from smartplay_tools.records.snapshot import CellSnapshot, RunSnapshot, Spending, run_snapshot
+    from smartplay_tools.records.run_follower import run_snapshot
+    from smartplay_tools.records.snapshot import CellSnapshot, RunSnapshot, Spending
     from smartplay_tools.records.spent import Spent
+    from smartplay_tools.records.tariffs import Tariff, tariffs_of
 
 __all__ = [
+    "CacheRule",
     "CellSnapshot",
+    "Charge",
+    "Manifest",
     "Price",
     "Record",
     "Replay",
+    "RequestLog",
     "Resumed",
     "RunFolder",
     "RunSnapshot",
     "SentPrompt",
     "Spending",
     "Spent",
+    "Tariff",
+    "Until",
+    "cache_rules",
+    "calls_under",
+    "charge",
     "recorded_turns",
     "replay",
+    "requests_of",
     "resume",
+    "rule_of",
     "run_snapshot",
     "sent_prompts",
+    "tariffs_of",
     "trial_seed",
 ]
 
@@ -53,14 +75,19 @@ if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(
         __name__,
         {
+            "manifest": ("Manifest", "Until", "trial_seed"),
+            "caches": ("CacheRule", "cache_rules", "rule_of"),
+            "charges": ("Charge", "calls_under", "charge"),
             "prices": ("Price",),
             "prompts": ("SentPrompt", "recorded_turns", "sent_prompts"),
             "record": ("Record",),
             "replays": ("Replay", "replay"),
+            "requests": ("RequestLog", "requests_of"),
             "resumption": ("Resumed", "resume"),
             "run_folder": ("RunFolder",),
-            "seeds": ("trial_seed",),
-            "snapshot": ("CellSnapshot", "RunSnapshot", "Spending", "run_snapshot"),
+            "run_follower": ("run_snapshot",),
+            "snapshot": ("CellSnapshot", "RunSnapshot", "Spending"),
             "spent": ("Spent",),
+            "tariffs": ("Tariff", "tariffs_of"),
         },
     )

@@ -14,15 +14,16 @@ from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.conversation.session import AgentSession, Conversation
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
+from smartplay_tools.json_text import canonical_text
+from smartplay_tools.messages import Message
 from smartplay_tools.records.error_location import ErrorLocation
 from smartplay_tools.tokens import Tokenizer
-from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.events import Event, concerns_summary
 from smartplay_tools.transcript.file import MemoryRecord
 from smartplay_tools.types import ToolCall, ToolSpec, Usage
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
-from smartplay_tools.messages import Message
 
 Driven: TypeAlias = Conversation | AgentSession | PaperConversation
 
@@ -32,9 +33,12 @@ BUDGET_ENDS = ("prompt_tokens", "episode_tokens")
 EXTERNAL_ENDS = ("player_error", "run_budget", "host", "closed")
 """End reasons from outside the game and the budgets, which a replay takes from the record."""
 
-UNCOMPARED = frozenset({"versions", "deviations", "error", "traceback", "chain"})
-"""Fields that may differ: versions, what a version lists as deviations (they follow from the config, which is
-compared), the text of an exception, and the digests that include them."""
+UNCOMPARED = frozenset(
+    {("start", "versions"), ("end", "traceback")}
+    | {("end", "result", name) for name in ("versions", "deviations", "error")}
+)
+"""Where two plays may differ: versions, what a version lists as deviations (they follow from the config, which is
+compared), and the text of an exception. The chain includes them, so it is not compared either."""
 
 NOT_REPLAYED = ("resume", "exception")
 """Events about the record itself."""
@@ -63,10 +67,12 @@ class Driver:
         self.episode = Episode.from_config(config, tokenizer=tokenizer, transcript=self.record)
         self.episode.on_step(on_step)
         self.conversation: Driven | None = None
+        self.has_host_part = False
+        """Whether a host added messages or tools to a head."""
         self._kind = kind
         self._protocol = config.protocol
         self._usages = {
-            (event["turn"], event.get("purpose")): event["provider"]
+            (event["turn"], concerns_summary(event)): event["provider"]
             for event in self.recorded
             if event["event"] == "usage" and "reply" in event
         }
@@ -101,9 +107,9 @@ class Driver:
             case "view":
                 self._needed().prompt()
             case "message" if event["by"] == "player":
-                self._open(event, None)
+                self._open(event, is_summary=False)
             case "summary":
-                self._open(event, "summary")
+                self._open(event, is_summary=True)
             case "message" if event["by"] == "host":
                 assert isinstance(conversation, Conversation | AgentSession)
                 conversation.add(event["message"])
@@ -119,8 +125,8 @@ class Driver:
                     self._end(event["result"])
                 self.episode.finish_if_over()  # the host may have left calls of the last reply open
 
-    def _open(self, event: Event, purpose: str | None) -> None:
-        usage = self._usages.get((event["turn"], purpose))
+    def _open(self, event: Event, *, is_summary: bool) -> None:
+        usage = self._usages.get((event["turn"], is_summary))
         self._needed().open(event["message"], None if usage is None else Usage(**usage))
 
     def _needed(self) -> Driven:
@@ -139,7 +145,9 @@ class Driver:
     def _host_part(self, head: Event) -> tuple[list[Message], list[ToolSpec]]:
         """The host's messages and tools in a head."""
         foreign = [ToolSpec(**tool) for tool in head["tools"][len(self.episode.tools) :]]
-        return head["messages"][len(self.episode.head) :], foreign
+        messages = head["messages"][len(self.episode.head) :]
+        self.has_host_part = self.has_host_part or bool(messages or foreign)
+        return messages, foreign
 
     def _run_calls(self) -> None:
         """Feed a record without a conversation: the calls of a turn are a batch."""
@@ -163,20 +171,30 @@ class Driver:
             again = again[: len(recorded)]
         for number, (was, now) in enumerate(zip_longest(recorded, again), start=1):
             if was is None or now is None:
-                known = was or now
+                event = was or now
                 what = "is missing in the replay" if now is None else "is new in the replay"
-                yield f"Event {number} ({known['event']}) {what}."
+                yield f"Event {number} ({event['event']}) {what}."
             elif was["event"] != now["event"]:
                 yield f"Event {number} is {now['event']!r} in the replay, {was['event']!r} in the record."
             else:
                 turn = f", turn {was['turn']}" if "turn" in was else ""
-                yield from _field_differences(f"Event {number} ({was['event']}{turn})", was, now)
+                where = f"Event {number} ({was['event']}{turn})"
+                yield from _field_differences(where, unchained(was), unchained(now), was["event"])
 
 
-def _field_differences(where: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
-    for key in sorted((was.keys() | now.keys()) - UNCOMPARED):
-        before, after = was.get(key), now.get(key)
+def unchained(event: Event) -> Event:
+    """Return an event without its chain."""
+    return {name: value for name, value in event.items() if name != "chain"}
+
+
+def _field_differences(where: str, was: Mapping[str, Any], now: Mapping[str, Any], *path: str) -> Iterator[str]:
+    for key in sorted(was.keys() ^ now.keys()):
+        yield f"{where} {key} is missing in the {'replay' if key in was else 'record'}."
+    for key in sorted(was.keys() & now.keys()):
+        before, after = was[key], now[key]
+        if (*path, key) in UNCOMPARED:
+            continue
         if isinstance(before, dict) and isinstance(after, dict):
-            yield from _field_differences(f"{where} {key}:", before, after)
-        elif before != after or type(before) is not type(after):
+            yield from _field_differences(f"{where} {key}:", before, after, *path, key)
+        elif canonical_text(before) != canonical_text(after):
             yield f"{where} {key} is {after!r} in the replay, {before!r} in the record."

@@ -8,8 +8,17 @@ from typing import Self
 from smartplay_tools.errors import TranscriptError, in_one_line
 from smartplay_tools.transcript.events import Event
 
-SENSELESS = (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError)
-"""The exceptions that Python raises if an event does not have the structure of its kind."""
+SENSELESS = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    StopIteration,
+    TypeError,
+    ValueError,
+)
+"""The exceptions that Python raises if events do not have the structure of their kinds, or come in another order."""
 
 
 class ErrorLocation:

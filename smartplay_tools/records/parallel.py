@@ -6,23 +6,20 @@ for its order.
 
 from __future__ import annotations
 
-import multiprocessing
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Generic, TypeVar
 
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.records.process_pool import Lost, ProcessPool
 
 LONGEST_CHUNK = 32
 """The most records that a process is handed at a time: with fewer, short ones would wait for being handed over."""
-
-AHEAD = 3
-"""The chunks that each other process has waiting or in work, so that it never waits for the next."""
 
 SHARES = 32
 """The chunks for each process into which fewer records are split, so that all end at about the same time."""
@@ -45,74 +42,67 @@ def parallel_map(
     if processes < 2:
         yield ((number, work(chunk)) for number, chunk in enumerate(chunks))
         return
-    with ProcessPoolExecutor(processes - 1, multiprocessing.get_context("spawn")) as pool:
-        shared = _Shared(pool, work, chunks)
-        try:
-            shared.begin(AHEAD * (processes - 1))
-            yield shared.results()
-        finally:
-            shared.stop()
+    shared = _Shared(work, chunks)
+    others = threading.Thread(target=shared.hand_over, args=(processes - 1,))
+    others.start()
+    try:
+        yield shared.results()
+    finally:
+        shared.stop()
+        others.join()
 
 
 class _Shared(Generic[T, R]):
-    """Chunks that other processes take from the front, each when one of its chunks is done, and this one from the end.
+    """Chunks that other processes take from the front, handed over by a thread, and this one from the end."""
 
-    While it works, this process takes nothing back that it has handed over: in Python 3.11, a pool in which a process
-    dies fails over a future that was cancelled, and leaves its other processes behind.
-    """
-
-    def __init__(
-        self, pool: ProcessPoolExecutor, work: Callable[[Sequence[T]], R], chunks: Sequence[Sequence[T]]
-    ) -> None:
-        self._pool, self._work, self._chunks = pool, work, chunks
-        self._lock = threading.Lock()
+    def __init__(self, work: Callable[[Sequence[T]], R], chunks: Sequence[Sequence[T]]) -> None:
+        self._work, self._chunks = work, chunks
         self._left = deque(range(len(chunks)))
-        self._theirs: deque[tuple[int, Future[R]]] = deque()
+        self._theirs: SimpleQueue[tuple[int, R | Lost] | BaseException] = SimpleQueue()
 
-    def begin(self, ahead: int) -> None:
-        """Hand over the first chunks, one for each process."""
-        for _ in range(ahead):
-            self._hand_over()
+    def hand_over(self, processes: int) -> None:
+        """Have other processes work until nothing is left, or one of them dies: then this one goes on alone."""
+        all_live = True
 
-    def _hand_over(self, done: Future[R] | None = None) -> None:
-        """Hand the next chunk over; called in a thread of the pool when one is done."""
-        if done is not None and (done.cancelled() or isinstance(done.exception(), BrokenProcessPool)):
-            return  # from Python 3.12 on, a pool that is broken holds the lock that it needs to take more
-        with self._lock:
-            if not self._left:
-                return
-            number = self._left[0]
-            try:
-                future = self._pool.submit(self._work, self._chunks[number])
-            except BrokenProcessPool:  # a process has died
-                return
-            self._theirs.append((self._left.popleft(), future))
-        future.add_done_callback(self._hand_over)
+        def take() -> tuple[int, Sequence[T]] | None:
+            number = self._next(self._left.popleft) if all_live else None
+            return None if number is None else (number, self._chunks[number])
+
+        try:
+            with ProcessPool(partial(_work_on, self._work), processes) as pool:
+                for (number, _), result in pool.run(take):
+                    all_live = all_live and not isinstance(result, Lost)
+                    self._theirs.put((number, result))
+        except BaseException as error:
+            self._theirs.put(error)
 
     def results(self) -> Iterator[tuple[int, R]]:
         """Yield all results, those of this process between those of the others."""
-        while (number := self._own()) is not None:
+        for _ in self._chunks:
+            number = self._next(self._left.pop) if self._theirs.empty() else None
+            if number is None:
+                done = self._theirs.get()
+                if isinstance(done, BaseException):
+                    raise done
+                number, result = done
+                if not isinstance(result, Lost):
+                    yield number, result
+                    continue
             yield number, self._work(self._chunks[number])
-            while self._theirs and self._theirs[0][1].done():
-                yield self._result(*self._theirs.popleft())
-        while self._theirs:
-            yield self._result(*self._theirs.popleft())
 
     def stop(self) -> None:
         """Begin no more chunks, because nobody wants the results."""
-        with self._lock:
-            self._left.clear()
-        self._pool.shutdown(cancel_futures=True)
+        self._left.clear()
 
-    def _own(self) -> int | None:
-        with self._lock:
-            return self._left.pop() if self._left else None
+    @staticmethod
+    def _next(pop: Callable[[], int]) -> int | None:
+        with suppress(IndexError):  # the other thread was faster
+            return pop()
+        return None
 
-    def _result(self, number: int, future: Future[R]) -> tuple[int, R]:
-        try:
-            return number, future.result()
-        except BrokenProcessPool:  # the others were killed, or could not begin; this process works on alone
-            return number, self._work(self._chunks[number])
+
+def _work_on(work: Callable[[Sequence[T]], R], job: tuple[int, Sequence[T]]) -> R:
+    return work(job[1])
 
 
 def worth(processes: int, records: Iterable[Path], size: int, *, plugins: bool = True) -> int:

@@ -7,6 +7,7 @@ has the same prices. A model that is not in the tables has no price, and its cos
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Self
@@ -20,39 +21,59 @@ PROVIDERS = {"anthropic": "anthropic", "openai": "openai", "openai-responses": "
 Rates = tuple[tuple[int, float], ...]
 """US dollars per million tokens, by the prompt length from which they apply: ((0, 1.25), (200000, 2.5))."""
 
+LATER = ("write", "write_1h")
+"""Rates that older manifests do not have."""
+
 
 @dataclass(frozen=True)
 class Price:
-    """The price of a model's tokens. Cached tokens are a part of the prompt that has its own rate."""
+    """The price of a model's tokens.
+
+    Tokens that are read from a cache and those that are written to it are parts of the prompt with rates of their own.
+    """
 
     input: Rates
     output: Rates
     cached: Rates
     source: str
+    write: Rates = ()
+    """The rate of written tokens; empty for that of the input."""
+    write_1h: Rates = ()
+    """The rate of tokens that are written for an hour; empty for that of other written tokens."""
 
     @classmethod
-    def per_million(cls, given: float, taken: float, cached: float | None = None, source: str = "given") -> Self:
-        """Return a price in US dollars per million tokens of prompts, replies and cached parts of prompts."""
-        return cls(((0, given),), ((0, taken),), ((0, given if cached is None else cached),), source)
+    def per_million(
+        cls,
+        given: float,
+        taken: float,
+        cached: float | None = None,
+        write: float | None = None,
+        *,
+        source: str = "given",
+    ) -> Self:
+        """Return a price in US dollars per million tokens of prompts, replies, cached and written parts."""
+        read, written = given if cached is None else cached, () if write is None else ((0, write),)
+        return cls(((0, given),), ((0, taken),), ((0, read),), source, written)
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Parse "INPUT,OUTPUT" or "INPUT,OUTPUT,CACHED", in US dollars per million tokens."""
+        """Parse "INPUT,OUTPUT[,CACHED[,WRITTEN]]", in US dollars per million tokens."""
         try:
             numbers = [float(part) for part in text.split(",")]
         except ValueError:
             numbers = []
-        if len(numbers) not in (2, 3) or not all(0 <= number < math.inf for number in numbers):
+        if len(numbers) not in (2, 3, 4) or not all(0 <= number < math.inf for number in numbers):
             raise InvalidArgumentError(
-                f"{text!r} is not a price; write INPUT,OUTPUT or INPUT,OUTPUT,CACHED in USD per million."
+                f"{text!r} is not a price; write INPUT,OUTPUT or INPUT,OUTPUT,CACHED,WRITTEN in USD per million."
             )
-        given, taken, cached = [*numbers, numbers[0]][:3]
-        return cls.per_million(given, taken, cached)
+        given, taken, *parts = numbers
+        return cls.per_million(given, taken, parts[0] if parts else None, parts[1] if len(parts) > 1 else None)
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:
         """Return the price that `to_json` wrote; `InvalidArgumentError` if it has a rate that nothing can cost."""
-        rates = {name: tuple((start, rate) for start, rate in value[name]) for name in ("input", "output", "cached")}
+        names = ("input", "output", "cached", *(name for name in LATER if value.get(name)))
+        rates = {name: tuple((start, rate) for start, rate in value[name]) for name in names}
         for name, tiers in rates.items():
             if not tiers or tiers[0][0] != 0 or not all(0 <= rate < math.inf for _, rate in tiers):
                 raise InvalidArgumentError(
@@ -61,18 +82,37 @@ class Price:
         return cls(**rates, source=value["source"])
 
     def to_json(self) -> dict[str, Any]:
-        """Return the price as plain data."""
-        return asdict(self)
+        """Return the price as plain data; a rate that it has not is left out."""
+        return {name: value for name, value in asdict(self).items() if value or name not in LATER}
 
     def cost(self, usage: Usage) -> float:
         """Return the cost of a usage in US dollars."""
-        fresh = usage.prompt - usage.cached
+        prompt, write = usage.prompt, self.write or self.input
         dollars = (
-            fresh * _rate(self.input, usage.prompt)
-            + usage.cached * _rate(self.cached, usage.prompt)
-            + usage.reply * _rate(self.output, usage.prompt)
+            (prompt - usage.cached - usage.written) * _rate(self.input, prompt)
+            + usage.cached * _rate(self.cached, prompt)
+            + (usage.written - usage.written_1h) * _rate(write, prompt)
+            + usage.written_1h * _rate(self.write_1h or write, prompt)
+            + usage.reply * _rate(self.output, prompt)
         )
         return dollars / 1_000_000
+
+    def most(self, prompt: int, reply: int) -> float:
+        """Return the most that a call can cost: nothing of its prompt is read from a cache, all of it is written."""
+        rate = max(_rate(rates, prompt) for rates in (self.input, self.write) if rates)
+        return (prompt * rate + reply * _rate(self.output, prompt)) / 1_000_000
+
+    def each(self, calls: Iterable[tuple[int, int, int, int]]) -> list[float]:
+        """Return the cost of each call, given as tokens of prompt, cached part, written part and reply."""
+        kinds = (self.input, self.cached, self.write or self.input, self.output)
+        starts = sorted({start for rates in kinds for start, _ in rates})
+        tiers = [tuple(_rate(rates, start) for rates in kinds) for start in starts]
+        costs = []
+        for prompt, cached, written, reply in calls:
+            given, read, write, taken = tiers[bisect_right(starts, prompt) - 1]
+            dollars = (prompt - cached - written) * given + cached * read + written * write + reply * taken
+            costs.append(dollars / 1_000_000)
+        return costs
 
 
 def find_price(player: str, player_options: Mapping[str, Any]) -> Price | None:
@@ -81,24 +121,33 @@ def find_price(player: str, player_options: Mapping[str, Any]) -> Price | None:
 
     if not is_model(player) or "base_url" in player_options:
         return None
-    family, _, model = player.partition(":")
     try:
         import genai_prices
     except ImportError:
         return None
-    provider: str | None = PROVIDERS.get(family)
-    if family == "langchain":
-        provider, _, model = model.rpartition(":")
+    provider, model = provider_of(player)
     try:
-        found = genai_prices.calc_price(genai_prices.Usage(), model, provider_id=provider or None)
+        priced = genai_prices.calc_price(genai_prices.Usage(), model, provider_id=provider or None)
     except LookupError:
         return None
-    prices = found.model_price
+    prices = priced.model_price
     given, taken = _rates(prices.input_mtok), _rates(prices.output_mtok)
     if given is None or taken is None:
         return None
-    cached = _rates(getattr(prices, "cache_read_mtok", None)) or given
-    return Price(given, taken, cached, f"genai-prices {genai_prices.__version__}")
+    cached, write, write_1h = (
+        _rates(getattr(prices, f"cache_{kind}_mtok", None)) for kind in ("read", "write", "write_1h")
+    )
+    source = f"genai-prices {genai_prices.__version__}"
+    return Price(given, taken, cached or given, source, write or (), write_1h or ())
+
+
+def provider_of(player: str) -> tuple[str, str]:
+    """Return provider and model of a player's name; the provider is empty if the name does not say it."""
+    family, _, model = player.partition(":")
+    if family == "langchain":
+        provider, _, model = model.rpartition(":")
+        return provider, model
+    return PROVIDERS.get(family, ""), model
 
 
 def check_known(unpriced: Iterable[str]) -> None:
@@ -108,6 +157,11 @@ def check_known(unpriced: Iterable[str]) -> None:
             f"A cap on cost needs the price of {names}, which is not known here; give it with the run "
             "(--price PLAYER=INPUT,OUTPUT in US dollars a million tokens)."
         )
+
+
+def scaled(rates: Rates, factor: float) -> Rates:
+    """Return rates that are this many times as high."""
+    return tuple((start, rate * factor) for start, rate in rates)
 
 
 def _rates(price: Any) -> Rates | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.turns import Turn, TurnBuilder
@@ -42,7 +43,7 @@ def sent_prompts(events: Sequence[Event], turns: Sequence[Turn] | None = None) -
         for view, prompt, sha256 in paper.sent_prompts(events):
             yield SentPrompt(view["turn"], prompt, view["sha256"], sha256)
         return
-    rebuilder = _Rebuilder(events, recorded_turns(events) if turns is None else turns)
+    rebuilder = Rebuilder(events, recorded_turns(events) if turns is None else turns)
     with ErrorLocation() as at:
         for at.number, at.event in enumerate(events, start=1):
             if at.event["event"] == "head":
@@ -61,7 +62,19 @@ def recorded_turns(events: Sequence[Event]) -> list[Turn]:
     return builder.turns
 
 
-class _Rebuilder:
+class Shown(NamedTuple):
+    """The parts of a prompt, in their order."""
+
+    head: Head
+    before: Sequence[Message]
+    """The summary, if one is shown."""
+    turns: Sequence[tuple[Turn, int]]
+    """Each with the oldest observation that is shown of it."""
+    after: Sequence[Message]
+    """The question for a summary, if the prompt asks for one."""
+
+
+class Rebuilder:
     """Rebuilds the prompts of one record; parts that several prompts share are encoded once."""
 
     def __init__(self, events: Sequence[Event], turns: Sequence[Turn]) -> None:
@@ -79,27 +92,31 @@ class _Rebuilder:
 
     def rebuild(self, view: Event) -> SentPrompt:
         """Return the prompt that a view shows."""
+        shown = self.shown(view)
+        messages, lines = [*shown.head.messages, *shown.before], shown.head.canonical.copy()
+        lines += map(head_bytes, shown.before)
+        for turn, oldest in shown.turns:
+            messages.extend(turn.seen(oldest))
+            lines.extend(turn.canonical_seen(oldest))
+        messages += shown.after
+        lines += map(head_bytes, shown.after)
+        prompt = Prompt(messages, self._tools, view["max_tokens"], purpose=view.get("purpose", "play"))
+        return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(lines, self._tools_bytes))
+
+    def shown(self, view: Event) -> Shown:
+        """Return the parts of the prompt that a view shows."""
         purpose: Purpose = view.get("purpose", "play")
         seen_turns = view["turn"] - (purpose == "summary")
-        head = self._head_of(self._turns[seen_turns - 1].manual if seen_turns else None)
-        messages, lines = list(head.messages), head.canonical.copy()
-
-        def say(message: Message) -> None:
-            messages.append(message)
-            lines.append(head_bytes(message))
-
+        before: list[Message] = []
         if self._form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):
-            say(self._form.show(text).message)
+            before.append(self._form.show(text).message)
         oldest_of = self._masks(view)
-        for first, last in view["turns"]:
-            for turn in self._turns[first : last + 1]:
-                oldest = oldest_of(turn)
-                messages.extend(turn.seen(oldest))
-                lines.extend(turn.canonical_seen(oldest))
-        if self._form is not None and purpose == "summary":
-            say(self._form.question)
-        prompt = Prompt(messages, self._tools, view["max_tokens"], purpose=purpose)
-        return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(lines, self._tools_bytes))
+        return Shown(
+            self._head_of(self._turns[seen_turns - 1].manual if seen_turns else None),
+            before,
+            [(turn, oldest_of(turn)) for first, last in view["turns"] for turn in self._turns[first : last + 1]],
+            [self._form.question] if self._form is not None and purpose == "summary" else [],
+        )
 
     def _masks(self, view: Event) -> Callable[[Turn], int]:
         """Return which is the oldest observation that a view shows of a turn."""

@@ -8,22 +8,24 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self, TypeAlias
+from typing import Any, Generic, Literal, Self, TypeVar
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.messages import Message
+from smartplay_tools.records.counts import RecordCounts, Written
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import SentPrompt, recorded_turns, sent_prompts
-from smartplay_tools.records.spent import Spent, Sum
+from smartplay_tools.records.spent import Spent
 from smartplay_tools.transcript.events import (
     CallEvent,
     ChoiceEvent,
     Event,
+    ExceptionEvent,
     HeadEvent,
     MessageEvent,
     PictureEvent,
@@ -32,10 +34,12 @@ from smartplay_tools.transcript.events import (
     SummaryEvent,
     UsageEvent,
     ViewEvent,
+    concerns_summary,
 )
 from smartplay_tools.transcript.file import kind_of, read_line, read_written
 from smartplay_tools.transcript.lines import GrowingLines, ends_of
-from smartplay_tools.types import EndReason, EpisodeResult, Usage
+from smartplay_tools.transcript.times import read_times
+from smartplay_tools.types import EndReason, EpisodeResult
 
 FAILURES = ("player_error", "game_error")
 """Ends of an episode that failed."""
@@ -58,8 +62,17 @@ UNANSWERED = "CancelledError: the run stopped while a reply was awaited"
 Outcome = Literal["finished", "failed", "paused", "interrupted"]
 """What an attempt came to. Only a finished episode is a result; the others are continued or played again."""
 
-_Written: TypeAlias = bytes | Event
-"""An event, or the line that it is written on."""
+E_co = TypeVar("E_co", covariant=True)
+
+
+class _EventsOf(Generic[E_co]):
+    """The events of one kind of a record, in their order."""
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+
+    def __get__(self, record: Record, _: object) -> Sequence[E_co]:
+        return record._by_kind.get(self._kind, [])
 
 
 class Record:
@@ -141,19 +154,19 @@ class Record:
         self._counts.count_steps()
         return self
 
-    def _take(self, kind: str, event: _Written) -> None:
+    def _take(self, kind: str, event: Written) -> None:
         match kind:
             case "start":
                 self.start = self._parsed(event)
             case "end" | "exception":
                 self.ending = self._parsed(event)
 
-    def _parsed(self, event: _Written) -> Event:
+    def _parsed(self, event: Written) -> Event:
         return event if isinstance(event, dict) else read_line(event, self.path)
 
     @cached_property
-    def _counts(self) -> _Counts:
-        counts = _Counts(self._prices, self._parsed)
+    def _counts(self) -> RecordCounts:
+        counts = RecordCounts(self._prices, self._parsed)
         if self._lines is None:
             for event in self.events:
                 counts.take(event["event"], event)
@@ -301,6 +314,11 @@ class Record:
         return None if whole.is_unpriced else 0.0
 
     @property
+    def peak_prompt_tokens(self) -> int:
+        """The tokens of the episode's largest prompt, by our count."""
+        return self._counts.whole.peak_prompt_tokens
+
+    @property
     def open_call(self) -> Spent:
         """The call whose reply is not in the record, as unknown use; nothing if an end says that there is none."""
         if self.ending is not None and not self.was_unanswered:
@@ -338,64 +356,46 @@ class Record:
         return self._events
 
     @cached_property
-    def _by_kind(self) -> Mapping[str, list[Event]]:
-        by_kind: dict[str, list[Event]] = defaultdict(list)
+    def _by_kind(self) -> Mapping[str, list[Any]]:
+        by_kind: dict[str, list[Any]] = defaultdict(list)
         for event in self.events:
             by_kind[event["event"]].append(event)
         return by_kind
 
-    def _all(self, kind: str) -> list[Any]:
-        return self._by_kind.get(kind, [])
+    heads = _EventsOf[HeadEvent]("head")
+    """The first messages of every prompt and the tools: another event where the host has changed its part."""
+    views = _EventsOf[ViewEvent]("view")
+    """What each prompt showed."""
+    messages = _EventsOf[MessageEvent]("message")
+    """The replies, and what the host or this library put after them."""
+    usages = _EventsOf[UsageEvent]("usage")
+    """The tokens of each reply."""
+    summaries = _EventsOf[SummaryEvent]("summary")
+    """The replies to prompts for a summary."""
+    choices = _EventsOf[ChoiceEvent]("choice")
+    """In the paper's protocol: the actions that answers chose."""
+    calls = _EventsOf[CallEvent]("call")
+    """The tool calls as they were played, with their answers."""
+    reveals = _EventsOf[RevealEvent]("reveal")
+    """The times that a privileged player was given the game itself."""
+    pictures = _EventsOf[PictureEvent]("picture")
+    """The pictures of the game that the player was shown."""
+    resumes = _EventsOf[ResumeEvent]("resume")
+    """The times that the episode was continued from this record."""
+    exceptions = _EventsOf[ExceptionEvent]("exception")
+    """The exceptions outside of the episode that ended the attempt."""
 
-    @property
-    def heads(self) -> Sequence[HeadEvent]:
-        """The first messages of every prompt and the tools: another event where the host has changed its part."""
-        return self._all("head")
-
-    @property
-    def views(self) -> Sequence[ViewEvent]:
-        """What each prompt showed."""
-        return self._all("view")
-
-    @property
-    def messages(self) -> Sequence[MessageEvent]:
-        """The replies, and what the host or this library put after them."""
-        return self._all("message")
-
-    @property
-    def usages(self) -> Sequence[UsageEvent]:
-        """The tokens of each reply."""
-        return self._all("usage")
-
-    @property
-    def summaries(self) -> Sequence[SummaryEvent]:
-        """The replies to prompts for a summary."""
-        return self._all("summary")
-
-    @property
-    def choices(self) -> Sequence[ChoiceEvent]:
-        """In the paper's protocol: the actions that answers chose."""
-        return self._all("choice")
-
-    @property
-    def calls(self) -> Sequence[CallEvent]:
-        """The tool calls as they were played, with their answers."""
-        return self._all("call")
-
-    @property
-    def reveals(self) -> Sequence[RevealEvent]:
-        """The times that a privileged player was given the game itself."""
-        return self._all("reveal")
-
-    @property
-    def pictures(self) -> Sequence[PictureEvent]:
-        """The pictures of the game that the player was shown."""
-        return self._all("picture")
-
-    @property
-    def resumes(self) -> Sequence[ResumeEvent]:
-        """The times that the episode was continued from this record."""
-        return self._all("resume")
+    @cached_property
+    def head_of(self) -> dict[int, HeadEvent]:
+        """The head of the prompt of each turn."""
+        heads: dict[int, HeadEvent] = {}
+        head: Any = None
+        for event in self.events:
+            if event["event"] == "head":
+                head = event
+            elif event["event"] == "view":
+                heads[event["turn"]] = head
+        return heads
 
     @property
     def is_paper(self) -> bool:
@@ -439,6 +439,10 @@ class Record:
         """The replies by the number of their turn, as they were sent."""
         return {event["turn"]: event["message"] for event in self.messages if event["by"] == "player"}
 
+    def sent_prompts(self) -> Iterator[SentPrompt]:
+        """Yield every prompt that was sent, as rebuilt from the record; those for a summary, too."""
+        return sent_prompts(self.events, () if self.is_paper else self.turns)
+
     @cached_property
     def prompts(self) -> list[SentPrompt]:
         """The prompts of the replies; one that does not have its recorded sha256 is a `TranscriptError`.
@@ -446,7 +450,7 @@ class Record:
         Prompts for a summary are not among them: what they ask for is not a turn.
         """
         prompts = [
-            sent for sent in sent_prompts(self.events) if sent.prompt.purpose == "play" and sent.turn in self.replies
+            sent for sent in self.sent_prompts() if not sent.prompt.asks_for_summary and sent.turn in self.replies
         ]
         for sent in prompts:
             if sent.sha256 != sent.recorded_sha256:
@@ -460,61 +464,26 @@ class Record:
         return self.heads[0]
 
     @cached_property
+    def seconds(self) -> dict[int, float]:
+        """How long the player took for each turn, from the prompt to the reply; empty if times were not kept."""
+        try:
+            times = read_times(self.path or "", len(self.events))
+        except TranscriptError:
+            return {}
+        seconds: dict[int, float] = {}
+        asked: int | None = None
+        for event, now in zip(self.events, times, strict=True):
+            if event["event"] == "view":
+                asked = now
+            elif event["event"] == "message" and event["by"] == "player" and asked is not None and now is not None:
+                seconds[event["turn"]] = (now - asked) / 1e9
+        return seconds
+
+    @cached_property
     def usage(self) -> dict[int, UsageEvent]:
         """The `usage` events of the replies by turn."""
-        return {event["turn"]: event for event in self.usages if "prompt" in event and "purpose" not in event}
+        return {event["turn"]: event for event in self.usages if "prompt" in event and not concerns_summary(event)}
 
     @property
     def _called(self) -> str:
         return self.name or "The record"
-
-
-class _Counts:
-    """What the events of a record add up to; events that are only counted are not parsed."""
-
-    def __init__(self, prices: Mapping[str, Price], parsed: Callable[[_Written], Event]) -> None:
-        self._prices, self._parsed = prices, parsed
-        self.price: Price | None = None
-        self.whole, self.own = Sum(), Sum()
-        self.steps = 0
-        self._new_calls: list[_Written] = []
-        self._since_prompt: list[_Written] = []
-
-    def take(self, kind: str, event: _Written) -> None:
-        match kind:
-            case "start":
-                self.price = self._prices.get(self._parsed(event)["config"].get("player") or "")
-            case "usage":
-                usage = self._parsed(event)
-                self.whole.add(usage, self.price)
-                self.own.add(usage, self.price)
-            case "call":
-                self._new_calls.append(event)
-            case "view":
-                self._since_prompt = [event]
-            case "message" | "summary":
-                self._since_prompt.append(event)
-            case "resume":
-                self.own, self._since_prompt = Sum(), []
-
-    def count_steps(self) -> None:
-        """Take the number of steps from the latest call that has it; a call that was not played has none."""
-        for call in reversed(self._new_calls):
-            if (steps := self._parsed(call)["data"].get("step")) is not None:
-                self.steps = steps
-                break
-        self._new_calls = []
-
-    def open_call(self) -> Spent:
-        """The call that was made with the latest prompt, unless its reply follows."""
-        waiting: Event | None = None
-        for event in map(self._parsed, self._since_prompt):
-            if event["event"] == "view":
-                waiting = event
-            elif event.get("by", "player") == "player":  # a summary is by the player, too
-                return Spent()
-        if waiting is None:
-            return Spent()
-        most = Usage(prompt=waiting["tokens"], reply=waiting["max_tokens"] or 0)
-        cost = 0.0 if self.price is None else self.price.cost(most)
-        return Spent(unknown_calls=1, unknown_tokens=most.prompt + most.reply, unknown_cost=cost)

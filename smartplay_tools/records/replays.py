@@ -14,11 +14,12 @@ from pathlib import Path
 
 from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
 from smartplay_tools.records.driver import Driver
+from smartplay_tools.records.error_location import SENSELESS
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import Record
 from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event
-from smartplay_tools.transcript.file import broken_links, check_format, read_transcript
+from smartplay_tools.transcript.file import broken_links, check_format, is_event, read_transcript
 from smartplay_tools.transcript.hashing import event_line
 from smartplay_tools.types import EpisodeResult
 
@@ -34,6 +35,8 @@ class Replay:
     """The result of the replayed episode; None if the transcript is incomplete."""
     resumed: tuple[int, ...] = ()
     """The events, counted from 1, at which the episode was continued from its record."""
+    has_host_part: bool = False
+    """Whether a host added messages or tools to the prompts."""
 
     @property
     def complete(self) -> bool:
@@ -71,11 +74,12 @@ def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None) -
                 differences = [*_broken(recorded), *driver.differences(), *_tampered(recorded)]
     except SmartPlayError:
         raise
-    except (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+    except SENSELESS as error:
         name = record.path or "The record"
         raise TranscriptError(f"{name} cannot be replayed: {type(error).__name__}: {in_one_line(error)}.") from error
     resumed = tuple(number for number, event in enumerate(recorded, start=1) if event["event"] == "resume")
-    return Replay(len(recorded), differences, driver.episode.result if record.is_complete else None, resumed)
+    result = driver.episode.result if record.is_complete else None
+    return Replay(len(recorded), differences, result, resumed, driver.has_host_part)
 
 
 def read_events(source: str | Path | Sequence[Event]) -> list[Event]:
@@ -83,7 +87,10 @@ def read_events(source: str | Path | Sequence[Event]) -> list[Event]:
     if isinstance(source, str | Path):
         return read_transcript(source)
     events = list(source)
-    if not events or events[0].get("event") != "start":
+    for number, event in enumerate(events, start=1):
+        if not is_event(event):
+            raise TranscriptError(f"The events are not a transcript: number {number} is not an event.")
+    if not events or events[0]["event"] != "start":
         raise TranscriptError("The events are not a transcript: they do not begin with a start event.")
     check_format(events[0])
     return events

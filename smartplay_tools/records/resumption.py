@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from smartplay_tools.conversation.session import AgentSession, Conversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
-from smartplay_tools.records.driver import Driven, Driver
+from smartplay_tools.records.driver import Driven, Driver, unchained
 from smartplay_tools.records.replays import read_events
 from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event
@@ -106,10 +106,6 @@ def _continue_record(
         raise InvalidArgumentError("A list of events has no file to continue; name one with `transcript`.")
     else:
         writer = TranscriptWriter(transcript)
-        writer.append(*map(_unchained, before))
-    writer.append({"event": "resume", "versions": episode.versions()}, *map(_unchained, beyond))
+        writer.append(*map(unchained, before))
+    writer.append({"event": "resume", "versions": episode.versions()}, *map(unchained, beyond))
     episode.continue_in(writer)
-
-
-def _unchained(event: Event) -> Event:
-    return {name: value for name, value in event.items() if name != "chain"}

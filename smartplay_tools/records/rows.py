@@ -21,7 +21,7 @@ from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
-from smartplay_tools.types import Budget, EpisodeResult, ResolvedBudget
+from smartplay_tools.types import EpisodeResult, RecordedBudget, ResolvedBudget
 
 Row = dict[str, Any]
 """A row of `results.jsonl`: an `EpisodeResult` in JSON, and the configuration of its episode."""
@@ -30,10 +30,15 @@ COPIED = ("player", "player_options", *RULES, "options", "tokenizer", "prompts",
 """The fields of a row that come from the first event of the record."""
 
 
+LATER = frozenset({"peak_prompt_tokens"})
+"""The fields that rows of older versions do not have."""
+
+
 def row_of(record: Record, trial: int) -> Row:
     """Return the row of a finished episode, from its record."""
     copied = {name: record.facts[name] for name in COPIED}
-    return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, "cost": record.cost}
+    counted = {"peak_prompt_tokens": record.peak_prompt_tokens, "cost": record.cost}
+    return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted}
 
 
 class _Row(EpisodeResult):
@@ -51,8 +56,9 @@ class _Row(EpisodeResult):
     tokenizer: str
     prompts: str
     budget: ResolvedBudget
-    asked: Budget
+    asked: RecordedBudget
     trial: int
+    peak_prompt_tokens: int = 0
     cost: float | None
 
 
@@ -88,13 +94,13 @@ def unplayed(rows: Iterable[Row]) -> list[str]:
 
     Such an episode is a result, but says nothing about how well its player plays.
     """
-    found: Counter[tuple[str, str, str]] = Counter()
+    counts: Counter[tuple[str, str, str]] = Counter()
     for row in rows:
         if is_unplayed(row):
-            found[row["player"], row["game"], _cause(row)] += 1
+            counts[row["player"], row["game"], _cause(row)] += 1
     return [
         f"{count} {'episode' if count == 1 else 'episodes'} of {player} at {game} ended without any action: {cause}."
-        for (player, game, cause), count in found.items()
+        for (player, game, cause), count in counts.items()
     ]
 
 
@@ -104,7 +110,7 @@ def is_unplayed(row: Row) -> bool:
 
 
 def _cause(row: Row) -> str:
-    if row["idle_replies"] == row["turns"]:
+    if row["turns"] and row["idle_replies"] == row["turns"]:
         return (
             "its replies contain no tool calls, so the server may pass them on as text (vLLM needs "
             "--enable-auto-tool-choice and --tool-call-parser), or the model has none (--protocol paper asks for text)"

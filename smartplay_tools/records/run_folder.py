@@ -14,29 +14,21 @@ Rows can always be computed again from the records. Reading works at any time, a
 
 from __future__ import annotations
 
-import json
 import os
-import re
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
-from smartplay_tools.episode.config import CellConfig
-from smartplay_tools.errors import InvalidArgumentError
+from pydantic import ValidationError
+
+from smartplay_tools.errors import InvalidArgumentError, in_one_line
+from smartplay_tools.records.manifest import FORMAT, Manifest
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, read_rows, row_fault
-from smartplay_tools.records.shards import shard_of
-
-FORMAT = 1
-"""The version of this layout; folders with another version are refused."""
-
+from smartplay_tools.transcript.lines import parse_json
 
 STATUS = "status.json"
 """The name of the status file."""
-
-KEY = re.compile(r"[0-9a-f]{16}")
-"""What the key of an episode looks like; it is part of the names of files."""
 
 
 class RunFolder:
@@ -45,39 +37,28 @@ class RunFolder:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
 
-    def manifest(self) -> dict[str, Any]:
+    def manifest(self) -> Manifest:
         """Return the manifest; raise `InvalidArgumentError` if the folder does not contain a run."""
+        path = self.path / "manifest.json"
         try:
-            manifest: dict[str, Any] = json.loads((self.path / "manifest.json").read_text(encoding="utf-8"))
+            value = parse_json(path.read_bytes())
         except (FileNotFoundError, NotADirectoryError):
-            raise InvalidArgumentError(f"{self.path} is not the folder of a run: it has no manifest.json.") from None
+            raise InvalidArgumentError(f"{self.path} is not the folder of a run: it has no {path.name}.") from None
         except (ValueError, RecursionError):
-            raise InvalidArgumentError(f"{self.path / 'manifest.json'} is not JSON.") from None
-        written = manifest.get("format") if isinstance(manifest, dict) else None
+            raise InvalidArgumentError(f"{path} is not JSON.") from None
+        written = value.get("format") if isinstance(value, dict) else None
         if written != FORMAT:
             raise InvalidArgumentError(
                 f"{self.path} was written in format {written}; this version reads format {FORMAT}."
             )
-        if fault := next(_faults(manifest), None):
-            raise InvalidArgumentError(f"{self.path / 'manifest.json'} is damaged: {fault}.")
-        return manifest
-
-    def planned(self) -> list[dict[str, Any]]:
-        """Return the episodes that belong in this folder (a shard's, if it is one), each as key, cell, trial and seed.
-
-        `cell` is the number of the cell in the manifest.
-        """
-        manifest = self.manifest()
-        episodes: list[dict[str, Any]] = manifest["episodes"]
-        if manifest["shard"] is None:
-            return episodes
-        number, count = manifest["shard"]
-        digests = [CellConfig(**cell).digest for cell in manifest["cells"]]
-        return [e for e in episodes if shard_of(digests[e["cell"]], e["trial"], count) == number]
+        try:
+            return Manifest.model_validate(value)
+        except ValidationError as error:
+            raise InvalidArgumentError(f"{path} is damaged: {in_one_line(error)}.") from None
 
     def rows(self) -> list[Row]:
         """Return the rows of the finished episodes, in the order of the plan."""
-        order = {episode["key"]: place for place, episode in enumerate(self.manifest()["episodes"])}
+        order = {episode.key: place for place, episode in enumerate(self.manifest().episodes)}
         rows = {row["key"]: row for row in self._rows() if row["key"] in order}
         return sorted(rows.values(), key=lambda row: order[row["key"]])
 
@@ -130,30 +111,6 @@ class RunFolder:
         yield from sorted((self.path / "episodes").glob("*.jsonl"))
         yield from self.attempts()
         yield from self.running()
-
-
-FIELDS = {"seed": int, "cells": list, "episodes": list, "prices": dict}
-"""What every manifest has, with its type in JSON."""
-
-EPISODE_FIELDS = {"key": str, "cell": int, "trial": int, "seed": int}
-
-
-def _faults(manifest: dict[str, Any]) -> Iterator[str]:
-    """Yield what keeps a manifest from being read."""
-    for name, kind in FIELDS.items():
-        if not isinstance(manifest.get(name), kind):
-            yield f"{name} is missing or no {kind.__name__}"
-    if "shard" not in manifest:
-        yield "shard is missing"
-    for cell in manifest["cells"]:
-        if not isinstance(cell, dict) or not isinstance(cell.get("game"), str):
-            yield "a cell has no game"
-    for episode in manifest["episodes"]:
-        fields = EPISODE_FIELDS.items()
-        if not isinstance(episode, dict) or not all(isinstance(episode.get(name), kind) for name, kind in fields):
-            yield "an episode lacks its key, cell, trial or seed"
-        elif not KEY.fullmatch(episode["key"]) or not 0 <= episode["cell"] < len(manifest["cells"]):
-            yield "an episode has a key or a cell that cannot be"
 
 
 def _place(record: Path) -> tuple[str, int]:

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
-
-from smartplay_tools.records.prices import Price
-from smartplay_tools.types import Usage
 
 DIGITS = 12
 """Decimals of a difference in US dollars; further ones are rounding errors."""
@@ -52,41 +48,6 @@ class Spent:
             self.unknown_tokens - other.unknown_tokens,
             round(self.unknown_cost - other.unknown_cost, DIGITS),
         )
-
-
-@dataclass
-class Sum:
-    """What the usages of a record add up to so far."""
-
-    replies: int = 0
-    prompt_tokens: int = 0
-    reply_tokens: int = 0
-    costs: list[float] = field(default_factory=list)
-    """The cost of each, if there is a price."""
-    is_unpriced: bool = False
-    """Whether a provider has counted tokens whose price is not known."""
-
-    def add(self, usage: Mapping[str, Any], price: Price | None) -> None:
-        """Add a `usage` event."""
-        self.replies += "reply" in usage
-        self.prompt_tokens += usage.get("prompt", 0)
-        self.reply_tokens += usage.get("reply", 0)
-        if price is not None:
-            self.costs.append(price.cost(usage_of(usage)))
-        elif usage["provider"] is not None:
-            self.is_unpriced = True
-
-    def spent(self) -> Spent:
-        """Return it as a `Spent`."""
-        cost = None if self.is_unpriced else float(sum(self.costs))
-        return Spent(self.replies, self.prompt_tokens, self.reply_tokens, cost)
-
-
-def usage_of(event: Mapping[str, Any]) -> Usage:
-    """Return the tokens of a `usage` event: the provider's count if there is one, else ours."""
-    if event["provider"] is not None:
-        return Usage(**event["provider"])
-    return Usage(prompt=event["prompt"], reply=event["reply"])
 
 
 def _sum(one: Any, other: Any) -> Any:

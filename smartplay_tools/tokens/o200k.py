@@ -76,8 +76,8 @@ def tokens() -> tuple[bytes, ...]:
     # One format such as "1s3s2s..." cuts all tokens at once.
     pieces = [f"{length}s" for length in range(256)]
     layout = struct.Struct("".join(map(pieces.__getitem__, unpacked[:TOKENS])))
-    found: tuple[bytes, ...] = layout.unpack_from(unpacked, TOKENS)
-    return found
+    by_rank: tuple[bytes, ...] = layout.unpack_from(unpacked, TOKENS)
+    return by_rank
 
 
 def vocabulary() -> bytes:

@@ -98,8 +98,8 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
         import tiktoken
 
         if tokenizer not in tiktoken.list_encoding_names():
-            known = [*tiktoken.list_encoding_names(), ApproximateTokenizer.name, f"{HUGGING_FACE}PATH_OR_NAME"]
-            raise UnknownNameError("tokenizer", tokenizer, known)
+            names = [*tiktoken.list_encoding_names(), ApproximateTokenizer.name, f"{HUGGING_FACE}PATH_OR_NAME"]
+            raise UnknownNameError("tokenizer", tokenizer, names)
     return TiktokenTokenizer(tokenizer)
 
 

@@ -1,6 +1,6 @@
 """The transcript of an episode: its events, the file that contains them, and the hashes that verify them."""
 
-from smartplay_tools.transcript.events import EVENTS, FORMAT, Event
+from smartplay_tools.transcript.events import EVENTS, FORMAT, Event, concerns_summary
 from smartplay_tools.transcript.file import TranscriptWriter, comparable, read_transcript, write_records
 from smartplay_tools.transcript.times import keep_times, read_times
 
@@ -10,6 +10,7 @@ __all__ = [
     "Event",
     "TranscriptWriter",
     "comparable",
+    "concerns_summary",
     "keep_times",
     "read_times",
     "read_transcript",

@@ -7,6 +7,7 @@ allow every prompt to be rebuilt exactly. A test compares the table in `docs/arc
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal, NotRequired, TypedDict
 
 from smartplay_tools.messages import Message
@@ -205,3 +206,8 @@ EVENTS: tuple[type, ...] = (
     ExceptionEvent,
 )
 """Every kind of event."""
+
+
+def concerns_summary(event: Mapping[str, object]) -> bool:
+    """Whether a `view` event is of a prompt that asks for a summary, or a `usage` event of the reply to one."""
+    return event.get("purpose") == "summary"

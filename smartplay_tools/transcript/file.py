@@ -18,7 +18,7 @@ from smartplay_tools.errors import TranscriptError
 from smartplay_tools.transcript.appended import AppendedFile
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.hashing import chain_after, event_line, with_chain
-from smartplay_tools.transcript.lines import parse_json
+from smartplay_tools.transcript.lines import complete_lines, parse_json
 from smartplay_tools.transcript.times import TimesWriter
 
 
@@ -83,15 +83,15 @@ class TranscriptWriter:
         writer.path = _usable(path)
         events = list(events)
         writer._chain = events[-1].get("chain", "") if events else ""
-        known = b"".join(event_line(event) + b"\n" for event in events)
+        expected = b"".join(event_line(event) + b"\n" for event in events)
         try:
             file = writer.path.open("r+b", buffering=0)
             written = file.read()
-            if written == known[:-1]:
+            if written == expected[:-1]:
                 file.write(b"\n")
-            elif written.startswith(known):
-                file.truncate(len(known))
-                file.seek(len(known))
+            elif written.startswith(expected):
+                file.truncate(len(expected))
+                file.seek(len(expected))
             else:
                 file.close()
                 raise TranscriptError(f"{path} is not as it was written, so it cannot be continued.")
@@ -147,17 +147,22 @@ def read_transcript(path: str | Path) -> list[Event]:
 
 def read_written(path: str | Path) -> tuple[list[Event], bytes]:
     """Return the events of a transcript, and the bytes from which they were read, as `read_transcript` does."""
+    events, written = _read(path)
+    if not events or events[0]["event"] != "start":
+        raise TranscriptError(f"{path} is not a transcript: it does not begin with a start event.")
+    check_format(events[0], path)
+    return events, written
+
+
+def _read(path: str | Path) -> tuple[list[Event], bytes]:
     try:
         written = Path(path).read_bytes()
     except FileNotFoundError:
         raise TranscriptError(f"There is no file {path}.") from None
     except OSError as error:
         raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
-    events = list(_parsed(path, io.BytesIO(written)))
-    if not events or events[0]["event"] != "start":
-        raise TranscriptError(f"{path} is not a transcript: it does not begin with a start event.")
-    check_format(events[0], path)
-    return events, written
+    lines = complete_lines(io.BytesIO(written)) or written.splitlines(keepends=True)  # one line alone is damaged
+    return [read_line(line, path, number) for number, line in enumerate(lines, start=1)], written
 
 
 def check_format(start: Event, path: object = "The record") -> None:
@@ -166,6 +171,11 @@ def check_format(start: Event, path: object = "The record") -> None:
         raise TranscriptError(
             f"{path} has format {start.get('format')!r}; this version of smartplay-tools reads format {FORMAT} only."
         )
+
+
+def is_event(value: object) -> bool:
+    """Whether a value is an event of some kind, with whatever fields."""
+    return isinstance(value, dict) and isinstance(value.get("event"), str)
 
 
 def kind_of(line: bytes) -> str:
@@ -183,44 +193,25 @@ KIND = b'{"event": "'
 """How a line begins: an event is written with its kind first."""
 
 
-def read_line(line: bytes, path: object = None) -> Event:
+def read_line(line: bytes, path: object = None, number: int | None = None) -> Event:
     """Return the event on a line; `TranscriptError` if there is none."""
+    where = "one of its lines" if number is None else f"line {number}"
     try:
         event: Event = parse_json(line)
+    except UnicodeDecodeError:
+        fault = f"{where} is not text"
     except (ValueError, RecursionError):
-        raise TranscriptError(f"{path or 'The record'} is damaged: one of its lines is not JSON.") from None
-    return event
-
-
-def _lines(path: str | Path) -> Iterator[bytes]:
-    try:
-        with Path(path).open("rb") as file:
-            yield from file
-    except FileNotFoundError:
-        raise TranscriptError(f"There is no file {path}.") from None
-    except OSError as error:
-        raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
-
-
-def _parsed(path: str | Path, lines: Iterable[bytes]) -> Iterator[Event]:
-    for number, line in enumerate(lines, start=1):
-        try:
-            event = parse_json(line)
-        except (ValueError, RecursionError) as error:
-            if number > 1 and not line.endswith(b"\n"):
-                return  # the process ended while it wrote this line
-            what = "not text" if isinstance(error, UnicodeDecodeError) else f"line {number} is not JSON"
-            raise TranscriptError(f"{path} is not a transcript: {what}.") from None
-        if not isinstance(event, dict) or not isinstance(event.get("event"), str):
-            raise TranscriptError(f"{path} is not a transcript: line {number} is not an event.")
-        yield event
+        fault = f"{where} is not JSON"
+    else:
+        if is_event(event):
+            return event
+        fault = f"{where} is not an event"
+    raise TranscriptError(f"{path or 'The record'} is not a transcript: {fault}.")
 
 
 def append_exception(path: str | Path, error: str, traceback: str | None = None) -> None:
     """Append an `exception` event to a record, which may be empty: an error outside of the episode."""
-    writer = (
-        TranscriptWriter.resume(path, _parsed(path, _lines(path))) if Path(path).exists() else TranscriptWriter(path)
-    )
+    writer = TranscriptWriter.resume(path, _read(path)[0]) if Path(path).exists() else TranscriptWriter(path)
     writer.append({"event": "exception", "error": error, "traceback": traceback})
     writer.close()
 

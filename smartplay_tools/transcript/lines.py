@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from pydantic_core import from_json
 
@@ -24,6 +24,12 @@ def parse_json(text: str | bytes) -> Any:
     except (TypeError, ValueError):
         # It is not JSON, or it is what only `json` reads: half of a surrogate pair, or more than 200 levels.
         return json.loads(text)
+
+
+def complete_lines(file: BinaryIO) -> list[bytes]:
+    """Return the lines from where the file is, each with its line break, without an incomplete last one."""
+    lines = file.readlines()
+    return lines if not lines or _is_complete(lines[-1]) else lines[:-1]
 
 
 class GrowingLines:
@@ -48,11 +54,9 @@ class GrowingLines:
                     self._position = 0
                 self._file, self.changed_at = now.st_ino, now.st_mtime
                 file.seek(self._position)
-                lines = file.readlines()
+                lines = complete_lines(file)
         except FileNotFoundError:
             return [], False
-        if lines and not _is_complete(lines[-1]):
-            del lines[-1]
         self._position += sum(map(len, lines))
         return lines, replaced
 
@@ -77,7 +81,7 @@ def ends_of(path: str | Path) -> tuple[bytes, bytes]:
 def _is_complete(line: bytes) -> bool:
     if line.endswith(b"\n"):
         return True
-    if not line.endswith(b"}"):
+    if not line.rstrip().endswith(b"}"):
         return False
     try:
         parse_json(line)

@@ -82,9 +82,9 @@ class TimesWriter:
         """`events` is how many events the record has; what an older file of times holds of later ones is dropped."""
         self._events = events
         path = times_file(record)
-        known = path.read_bytes().splitlines(keepends=True) if events and path.exists() else []
+        lines = path.read_bytes().splitlines(keepends=True) if events and path.exists() else []
         self._file: AppendedFile | None = AppendedFile(path, path.open("wb", buffering=0))
-        self._file.write(b"".join(line for line in known if _is_within(line, events)))
+        self._file.write(b"".join(line for line in lines if _is_within(line, events)))
 
     @classmethod
     def if_kept(cls, record: Path, events: int = 0) -> TimesWriter | None:

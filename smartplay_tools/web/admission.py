@@ -38,7 +38,8 @@ class Names:
 
 def is_bearer(authorization: str | None, token: str) -> bool:
     """Return whether an Authorization header carries the token, in the same time for every wrong one."""
-    return hmac.compare_digest((authorization or "").encode(), f"Bearer {token}".encode())
+    sent = (authorization or "").encode("latin-1")  # as which a server decodes the bytes of a header
+    return hmac.compare_digest(sent, f"Bearer {token}".encode())
 
 
 def is_loopback(host: str) -> bool:

@@ -1,42 +1,84 @@
-"""Common functions of the HTTP server: reading bodies of limited size, refusals, and finding an episode."""
+"""What a server takes in: requests that come whole, in time and in limited size; and what servers refuse with."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TypeVar
 
-from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.web.store import FullError
 
 T = TypeVar("T")
 
-LARGEST_BODY = 64 * 1024
-"""Bytes; a call's arguments are malformed beyond 10,000 characters."""
+LARGEST_CALL = 64 * 1024
+"""The most bytes of a body; a call's arguments are malformed beyond 10,000 characters."""
 
-TOO_LARGE = PlainTextResponse("Request body too large", 413)
+LARGEST_REQUEST = 4 * 1024 * 1024
+"""The most bytes of a request to a model, which holds a whole conversation."""
+
+PATIENCE = 30.0
+"""Seconds in which the head of a request has to come, and after it the body."""
+
 UNAUTHORIZED = PlainTextResponse("Unauthorized", 401, headers={"WWW-Authenticate": "Bearer"})
 
 
-async def read_body(request: Request) -> bytes | None:
-    """The body of a request; None if it is too large."""
-    body = b""
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > LARGEST_BODY:
-            return None
-    return body
+class Bounded:
+    """An application whose requests arrive whole; a body that is too large or does not come in time is refused.
+
+    What is too large is read to its end and thrown away: a client listens for an answer when it has sent everything.
+
+    Arguments:
+        app: the application.
+        largest: the most bytes of a body.
+    """
+
+    def __init__(self, app: ASGIApp, largest: int = LARGEST_CALL) -> None:
+        self._app, self._largest = app, largest
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        parts, size, is_whole = [], 0, False
+        with suppress(TimeoutError):
+            async with asyncio.timeout(PATIENCE):
+                while not is_whole:
+                    message = await receive()
+                    if message["type"] == "http.disconnect":
+                        return
+                    size += len(message.get("body", b""))
+                    if size <= self._largest:
+                        parts.append(message.get("body", b""))
+                    is_whole = not message.get("more_body", False)
+        if size > self._largest:
+            await _refusal(413, f"The body of a request has at most {self._largest:,} bytes.")(scope, receive, send)
+        elif not is_whole:
+            await _refusal(408, f"The body of a request comes within {PATIENCE:g} seconds.")(scope, receive, send)
+        else:
+            whole: list[Message] = [{"type": "http.request", "body": b"".join(parts), "more_body": False}]
+
+            async def receive_whole() -> Message:
+                return whole.pop() if whole else await receive()
+
+            await self._app(scope, receive_whole, send)
 
 
-async def asked(ask: Callable[[str], T | None], handle: str) -> T | Response:
+def _refusal(status: int, text: str) -> Response:
+    return PlainTextResponse(text, status, headers={"Connection": "close"})
+
+
+async def hosted_or_refusal(find: Callable[[str], T | None], handle: str) -> T | Response:
     """Find an episode, in a thread because it may have to be replayed first; return a refusal if there is none."""
     try:
-        found = await asyncio.to_thread(ask, handle)
+        hosted = await asyncio.to_thread(find, handle)
     except FullError as error:
         return PlainTextResponse(str(error), 503)
     except SmartPlayError:
         return PlainTextResponse("The record of this episode cannot be continued", 500)
-    return PlainTextResponse("No such episode", 404) if found is None else found
+    return PlainTextResponse("No such episode", 404) if hosted is None else hosted

@@ -1,12 +1,13 @@
 """What every request must have before a server that plays for money or score looks at it.
 
 A Host and, from a browser, an Origin that were allowed by name, against pages of other sites that reach servers on this
-machine; and the token, if there is one. The MCP server and the window endpoint have the same guard.
+machine; and the token, if there is one. Then the body is read, if it is not too large.
 """
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from types import MappingProxyType
 
 from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import Request
@@ -14,7 +15,8 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.web import Names, is_bearer, is_loopback
+from smartplay_tools.web.admission import Names, is_bearer, is_loopback
+from smartplay_tools.web.bodies import LARGEST_CALL, Bounded
 
 BROWSER_HEADERS = (
     "authorization",
@@ -32,8 +34,15 @@ Admit = Callable[[Request], Awaitable[Response | None]]
 """Says what else speaks against a request: a response that refuses it, or None. It may change the request's scope."""
 
 
-def guarded(app: ASGIApp, admit: Admit, *, hosts: Sequence[str] = (), origins: Sequence[str] = ()) -> ASGIApp:
-    """Return an application behind the guard.
+def guarded(
+    app: ASGIApp,
+    admit: Admit,
+    *,
+    hosts: Sequence[str] = (),
+    origins: Sequence[str] = (),
+    largest: int = LARGEST_CALL,
+) -> ASGIApp:
+    """Return an application for programs, behind the guard.
 
     Arguments:
         app: the application.
@@ -41,10 +50,11 @@ def guarded(app: ASGIApp, admit: Admit, *, hosts: Sequence[str] = (), origins: S
         hosts: the names under which the server is reached, beside this machine's own; with or without a port.
         origins: the web pages that may use it from a browser, such as `https://inspector.example.org`, beside those
             of the hosts themselves.
+        largest: the most bytes of a body.
     """
     names = Names(hosts, origins)
     return CORSMiddleware(
-        _Guard(app, admit, names),
+        Guard(app, admit, names, largest),
         allow_origin_regex=names.origin_pattern,
         allow_methods=["GET", "POST", "DELETE"],
         allow_headers=BROWSER_HEADERS,
@@ -65,11 +75,29 @@ def check_address(host: str, token: str | None, hosts: Sequence[str]) -> None:
         )
 
 
-class _Guard:
-    def __init__(self, app: ASGIApp, admit: Admit, names: Names) -> None:
-        self._app, self._admit, self._names = app, admit, names
+class Guard:
+    """An application behind the guard.
+
+    Arguments:
+        app: the application.
+        admit: the application's own conditions, asked when Host and Origin are right.
+        names: the expected hosts and origins.
+        largest: the most bytes of a body.
+        headers: those of a refusal.
+    """
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        admit: Admit,
+        names: Names,
+        largest: int = LARGEST_CALL,
+        headers: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        self._app, self._admit, self._names, self._headers = Bounded(app, largest), admit, names, headers
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
         if scope["type"] == "http":
             scope["path"] = scope["path"].rstrip("/") or "/"
             refusal = await self._refusal(Request(scope))
@@ -80,7 +108,7 @@ class _Guard:
 
     async def _refusal(self, request: Request) -> Response | None:
         if not self._names.knows_host(request.headers.get("host")):
-            return PlainTextResponse("Invalid Host header", 421)
+            return PlainTextResponse("Invalid Host header", 421, self._headers)
         if not self._names.knows_origin(request.headers.get("origin")):
-            return PlainTextResponse("Invalid Origin header", 403)
+            return PlainTextResponse("Invalid Origin header", 403, self._headers)
         return await self._admit(request)

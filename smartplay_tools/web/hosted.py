@@ -76,8 +76,8 @@ def checked(episode: Episode) -> Episode:
 
 def check_budget(budget: Budget) -> None:
     """Raise an error for a budget that only a `Conversation` can enforce."""
-    if asked := [name for name in NOT_ENFORCEABLE if getattr(budget, name)]:
+    if unenforceable := [name for name in NOT_ENFORCEABLE if getattr(budget, name)]:
         raise InvalidArgumentError(
-            f"An MCP host manages the context, so the budget cannot have {', '.join(asked)}; "
+            f"An MCP host manages the context, so the budget cannot have {', '.join(unenforceable)}; "
             "history, result_tokens and tool_calls are enforced."
         )

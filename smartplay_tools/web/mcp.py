@@ -131,20 +131,20 @@ def stateless_result(method: str, result: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _initialized(params: Mapping[str, Any]) -> dict[str, Any]:
-    asked = params.get("protocolVersion")
-    if not isinstance(asked, str):
+    requested = params.get("protocolVersion")
+    if not isinstance(requested, str):
         raise ProtocolError(INVALID_PARAMS, "initialize names a protocolVersion.")
-    agreed = asked if asked in HANDSHAKE_VERSIONS else HANDSHAKE_VERSIONS[-1]
+    agreed = requested if requested in HANDSHAKE_VERSIONS else HANDSHAKE_VERSIONS[-1]
     about = {"capabilities": CAPABILITIES, "serverInfo": SERVER_INFO, "instructions": INSTRUCTIONS}
     return {"protocolVersion": agreed, **about}
 
 
 def _check_version(meta: Mapping[str, Any]) -> None:
-    asked = meta[VERSION_KEY]
-    if CAPABILITIES_KEY not in meta or not isinstance(asked, str):
+    requested = meta[VERSION_KEY]
+    if CAPABILITIES_KEY not in meta or not isinstance(requested, str):
         raise ProtocolError(INVALID_PARAMS, f"_meta has the texts {VERSION_KEY} and the object {CAPABILITIES_KEY}.")
-    if asked not in STATELESS_VERSIONS:
-        supported = {"supported": [*STATELESS_VERSIONS], "requested": asked}
+    if requested not in STATELESS_VERSIONS:
+        supported = {"supported": [*STATELESS_VERSIONS], "requested": requested}
         raise ProtocolError(UNSUPPORTED_VERSION, "Unsupported protocol version", supported)
 
 

@@ -11,12 +11,13 @@ import json
 import re
 from typing import Any
 
+from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from smartplay_tools.web import mcp
-from smartplay_tools.web.bodies import TOO_LARGE, asked, read_body
+from smartplay_tools.web.bodies import Bounded, hosted_or_refusal
 from smartplay_tools.web.mcp import ProtocolError, respond
 from smartplay_tools.web.store import Hosted, Store
 
@@ -33,30 +34,27 @@ async def bind_episode(request: Request, store: Store[Any]) -> Response | None:
     """Bind a request to the episode that it names, for the route; return a refusal if there is none."""
     handle = request.url.path.lstrip("/").partition("/")[2]
     handle = handle or request.query_params.get("episode") or request.headers.get("x-episode") or ""
-    found = store.opened(handle) or await asked(store.find, handle)
-    if isinstance(found, Response):
-        return found
-    request.scope[HOSTED] = found
+    hosted = store.opened(handle) or await hosted_or_refusal(store.find, handle)
+    if isinstance(hosted, Response):
+        return hosted
+    request.scope[HOSTED] = hosted
     request.scope["path"] = "/mcp"
     return None
 
 
 def mcp_route() -> Route:
     """Return the route of messages to episodes, for an application whose guard calls `bind_episode`."""
-    return Route("/mcp", _answer, methods=["POST"])
+    return Route("/mcp", _answer, methods=["POST"], middleware=[Middleware(Bounded)])
 
 
 async def _answer(request: Request) -> Response:
     """Answer a message to the episode in the request's scope."""
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
         return PlainTextResponse("Send application/json", 415)
-    body = await read_body(request)
-    if body is None:
-        return TOO_LARGE
     hosted: Hosted = request.scope[HOSTED]
     stateless = request.headers.get("mcp-protocol-version") in mcp.STATELESS_VERSIONS
     try:
-        message = json.loads(body)
+        message = json.loads(await request.body())
         _check_headers(request, message)
     except ProtocolError as error:
         request_id = message.get("id") if isinstance(message, dict) else None
@@ -73,11 +71,11 @@ async def _answer(request: Request) -> Response:
 
 def _check_headers(request: Request, message: Any) -> None:
     """Check that the headers, which proxies use for routing, agree with the body."""
-    said = request.headers.get("mcp-protocol-version")
-    if said is not None and said not in (*mcp.HANDSHAKE_VERSIONS, *mcp.STATELESS_VERSIONS):
-        supported = {"supported": [*mcp.STATELESS_VERSIONS], "requested": said}
+    version = request.headers.get("mcp-protocol-version")
+    if version is not None and version not in (*mcp.HANDSHAKE_VERSIONS, *mcp.STATELESS_VERSIONS):
+        supported = {"supported": [*mcp.STATELESS_VERSIONS], "requested": version}
         raise ProtocolError(mcp.UNSUPPORTED_VERSION, "Unsupported protocol version", supported)
-    if said not in mcp.STATELESS_VERSIONS or not isinstance(message, dict) or "id" not in message:
+    if version not in mcp.STATELESS_VERSIONS or not isinstance(message, dict) or "id" not in message:
         return
     params = message.get("params")
     meta = params.get("_meta") if isinstance(params, dict) else None

@@ -1,15 +1,21 @@
-"""A server for an ASGI application: in the foreground for a command, or in a thread beside a script or a test."""
+"""A server for an ASGI application: in the foreground for a command, or in a thread beside a script or a test.
+
+Every server of the package is one of these.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import uvicorn
 from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from smartplay_tools.web import bodies
 from smartplay_tools.web.sockets import listening
 
 BACKLOG = 2048
@@ -26,15 +32,18 @@ class Server:
         app: the application.
         host, port: where to listen; port 0 is a free one.
         lifespan: whether the application wants to be told of its start and its end.
+        websockets: whether it serves web sockets.
     """
 
-    def __init__(self, app: ASGIApp, host: str, port: int, *, lifespan: bool = False) -> None:
+    def __init__(self, app: ASGIApp, host: str, port: int, *, lifespan: bool = False, websockets: bool = False) -> None:
         self._socket = listening(host, port, BACKLOG)
         config = uvicorn.Config(
             app,
             log_level="warning",
             lifespan="on" if lifespan else "off",
-            ws="none",
+            http=_Connection,
+            ws="auto" if websockets else "none",
+            ws_max_size=bodies.LARGEST_CALL,
             backlog=BACKLOG,
             timeout_graceful_shutdown=GRACE,
         )
@@ -70,3 +79,34 @@ class Server:
         if self._thread is not None:
             self._thread.join()
         self._socket.close()
+
+
+class _Connection(H11Protocol):
+    """A connection that is closed if the head of a request does not come in time."""
+
+    _is_late: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._stop()
+
+    def _watch(self) -> None:
+        """Wait for the rest of a head, from its first byte on; an idle connection is closed by the base class."""
+        is_answering = self.cycle is not None and not self.cycle.response_complete
+        if is_answering or self.transport.get_protocol() is not self:  # which is then a web socket's
+            self._stop()
+        elif self._is_late is None:
+            self._is_late = self.loop.call_later(bodies.PATIENCE, self.transport.close)
+
+    def _stop(self) -> None:
+        if self._is_late is not None:
+            self._is_late.cancel()
+            self._is_late = None

@@ -92,9 +92,9 @@ class Store(ABC, Generic[H]):
         with self._lock:
             return [hosted for hosted, _ in self._hosted.values()]
 
-    def add(self, make: Callable[[str], H]) -> str:
-        """Give a handle to what a function makes, which is given the handle; raise `FullError` if too many are open."""
-        handle = secrets.token_urlsafe(24)
+    def add(self, make: Callable[[str], H], handle: str | None = None) -> str:
+        """Give a handle, a new one by default, to what a function makes of it; `FullError` if too many are open."""
+        handle = handle or secrets.token_urlsafe(24)
         self._close_idle()
         with self._lock:
             self._make_way(handle)

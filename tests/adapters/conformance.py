@@ -189,7 +189,7 @@ def judge_summaries(row: Window) -> None:
 
     Every reply has words and a call: a summary is made of the words, and its call is refused.
     """
-    budget = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=25)
+    budget = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=25, stalled_turns=None)
     script = [calling(("observe", {}), say="I have looked.")] * 60
     episode, events = fresh(budget)
     with episode:

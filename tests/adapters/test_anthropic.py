@@ -10,7 +10,7 @@ import pytest
 from smartplay_anthropic import AnthropicPlayer, async_tools, reply, request, tools
 
 import smartplay_tools as sp
-from tests.adapters.anthropic_stub import AnthropicStub
+from tests.adapters.anthropic_stub import USAGE, AnthropicStub
 from tests.adapters.conformance import act, calling, fresh
 
 
@@ -27,7 +27,13 @@ def play(stub: AnthropicStub, budget: sp.Budget, **options: object) -> sp.Episod
 
 def test_the_usage_adds_up_what_the_interface_counts_apart():
     result = play(AnthropicStub([calling(act("A->C"))]), sp.Budget(tool_calls=1))
-    assert result.tokens.provider == sp.Usage(prompt=10, reply=4, cached=3)
+    assert result.tokens.provider == sp.Usage(prompt=10, reply=4, cached=3, written=2)
+
+
+def test_writes_that_are_kept_for_an_hour_are_told_apart():
+    usage = {**USAGE, "cache_creation": {"ephemeral_5m_input_tokens": 0, "ephemeral_1h_input_tokens": 2}}
+    kept = reply({"content": [], "usage": usage}).usage
+    assert kept == sp.Usage(prompt=10, reply=4, cached=3, written=2, written_1h=2)
 
 
 def test_a_busy_server_is_asked_again_and_each_attempt_counts():
@@ -60,7 +66,7 @@ def test_the_cap_on_a_reply_is_the_budgets():
 def test_words_that_are_none_and_names_that_cannot_be_do_no_harm():
     odd = calling(("go north!", "{"))
     result = {"role": "tool", "tool_call_id": "c0", "content": "Error"}
-    sent = request(sp.Prompt([{"role": "user", "content": ""}, odd, result, calling()], ()))["messages"]
+    sent = request(sp.Prompt([{"role": "user", "content": ""}, odd, result, calling()], ()), cache=False)["messages"]
     assert sent[0]["content"] == [{"type": "text", "text": "..."}]
     assert sent[1]["content"] == [{"type": "tool_use", "id": "c0", "name": "go_north_", "input": {"arguments": "{"}}]
     assert sent[3]["content"] == [{"type": "text", "text": "..."}]
@@ -166,14 +172,24 @@ def marked(body):
     return (places[0] + 1, len(blocks)) if places else None
 
 
+def test_the_ends_of_a_prompt_and_of_what_stood_before_are_marked_for_the_cache():
+    stub = AnthropicStub([calling(act("A->C")), calling(act("A->B")), calling(act("C->B"))])
+    play(stub, sp.Budget(tool_calls=3))
+    blocks = [[block for message in body["messages"] for block in message["content"]] for body in stub.bodies]
+    places = [[at + 1 for at, block in enumerate(each) if "cache_control" in block] for each in blocks]
+    assert places == [[1], [1, 3], [3, 5]]
+    with pytest.raises(sp.InvalidArgumentError, match='cache is True, "stable" or False, not 5'):
+        AnthropicPlayer("m", api_key="k", cache=5)
+
+
 def test_what_stood_in_the_prompt_before_is_marked_for_the_cache():
     script = [calling(act("A->C")), calling(act("A->B")), calling(act("C->B"))]
     stub = AnthropicStub(script)
-    play(stub, sp.Budget(tool_calls=3), cache=True)
+    play(stub, sp.Budget(tool_calls=3), cache="stable")
     # The task; then each prompt adds a call and its result to what the one before held.
     assert [marked(body) for body in stub.bodies] == [None, (1, 3), (3, 5)]
     without = AnthropicStub(script)
-    play(without, sp.Budget(tool_calls=3))
+    play(without, sp.Budget(tool_calls=3), cache=False)
     assert [marked(body) for body in without.bodies] == [None] * 3
     unmarked = [
         json.loads(json.dumps(body).replace(', "cache_control": {"type": "ephemeral"}', "")) for body in stub.bodies
@@ -183,5 +199,5 @@ def test_what_stood_in_the_prompt_before_is_marked_for_the_cache():
 
 def test_a_window_that_slides_keeps_its_head_marked():
     stub = AnthropicStub([calling(act(move)) for move in ("A->C", "A->B", "C->B", "A->C")])
-    play(stub, sp.Budget(tool_calls=4, history=0, prompt_tokens=700), cache=True)
+    play(stub, sp.Budget(tool_calls=4, history=0, prompt_tokens=700), cache="stable")
     assert {marked(body)[0] for body in stub.bodies[2:]} == {1}

@@ -43,7 +43,7 @@ from tests.adapters.openai_stub import OpenAIStub
 ChatOpenAI = pytest.importorskip("langchain_openai").ChatOpenAI
 
 TURNS = 14
-BUDGET = sp.Budget(prompt_tokens=850, summary_tokens=60, slack=0.5, tool_calls=TURNS)
+BUDGET = sp.Budget(prompt_tokens=850, summary_tokens=60, slack=0.5, tool_calls=TURNS, stalled_turns=None)
 THREAD = {"configurable": {"thread_id": "1"}, "recursion_limit": 1000}
 WORDS = "All disks are still on A."
 

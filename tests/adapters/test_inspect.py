@@ -263,7 +263,7 @@ def test_usage_is_the_providers_with_its_cache():
         input_tokens=5, output_tokens=7, input_tokens_cache_read=100, input_tokens_cache_write=20, reasoning_tokens=3
     )
     reply = ModelOutput(model="m", choices=output(SAY_ROCK).choices, usage=usage)
-    assert from_output(reply).usage == sp.Usage(prompt=125, reply=7, cached=100, reasoning=3)
+    assert from_output(reply).usage == sp.Usage(prompt=125, reply=7, cached=100, written=20, reasoning=3)
 
 
 def test_the_counts_where_the_model_receives_its_prompt_are_ours_and_the_record_replays(tmp_path):

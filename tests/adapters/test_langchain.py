@@ -252,6 +252,9 @@ def test_usage_is_taken_over():
         "output_token_details": {"reasoning": 2},
     }
     assert usage_of(AIMessage("", usage_metadata=usage)) == sp.Usage(prompt=9, reply=4, cached=5, reasoning=2)
+    split = {"cache_creation": 0, "ephemeral_5m_input_tokens": 2, "ephemeral_1h_input_tokens": 1}
+    kept = usage_of(AIMessage("", usage_metadata={**usage, "input_token_details": split}))
+    assert kept == sp.Usage(prompt=9, reply=4, written=3, written_1h=1, reasoning=2)
     assert usage_of(AIMessage("")) is None
 
 
@@ -289,7 +292,7 @@ def test_the_state_is_read_from_its_end():
         def __reversed__(self) -> Any:
             return (self[at] for at in range(len(self) - 1, -1, -1))
 
-    episode, _ = fresh()
+    episode, _ = fresh(sp.Budget(stalled_turns=None))
     model = ScriptedModel([calling(("observe", {}))] * 60)
     with episode:
         session, state = GraphSession(episode), []

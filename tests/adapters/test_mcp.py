@@ -93,7 +93,7 @@ class TestServer:
         assert episode.stats.steps == 1
 
     async def test_calls_at_once_are_played_one_at_a_time(self, mode):
-        episode, events = fresh(context="host")
+        episode, events = fresh(sp.Budget(stalled_turns=None), context="host")
         async with Client(in_memory(episode), mode=mode) as client:
             await asyncio.gather(*(client.call_tool("observe") for _ in range(20)))
         assert [event["turn"] for event in events if event["event"] == "call"] == list(range(20))

@@ -253,7 +253,7 @@ class TestHttp:
 
     async def test_many_calls_at_once_are_played_one_at_a_time(self):
         store = EpisodeStore()
-        handle = store.open(GAME, seed=1)
+        handle = store.open(GAME, seed=1, budget=sp.Budget(stalled_turns=None))
         with HttpServer(store, port=0) as server:
             async with httpx2.AsyncClient(trust_env=False) as client:
                 url = f"{server.url}/mcp/{handle}"

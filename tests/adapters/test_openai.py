@@ -138,14 +138,16 @@ def test_the_providers_usage_stands_beside_our_count(endpoint):
 @pytest.mark.parametrize(("name", "stream"), WAYS)
 def test_cached_and_reasoning_tokens_are_recorded(name, stream):
     says = {"role": "assistant", "content": "I wait."}
-    usage = sp.Usage(prompt=1000, reply=90, cached=640, reasoning=64)
+    usage = sp.Usage(prompt=1000, reply=90, cached=640, written=128, reasoning=64)
     with (
         so.LocalEndpoint(sp.ScriptedPlayer([says] * 3, usage)) as endpoint,
         sp.get_player(f"{name}:scripted", base_url=endpoint.base_url, stream=stream) as player,
     ):
         result, _ = record("Hanoi3Disk-v0", player)
     assert result.end_reason == "no_tool_call"
-    assert result.tokens.provider == sp.Usage(prompt=3000, reply=270, cached=1920, reasoning=192, requests=3)
+    assert result.tokens.provider == sp.Usage(
+        prompt=3000, reply=270, cached=1920, written=384, reasoning=192, requests=3
+    )
 
 
 @pytest.mark.parametrize(("name", "field"), [("openai", "max_tokens"), ("openai-responses", "max_output_tokens")])
@@ -351,3 +353,45 @@ def test_an_agent_of_ones_own_can_use_the_endpoint(endpoint):
                 reply = so.chat_reply(completion)
                 conversation.receive(reply.message, reply.usage)
     assert conversation.result.completed
+
+
+# What OpenAI is told for its cache.
+
+
+def third_prompt() -> sp.Prompt:
+    """A prompt of which all but the newest turn was in the one before."""
+    conversation = sp.Conversation(sp.Episode("Hanoi3Disk-v0", seed=7))
+    for _ in range(2):
+        conversation.prompt()
+        function = {"name": "act", "arguments": '{"action": "A->C"}'}
+        conversation.receive({"role": "assistant", "content": None, "tool_calls": [{"id": "c", "function": function}]})
+    prompt = conversation.prompt()
+    assert prompt is not None
+    assert (len(prompt.messages), prompt.prefix_messages) == (6, 4)
+    return prompt
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "part"), [("openai", "messages", "text"), ("openai-responses", "input", "input_text")]
+)
+def test_openai_is_told_which_prompts_belong_together_and_what_is_stable(name, field, part):
+    prompt = third_prompt()
+    plain = sp.get_player(f"{name}:gpt-5.6", api_key="k", cache=False).request(prompt)
+    older = sp.get_player(f"{name}:gpt-5.5", api_key="k").request(prompt)
+    newer = sp.get_player(f"{name}:gpt-5.6", api_key="k").request(prompt)
+    key = sp.Episode("Hanoi3Disk-v0", seed=7).config.key
+    assert (older["prompt_cache_key"], newer["prompt_cache_key"]) == (key, key)
+    assert "prompt_cache_key" not in plain
+    assert older[field] == plain[field]
+    changed = [at for at, (mine, theirs) in enumerate(zip(newer[field], plain[field], strict=True)) if mine != theirs]
+    text = "content" if name == "openai" else "output"
+    assert changed == [3]  # the newest result that was in the prompt before
+    mark = {"prompt_cache_breakpoint": {"mode": "explicit"}}
+    assert newer[field][3][text] == [{"type": part, "text": plain[field][3][text], **mark}]
+
+
+def test_other_servers_are_told_nothing_of_caches(endpoint):
+    with sp.get_player("openai:gpt-5.6", base_url=endpoint.base_url) as player:
+        assert "prompt_cache_key" not in player.request(third_prompt())
+    with sp.get_player("openai:gpt-5.6", api_key="k", parameters={"prompt_cache_key": "mine"}) as player:
+        assert player.request(third_prompt())["prompt_cache_key"] == "mine"

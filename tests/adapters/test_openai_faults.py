@@ -394,7 +394,8 @@ def test_a_proxy_in_the_environment_is_asked_for_any_other(monkeypatch):
     class Proxy(Faulty):
         async def __call__(self, scope, receive, send):
             hosts.append(dict(scope["headers"])[b"host"])
-            await super().__call__({**scope, "path": "/v1/chat/completions"}, receive, send)
+            here = {"path": "/v1/chat/completions", "headers": [(b"host", b"localhost")]}
+            await super().__call__({**scope, **here}, receive, send)
 
     hosts = []
     with so.LocalEndpoint(app=Proxy()) as proxy:

@@ -15,6 +15,8 @@ from starlette.testclient import TestClient
 
 import smartplay_tools as sp
 
+LOCAL = "http://localhost"
+
 GAMES = {
     "Hanoi3Disk-v0": 3,
     "BanditTwoArmedHighLowFixed-v0": None,
@@ -197,7 +199,7 @@ def test_a_forced_tool_that_is_not_the_games_gets_plain_arguments(client):
 def test_one_call_at_a_time_where_that_is_asked_for():
     two = [{"id": f"c{at}", "type": "function", "function": {"name": "observe", "arguments": "{}"}} for at in range(2)]
     script = [{"role": "assistant", "content": None, "tool_calls": two}] * 2
-    app = TestClient(so.endpoint_app(sp.ScriptedPlayer(script)))
+    app = TestClient(so.endpoint_app(sp.ScriptedPlayer(script)), LOCAL)
     for parallel, count in ((False, 1), (True, 2)):
         body = {"model": "scripted", "messages": [{"role": "user", "content": "?"}], "tools": hanoi_tools()}
         answer = app.post("/v1/chat/completions", json={**body, "parallel_tool_calls": parallel}).json()
@@ -307,6 +309,18 @@ ROUND = st.builds(
     st.sampled_from(["{}", '{"action": "1"}', "{", '{"action": 3}']),
     OBSERVED | st.text(max_size=20),
 )
+SCHEMA = st.fixed_dictionaries(
+    {"type": st.just("object")},
+    optional={
+        "properties": st.dictionaries(
+            st.text(max_size=4),
+            JSON | st.fixed_dictionaries({}, optional={"type": JSON, "description": JSON, "enum": JSON}),
+            max_size=3,
+        ),
+        "required": JSON,
+        "additionalProperties": JSON,
+    },
+)
 TOOL = st.builds(
     lambda name, description, parameters: {
         "type": "function",
@@ -314,12 +328,15 @@ TOOL = st.builds(
     },
     NAME,
     JSON,
-    JSON | st.just({"type": "object"}),
+    JSON | SCHEMA,
 )
 BODY = st.fixed_dictionaries(
-    {"model": st.just("rule") | JSON, "messages": st.lists(MESSAGE, max_size=4) | JSON},
+    {
+        "model": st.just("rule") | JSON,
+        "messages": st.just([{"role": "user", "content": "Play."}]) | st.lists(MESSAGE, max_size=4) | JSON,
+    },
     optional={
-        "tools": st.lists(TOOL | JSON, max_size=2) | JSON,
+        "tools": st.lists(TOOL, max_size=2) | st.lists(TOOL | JSON, max_size=2) | JSON,
         "tool_choice": JSON | st.sampled_from(["none", "required"]),
         "stream": JSON,
         "stream_options": JSON,
@@ -332,7 +349,7 @@ BODY = st.fixed_dictionaries(
 
 @pytest.fixture(scope="module")
 def app():
-    return TestClient(so.endpoint_app(sp.get_player("rule"), sp.get_player("rule-notes")), raise_server_exceptions=True)
+    return TestClient(so.endpoint_app(sp.get_player("rule"), sp.get_player("rule-notes")), LOCAL)
 
 
 @pytest.mark.parametrize("content", [True, 1, [None], [[]], {"a": 1}])

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
@@ -17,7 +15,6 @@ import pytest
 pytest.importorskip("openenv", reason="needs smartplay-tools[openenv]; `.ci/run` has an environment with it")
 
 import httpx
-import uvicorn
 from openenv.core.env_server.mcp_types import CallToolAction
 from openenv.core.harness import HarnessRunLimits, ModelStepResult
 from openenv.core.llm_client import LLMResponse, ToolCall
@@ -34,6 +31,7 @@ from smartplay_openenv import (
 import smartplay_tools as sp
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.records import trial_seed
+from smartplay_tools.web import Server
 from tests.adapters import conformance
 from tests.adapters.conformance import (
     GAME,
@@ -138,14 +136,8 @@ def test_every_rollout_has_a_seed():
 
 @contextmanager
 def served(app: Any) -> Iterator[str]:
-    server = uvicorn.Server(uvicorn.Config(app, host="127.0.0.1", port=0, log_level="warning"))
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    while not server.started:
-        time.sleep(0.01)
-    yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
-    server.should_exit = True
-    thread.join()
+    with Server(app, "127.0.0.1", 0, lifespan=True, websockets=True) as server:
+        yield server.url
 
 
 @pytest.fixture(scope="module")

@@ -171,7 +171,7 @@ def test_the_reasoning_of_a_reply_goes_back_to_the_model_and_into_the_record():
 
     def answer(messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
         seen.append(messages)
-        usage = RequestUsage(input_tokens=100, output_tokens=20, cache_read_tokens=60)
+        usage = RequestUsage(input_tokens=100, output_tokens=20, cache_read_tokens=60, cache_write_tokens=9)
         return ModelResponse([thought, ToolCallPart("act", {"action": "1"})], usage=usage)
 
     episode, events = fresh(sp.Budget(tool_calls=2))
@@ -182,7 +182,7 @@ def test_the_reasoning_of_a_reply_goes_back_to_the_model_and_into_the_record():
     reply = next(event for event in events if event["event"] == "message")["message"]
     assert reply["reasoning_content"] == "Paper is likely."
     assert to_response(reply).parts[0] == thought
-    assert episode.result.tokens.provider == sp.Usage(prompt=200, reply=40, cached=120, requests=2)
+    assert episode.result.tokens.provider == sp.Usage(prompt=200, reply=40, cached=120, written=18, requests=2)
 
 
 def test_records_of_replies_have_no_times():

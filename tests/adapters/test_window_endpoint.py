@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx2
@@ -398,21 +395,3 @@ class Counting:
         reply = self._replies[self.asked - 1]
         await asyncio.sleep(0.0005)
         return sp.Reply(reply)
-
-
-def test_the_command_says_where_to_point_an_agent(tmp_path: Path):
-    command = [sys.executable, "-m", "smartplay_tools", "serve", "window", GAME, "--player", "rule", "--port", "0"]
-    with subprocess.Popen(
-        [*command, "--prompt-tokens", "700", "--out", str(tmp_path)], stdout=subprocess.PIPE, text=True
-    ) as server:
-        assert server.stdout is not None
-        lines = [server.stdout.readline() for _ in range(2)]
-        server.terminate()
-        server.wait(timeout=20)
-    (name, base_url, *_), words = lines[0].split(), lines[1].split()
-    told = dict(zip(words[::2], words[1::2], strict=True))
-    model, mcp_url = told["model"], told["MCP"]
-    assert name == "base_url"
-    assert base_url.endswith("/v1")
-    assert model.startswith("smartplay/")
-    assert mcp_url.endswith("/mcp/" + model.removeprefix("smartplay/"))

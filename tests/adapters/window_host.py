@@ -1,9 +1,16 @@
-"""A host's agent as small as can be: it keeps its messages, sends all of them, and runs the calls that come back."""
+"""A host's agent as small as can be: it keeps its messages, sends all of them, and runs the calls that come back.
+
+As a program, it plays where its environment says: to the end, or the number of turns that is its first argument. With
+a second argument it does not end by itself.
+"""
 
 from __future__ import annotations
 
 import itertools
 import json
+import os
+import sys
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -29,10 +36,23 @@ WORDS = [
 ]
 
 
+class Elsewhere:
+    """An episode of an endpoint in another process."""
+
+    def __init__(self, base_url: str, model: str, mcp_url: str) -> None:
+        self.base_url, self._model, self._mcp_url = base_url, model, mcp_url
+
+    def model(self, handle: str) -> str:
+        return self._model
+
+    def mcp_url(self, handle: str) -> str:
+        return self._mcp_url
+
+
 class HostAgent:
     """The agent. `post` sends a request and returns the message that came back."""
 
-    def __init__(self, endpoint: WindowEndpoint, handle: str, *, tools: list[Any] | None = None) -> None:
+    def __init__(self, endpoint: WindowEndpoint | Elsewhere, handle: str, *, tools: list[Any] | None = None) -> None:
         self.url, self.model = endpoint.base_url, endpoint.model(handle)
         self.mcp_url = endpoint.mcp_url(handle)
         self.messages: list[dict[str, Any]] = list(WORDS)
@@ -120,3 +140,14 @@ def by_responses(client: Any, model: str, tools: dict[str, Any], stream: bool) -
 
 INTERFACES: dict[str, Callable[..., None]] = {"chat": by_chat, "responses": by_responses}
 """Plays an episode through OpenAI's client to the end."""
+
+
+if __name__ == "__main__":
+    there = Elsewhere(*(os.environ[name] for name in ("OPENAI_BASE_URL", "OPENAI_MODEL", "SMARTPLAY_MCP_URL")))
+    program = HostAgent(there, os.environ["SMARTPLAY_HANDLE"])
+    if len(sys.argv) == 1:
+        program.play()
+    for _ in range(int(*sys.argv[1:2])):
+        program.answer(program.post())
+    if len(sys.argv) > 2:
+        time.sleep(600)

@@ -8,7 +8,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation import Run
 from smartplay_tools.records import RunFolder
 from smartplay_tools.records.prices import Price, find_price
-from smartplay_tools.records.snapshot import run_snapshot
+from smartplay_tools.records.run_follower import run_snapshot
 from tests.evaluation.players import Metered, Wordy
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
@@ -103,7 +103,7 @@ def test_what_a_run_has_used_in_all_stands_beside_what_its_results_have(tmp_path
     assert spending.other_attempts.replies == row["turns"] - 1
     assert spending.other_attempts.unknown_calls == 1
     assert spending.total.cost == pytest.approx(spending.results.cost + spending.other_attempts.cost)
-    assert sp.evaluate([BANDIT], **arguments).folder.manifest()["spending"] == spending.to_json()
+    assert sp.evaluate([BANDIT], **arguments).folder.manifest().spending == spending.to_json()
 
 
 def test_a_row_tells_its_cost_or_that_nobody_knows_it(tmp_path):
@@ -132,7 +132,7 @@ def test_prices_come_from_the_tables_or_from_the_user():
     assert tiered.cost(long) > 4 * tiered.cost(short)
     assert Price.from_json(tiered.to_json()) == tiered
     assert Price.parse("2,8").cost(sp.Usage(prompt=500_000, reply=250_000, cached=100_000)) == pytest.approx(3.0)
-    for wrong in ("", "2", "2,x", "-1,2", "1,2,3,4", "nan,1", "1,inf"):
+    for wrong in ("", "2", "2,x", "-1,2", "1,2,3,4,5", "nan,1", "1,inf"):
         with pytest.raises(sp.InvalidArgumentError, match="write INPUT,OUTPUT"):
             Price.parse(wrong)
 

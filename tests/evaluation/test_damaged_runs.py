@@ -96,7 +96,7 @@ def test_the_site_says_what_is_wrong_with_a_damaged_run(run, tmp_path, count):
 
 @pytest.mark.slow
 def test_a_report_says_what_is_wrong_with_a_damaged_run(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.figures", lambda path, rows: [])
+    monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.figures", lambda runs: [])
     for number in range(40):
         chance = random.Random(number)
         what = spoiled(chance, run, tmp_path / "run")

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.cli.progress import showing
-from smartplay_tools.evaluation.runs import make_cells, plan_episodes, run_plan
+from smartplay_tools.evaluation.runs import RunOptions, make_cells, plan_episodes, run_plan
 from smartplay_tools.records import RunFolder
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
@@ -182,7 +182,7 @@ def test_a_merge_that_misses_a_shard_says_so_to_scripts(tmp_path):
 def test_a_terminal_shows_a_bar_for_every_game(tmp_path, capsys):
     plan = plan_episodes(make_cells([BANDIT, HANOI], ["rule", "random"], [sp.Budget()]), trials=2)
     console = Console(force_terminal=True, width=120)
-    run_plan(plan, tmp_path, executor="inline", display=partial(showing, console))
+    run_plan(plan, tmp_path, options=RunOptions(executor="inline"), display=partial(showing, console))
     shown = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "\n", capsys.readouterr().out).replace("\n", "")
     for game, score in ((BANDIT, "score 3"), (HANOI, "score 1.50")):
         last = shown.rpartition(game)[2]

@@ -27,6 +27,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return sp.evaluate([HANOI], ["rule"], out=out, trials=2, budgets=budget, executor="inline")
 
 
+def manifest_of(run: Run) -> dict[str, Any]:
+    """The manifest as a bundle has it."""
+    return {**run.folder.manifest().to_json(), "caps": {}, "run_file": None, "spending": None}
+
+
 def job(
     record: Path, *, row: bytes | None = None, attempts: tuple[Path, ...] = (), standard: bool = False
 ) -> RecordJob:
@@ -145,21 +150,27 @@ def cell(manifest: Manifest) -> dict[str, Any]:
         (lambda manifest: cell(manifest).update(prompts="v9"), "has prompts 'v9'"),
         (lambda manifest: manifest["cells"].append({**cell(manifest), "player": "b"}), "The run has 2 players"),
         (lambda manifest: manifest["episodes"].append(manifest["episodes"][0]), "lists episodes twice"),
-        (lambda manifest: manifest["episodes"][0].update(cell=7), "the cell 7, which it does not list"),
         (lambda manifest: manifest["episodes"][0].update(key="0" * 16), "a key that is not its config's"),
         (lambda manifest: manifest["episodes"][0].update(seed=1), "does not follow from the run's"),
         (lambda manifest: manifest["episodes"].pop(0), "are not 0, 1, 2 and so on"),
     ],
 )
 def test_a_plan_that_was_changed(run, change, said):
-    manifest = run.folder.manifest()
+    manifest = manifest_of(run)
     assert check_plan(read_plan(manifest), Allowed()).findings == []
     change(manifest)
     assert said in "\n".join(finding.text for finding in check_plan(read_plan(manifest), Allowed()).findings)
 
 
+def test_an_episode_of_a_cell_that_is_not_listed(run):
+    manifest = manifest_of(run)
+    manifest["episodes"][0]["cell"] = 7
+    with pytest.raises(sp.InvalidArgumentError, match="has the cell 7, which is not listed"):
+        read_plan(manifest)
+
+
 def test_a_suite_that_is_unknown_or_not_covered(run):
-    plan = read_plan(run.folder.manifest())
+    plan = read_plan(manifest_of(run))
     for suite, kind, said in (
         ("mine", "custom", "There is no suite 'mine'"),
         ("paper", "custom", "The suite paper is not covered"),

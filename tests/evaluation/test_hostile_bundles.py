@@ -8,13 +8,16 @@ import struct
 import subprocess
 import sys
 import zipfile
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.board.submissions import Limits, check_submission, report_text
+from smartplay_tools.evaluation.board.submissions import Limits, check_submission, report_json, report_text
+from smartplay_tools.records.manifest import trial_seed
 from tests.evaluation import bundles
 from tests.evaluation.bundles import HANOI, Files, changed, edit_json, records
 
@@ -110,6 +113,93 @@ def test_what_is_no_zip_file_is_refused(bundle, tmp_path):
     encrypted[at + 8] |= 1
     (tmp_path / "encrypted.zip").write_bytes(encrypted)
     assert "is encrypted" in refused(tmp_path / "encrypted.zip")
+
+
+def test_a_zip64_file_is_refused_behind_the_longest_comment(bundle, tmp_path):
+    """Its list of files could have any length, whatever its ordinary end says."""
+    whole = bundle.read_bytes()
+    at = whole.rfind(b"PK\x05\x06")
+    count, size, offset = struct.unpack_from("<HLL", whole, at + 10)
+    end = struct.pack("<4sQHHLLQQQQ", b"PK\x06\x06", 44, 45, 45, 0, 0, count, count, size, offset)
+    locator = struct.pack("<4sLQL", b"PK\x06\x07", 0, at, 1)
+    path = tmp_path / "zip64.zip"
+    path.write_bytes(whole[:at] + end + locator + whole[at : at + 20] + struct.pack("<H", 0xFFFF) + b" " * 0xFFFF)
+    with zipfile.ZipFile(path) as readable:
+        assert len(readable.infolist()) == count
+    assert refused(path) == "The bundle is a zip64 file, which no bundle has to be."
+
+
+def many_episodes(plan: dict[str, Any], count: int = 60_000) -> None:
+    game = plan["cells"][0]["game"]
+    plan["episodes"] = [
+        {"key": f"{trial:016x}", "cell": 0, "trial": trial, "seed": trial_seed(0, game, trial)}
+        for trial in range(count)
+    ]
+
+
+def large_options(plan: dict[str, Any]) -> None:
+    plan["cells"][0]["player_options"] = {"prompt": "a" * (30 << 10)}
+    plan["cells"] = plan["cells"][:1]
+    many_episodes(plan)
+
+
+def many_cells(plan: dict[str, Any]) -> None:
+    plan["cells"] = [{}] * 4_000_000
+
+
+def a_large_price(plan: dict[str, Any]) -> None:
+    plan["prices"] = {"rule": {"input": [[start, 1.0] for start in range(500_000)], "output": [], "cached": []}}
+    many_episodes(plan)
+
+
+def many_rows(files: Files) -> None:
+    files["results.jsonl"] = b"".join(b'{"key":"%x"}\n' % number for number in range(5_000_000))
+
+
+def in_plan(change: Callable[[Any], None]) -> Callable[[Files], None]:
+    return lambda files: edit_json(files, "manifest.json", change)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel tells what a process took")
+@pytest.mark.parametrize(
+    "change",
+    [*map(in_plan, [large_options, many_cells, a_large_price]), many_rows],
+    ids=["options", "cells", "price", "rows"],
+)
+def test_what_comes_before_the_records_takes_little_time_and_memory(bundle, tmp_path, change):
+    path = changed(bundle, tmp_path / "x.zip", change)
+    program = (
+        "import sys, time; from smartplay_tools.evaluation.board.submissions import check_submission;"
+        "assert not check_submission(sys.argv[1]).verified;"
+        "peak = next(line for line in open('/proc/self/status') if 'VmHWM' in line).split()[1];"
+        "print(time.process_time(), int(peak) / 1024)"
+    )
+    done = subprocess.run([sys.executable, "-c", program, path], capture_output=True, text=True, check=True)
+    seconds, megabytes = map(float, done.stdout.split())
+    assert seconds < 30
+    assert megabytes < 600
+
+
+def test_a_cell_and_its_player_s_options_are_small(bundle, tmp_path):
+    def grow(files: Files) -> None:
+        edit_json(files, "manifest.json", lambda plan: plan["cells"][0].update(player_options={"x": "a" * 40_000}))
+
+    (finding,) = check_submission(changed(bundle, tmp_path / "x.zip", grow), workers=0).errors
+    assert "a cell, with its player's options, has 40," in finding.text
+    assert finding.text.endswith("bytes; 32,768 are allowed.")
+
+
+def test_a_record_has_few_findings_however_many_there_are(bundle, tmp_path):
+    def repeat(files: Files) -> None:
+        name = records(files, HANOI)[0]
+        key = name.removeprefix("episodes/").removesuffix(".jsonl")
+        for number in range(1, 40):
+            files[f"attempts/{key}.{number}.jsonl"] = files[name]
+
+    checked = check_submission(changed(bundle, tmp_path / "x.zip", repeat), workers=0)
+    assert len(checked.errors) == 21
+    assert checked.errors[-1].text == "There are 19 more of these in this record."
 
 
 def test_configs_that_reach_for_more_are_not_replayed(bundle, tmp_path, monkeypatch):
@@ -223,6 +313,7 @@ def test_damaged_bundles_never_raise(bundle, tmp_path, count):
         path = changed(bundle, tmp_path / f"{number}.zip", lambda files: damaged(chance, files))
         checked = check_submission(path, workers=0)
         text = report_text(checked)
+        assert json.dumps(report_json(checked), allow_nan=False)
         assert all(char.isprintable() or char == "\n" for char in text)
         assert all(0 < len(finding.text) <= 500 for finding in checked.findings)
 

@@ -12,9 +12,9 @@ from rich.console import Console
 import smartplay_tools as sp
 from smartplay_tools.cli.progress import _Screen, showing
 from smartplay_tools.cli.running import live_table
-from smartplay_tools.evaluation.runs import Caps, make_cells, plan_episodes, run_plan
+from smartplay_tools.evaluation.runs import RunOptions, make_cells, plan_episodes, run_plan
 from smartplay_tools.records import RunFolder
-from smartplay_tools.records.snapshot import RunFollower, run_snapshot
+from smartplay_tools.records.run_follower import RunFollower, run_snapshot
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
@@ -60,9 +60,10 @@ def test_a_log_has_lines_with_times_and_the_reason_of_a_failure(tmp_path):
     plan = plan_episodes(make_cells([HANOI], ["rule", "broken"], [sp.Budget()]), trials=1)
     from tests.evaluation.players import Broken
 
-    console, caps = Console(file=io.StringIO(), width=80), Caps(tokens=10_000_000)
+    console = Console(file=io.StringIO(), width=80)
+    options = RunOptions(executor="inline", run_tokens=10_000_000)
     display = partial(showing, console)
-    run_plan(plan, tmp_path, factories={"broken": Broken}, executor="inline", caps=caps, display=display)
+    run_plan(plan, tmp_path, {"broken": Broken}, options, display=display)
     lines = console.file.getvalue().splitlines()
     assert all(re.match(r"\d\d:\d\d:\d\d ", line) for line in lines)
     assert any("failed" in line and "RuntimeError: no more ideas" in line for line in lines)

@@ -11,7 +11,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.records import RunFolder
-from smartplay_tools.records.snapshot import run_snapshot
+from smartplay_tools.records.run_follower import run_snapshot
 
 pytest.importorskip("ray", reason="the extra `ray` is not installed")
 pytestmark = pytest.mark.slow

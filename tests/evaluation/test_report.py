@@ -17,14 +17,13 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation.pages.report import write_report
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import check
 from smartplay_tools.games import GameSpec
 from smartplay_tools.games.base import TextGame
-from smartplay_tools.records import recorded_turns
+from smartplay_tools.records import Record
 from tests.evaluation.players import Broken, FirstMoves
 from tests.evaluation.report_runs import (
     BANDIT,
@@ -273,18 +272,17 @@ def test_figures_that_nobody_has_drawn_are_drawn_for_the_page(tmp_path):
 def test_every_prompt_is_rebuilt_and_compared_with_its_sha256(tmp_path):
     path = record(tmp_path / "bandit.jsonl", BANDIT, prompt_tokens=700)
     events = sp.read_transcript(path)
-    prompts = sum(event["event"] == "view" for event in events)
-    assert check(events, recorded_turns(events)) == {"prompts": prompts, "differ": []}
+    assert check(Record(events)) == {"prompts": len(Record(events).views), "differ": []}
     call = next(event for event in events if event["event"] == "call")
     call["text"] = call["text"].replace("1", "7")
-    assert check(events, recorded_turns(events))["differ"][0] == 1
+    assert check(Record(events))["differ"][0] == 1
 
 
 def test_a_drawing_is_left_out_where_the_game_goes_another_way(tmp_path):
     events = sp.read_transcript(record(tmp_path / "bandit.jsonl", BANDIT))
     events[0]["config"]["seed"] = 8
     with Drawings() as drawings:
-        drawing = drawings.draw(EpisodeConfig.from_event(events[0]), events)
+        drawing = drawings.draw(Record(events))
     assert drawing["kind"] is None
     assert "played differently" in drawing["source"]
 
@@ -295,12 +293,12 @@ def test_a_game_that_has_drawn_other_episodes_draws_the_same(game):
     for seed in (3, 1, 3):
         with sp.Episode(game, seed=seed, budget=sp.Budget(tool_calls=12), transcript=(events := [])) as episode:
             sp.play(episode, sp.get_player("random", seed=seed))
-        records.append((EpisodeConfig.from_event(events[0]), events))
+        records.append(Record(events))
     with Drawings() as drawings:
-        drawn = [drawings.draw(*record) for record in records]
+        drawn = [drawings.draw(record) for record in records]
     for played, drawing in zip(records, drawn, strict=True):
         with Drawings() as others:
-            assert others.draw(*played) == drawing
+            assert others.draw(played) == drawing
         assert drawing["kind"] is not None, drawing["source"]
 
 

@@ -18,6 +18,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.pages.report import write_report
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.crafter.game import Crafter
+from smartplay_tools.records import Record
 from smartplay_tools.records.prompts import sent_prompts
 from tests import scripts
 from tests.evaluation.conftest import note_request
@@ -171,8 +172,63 @@ def test_the_band_says_which_turns_were_seen_marked_or_dropped_and_how_full_the_
     assert states == [f"cell {state}" for state in expected]
     assert f"{view['tokens']:,} of 900 tokens" in page.locator("#gauge").text_content()
     assert "nothing of turns 0 to" in page.locator("#sentence").text_content()
-    page.locator("#band .cell.seen").last.click()
-    assert page.locator("#turn-title").text_content() == "Turn 8"
+
+
+def test_a_click_on_a_turn_that_is_gone_says_why_and_what_it_said(show, tmp_path):
+    page = show(record(tmp_path / "gone.jsonl", BANDIT, history=None, prompt_tokens=700), "#episode=gone&turn=20")
+    page.locator("#band .cell.dropped").last.click()
+    reason = page.locator("#why-reason").text_content()
+    assert "left before prompt" in reason
+    assert "of 700 were free" in reason
+    assert "it would have stayed" in reason
+    assert "You pulled slot machine" in page.locator("#why-said").text_content()
+    page.get_by_role("spinbutton", name="Turn").fill("19")
+    assert "was in this prompt in full" in page.locator("#why-reason").text_content()
+    page.get_by_role("button", name="go to this turn").click()
+    assert page.locator("#turn-title").text_content() == "Turn 19"
+
+
+def test_a_turn_is_copied_as_markdown(show, tmp_path):
+    said = [reply(act("1"), content="I say ```this```.")]
+    page = show(converse(tmp_path / "copied.jsonl", BANDIT, said), "#episode=copied&turn=0")
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.get_by_role("button", name="copy as Markdown").click()
+    page.get_by_role("button", name="copied").wait_for()
+    lines = page.evaluate("navigator.clipboard.readText()").splitlines()
+    assert lines[0] == f"### {BANDIT}, script, seed 7, turn 0"
+    assert "> I say ```this```." in lines
+    assert 'act {"action": "1"}' in lines
+
+
+def test_a_prompt_is_read_beside_any_other(show, tmp_path):
+    page = show(record(tmp_path / "beside.jsonl", BANDIT, history=3), "#episode=beside&turn=20")
+    page.keyboard.press("p")
+    assert page.get_by_role("spinbutton", name="beside the prompt of turn").input_value() == "19"
+    assert page.text_content("#difference") == "2 messages here alone, 2 messages there alone."
+    assert "of turn 19" in page.locator("#messages .message.new").first.text_content()
+    assert page.locator("#messages .gone").count() == 0, "it is the prompt, until another one is asked for"
+    page.get_by_role("spinbutton", name="beside the prompt of turn").fill("19")
+    assert "of turn 15" in page.locator("#messages .message.gone").first.text_content()
+    page.get_by_role("spinbutton", name="beside the prompt of turn").fill("20")
+    assert page.locator("#messages .new, #messages .gone").count() == 0
+    page.get_by_role("spinbutton", name="beside the prompt of turn").fill("30")
+    page.locator("#episode-title").click()
+    page.keyboard.press("ArrowRight")
+    assert page.get_by_role("spinbutton", name="beside the prompt of turn").input_value() == "31", (
+        "it stays as far away"
+    )
+
+
+def test_the_tokens_of_prompts_are_stacked_by_part(show, tmp_path):
+    path = record(tmp_path / "parts.jsonl", BANDIT, "rule-notes", history=3, notes_tokens=200)
+    views = Record.read(path).views
+    page = show(path, "#episode=parts&turn=30")
+    table = [row.split("\t") for row in page.locator("#parts table").inner_text().splitlines()]
+    assert table[0] == ["part", "this prompt", "all prompts", "share"]
+    assert {"task and tools", "notes", "observations"} <= {row[0] for row in table}
+    now, everything = (sum(int(row[column].replace(",", "")) for row in table[1:]) for column in (1, 2))
+    assert (now, everything) == (views[30]["tokens"], sum(view["tokens"] for view in views))
+    assert page.locator("#tokens path").count() == len(table) - 1
 
 
 # Moving about.

@@ -122,7 +122,7 @@ def test_episodes_of_several_runs_are_pairs(run, tmp_path):
 @pytest.mark.slow
 def test_the_tables_are_of_all_episodes(run, monkeypatch):
     # Figures take long to draw, and no test here is about them.
-    monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.figures", lambda path, rows: [])
+    monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.figures", lambda runs: [])
     page = report.render_report(run, episodes="2")
     assert len(re.findall(r'id="episode-[0-9a-f]{16}"', page)) == 2
     assert "This page holds 2 of 6 episodes" in page

@@ -91,6 +91,12 @@ def test_the_command_takes_several_runs(runs, tmp_path):
     assert "named twice" in twice.stderr
 
 
+def test_several_runs_share_their_figures(page):
+    names = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
+    assert "Figure: frontier" in names
+    assert len(names) == len(set(names)), "one of each, and not one for each run"
+
+
 # In a browser.
 
 
@@ -132,14 +138,36 @@ def test_two_episodes_of_a_run_are_ticked_and_compared(show, tmp_path):
     boxes.nth(1).check()
     page.click("#compare-picked")
     page.wait_for_selector("#compare:not([hidden])")
-    assert "rule, Hanoi3Disk-v0" in page.locator(".card.side0 h2").text_content()
-    assert "random, Hanoi3Disk-v0" in page.locator(".card.side1 h2").text_content()
+    assert page.locator("#compare-sides h2").all_text_contents() == ["rule", "random"], "the rest they have in common"
+    assert page.text_content("#compare-lead").startswith("Hanoi3Disk-v0, seed 7. ")
+    assert page.locator(".side-band .cell").count() == 0, "at the beginning there is nothing to see"
     page.keyboard.press("End")
     assert "it ended at step 7" in page.locator(".card.side0").text_content()
+    assert page.locator(".side0 .side-band .cell").count() == 7
     page.locator(".card.side0 h2 a").click()
     page.wait_for_selector("#player:not([hidden])")
     page.go_back()
     page.wait_for_selector("#compare:not([hidden])")
+
+
+@pytest.mark.slow
+def test_strategies_on_one_seed_are_compared_with_one_clock(show, tmp_path):
+    budgets = {"drop": {"history": 4}, "long": {"history": 8}, "notes": {"history": 4, "notes_tokens": 100}}
+    for name, budget in budgets.items():
+        record(tmp_path / "run" / f"{name}.jsonl", BANDIT, "rule-notes", **budget)
+    page = show(tmp_path / "run")
+    for box in page.locator("#episodes .pick").all():
+        box.check()
+    page.click("#compare-picked")
+    page.wait_for_selector("#compare:not([hidden])")
+    titles = page.locator("#compare-sides h2").all_text_contents()
+    assert titles == ["history 4, no notes", "history 8, no notes", "history 4, notes <= 100"]
+    assert "From step 7 on their prompts do not reach equally far back" in page.text_content("#compare-lead")
+    page.keyboard.press("End")
+    assert page.locator(".side-band svg").count() == page.locator("#compare-scores .curve").count() == 3
+    assert page.url.count("with=") == 2
+    page.reload()
+    assert page.locator("#compare-sides .side").count() == 3
 
 
 @pytest.mark.slow

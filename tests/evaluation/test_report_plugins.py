@@ -8,10 +8,10 @@ import sys
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import UnknownNameError
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.games.registry import importing_packages
+from smartplay_tools.records import Record
 
 pytest.importorskip("jinja2")
 report = pytest.importorskip("smartplay_tools.evaluation.pages.report")
@@ -68,8 +68,8 @@ def test_numbers_that_no_setting_has_are_not_played():
     with sp.Episode(HANOI, seed=1, transcript=(events := [])) as episode:
         sp.play(episode, sp.get_player("first"))
     with Drawings() as drawings:
-        assert drawings.draw(EpisodeConfig.from_event(events[0]), events)["kind"] == "hanoi"
+        assert drawings.draw(Record(events))["kind"] == "hanoi"
     events[0]["config"]["setting"]["kwargs"] = {"disks": 10**9}
     with importing_packages(False), Drawings() as drawings:
-        drawing = drawings.draw(EpisodeConfig.from_event(events[0]), events)
+        drawing = drawings.draw(Record(events))
     assert "has other numbers here; --plugins draws it" in drawing["source"]

@@ -77,7 +77,7 @@ def test_it_fits_eighty_columns_and_cuts_no_number(folder, tmp_path):
         lines = [line for line in tables.splitlines() if str(path) not in line]
         assert max(map(len, lines)) <= 80
         assert "…" not in tables
-    assert "123,457 =" in run(wide).output
+    assert "123,457 (all 2 equal)" in run(wide).output
 
 
 def test_several_runs_are_shown_beneath_each_other(folder, tmp_path):
@@ -150,3 +150,10 @@ def test_a_table_that_cannot_be_written_is_one_sentence(tmp_path):
     done = run(tmp_path, "--csv", tmp_path / "none" / "x.csv")
     assert done.exit_code == 2
     assert "x.csv cannot be written: No such file or directory." in done.output
+
+
+@pytest.mark.parametrize(
+    ("form", "sign"), [("latex", "\\toprule"), ("markdown", "| ---"), ("csv", "score_low"), ("json", '"cells"')]
+)
+def test_results_are_printed_in_every_format(folder, form, sign):
+    assert sign in run(folder, "--all", "--format", form).output

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.runs import PlayerConfig, make_cells, plan_episodes, run_plan
+from smartplay_tools.evaluation.runs import PlayerConfig, RunOptions, make_cells, plan_episodes, run_plan
 from smartplay_tools.evaluation.runs.run_file import read_run_file
 from smartplay_tools.records import RunFolder
 from tests.evaluation.players import Waiting
@@ -72,8 +72,8 @@ def test_a_run_file_says_everything_and_the_command_line_overrides(tmp_path, wri
     assert {row["budget"]["history"] for row in (model, rule)} == {5}
     assert all(body["temperature"] == 0 for body in bodies)
     manifest = folder.manifest()
-    assert manifest["run_file"] == file.read_text(encoding="utf-8")
-    assert manifest["seed"] == 3
+    assert manifest.run_file == file.read_text(encoding="utf-8")
+    assert manifest.seed == 3
 
 
 @pytest.mark.slow
@@ -100,9 +100,9 @@ def test_an_option_and_a_server_can_be_one_players(tmp_path):
 
 def test_one_player_has_so_many_episodes_at_a_time(tmp_path):
     Waiting.most_at_once = 0
-    config = PlayerConfig(name="waiting", concurrency=2)
+    config = PlayerConfig(name="waiting", factory=Waiting, concurrency=2)
     cells = make_cells([HANOI], [config], [sp.Budget()])
-    run_plan(plan_episodes(cells, trials=6), tmp_path, factories={"waiting": Waiting}, configs=[config], workers=6)
+    run_plan(plan_episodes(cells, trials=6), tmp_path, [config], RunOptions(workers=6))
     assert Waiting.most_at_once == 2
 
 

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs.attempt import Task
-from smartplay_tools.evaluation.runs.executors import processes
 from smartplay_tools.evaluation.runs.merge import merge
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.records import RunFolder
-from smartplay_tools.records.seeds import trial_seed
+from smartplay_tools.records.manifest import trial_seed
 from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Leaver, Waiting
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
@@ -83,6 +78,16 @@ def test_a_run_can_be_extended_by_trials_games_and_players(tmp_path):
     sp.evaluate(GAMES, ["rule", "random"], out=tmp_path / "a", trials=2, executor="inline")
     sp.evaluate(GAMES, ["rule", "random"], out=tmp_path / "b", trials=2, executor="inline")
     assert results(tmp_path / "a") == results(tmp_path / "b")
+
+
+def test_a_run_from_before_stalled_turns_says_how_to_go_on(tmp_path):
+    def evaluate(budget):
+        return sp.evaluate([HANOI], ["rule"], out=tmp_path, trials=1, executor="inline", budgets=budget)
+
+    evaluate(sp.Budget.from_record({}))  # as it stands in older manifests
+    with pytest.raises(sp.InvalidArgumentError, match=r"with stalled_turns=None \(--stalled-turns none\)"):
+        evaluate(sp.Budget())
+    assert len(evaluate(sp.Budget(stalled_turns=None)).rows) == 1
 
 
 def test_another_run_does_not_go_into_the_same_folder(tmp_path):
@@ -148,7 +153,6 @@ def test_a_mistake_of_the_user_is_one_sentence(tmp_path, wrong, message):
 
 
 def test_an_option_and_an_engine_go_to_the_games_that_know_them(tmp_path):
-    from smartplay_tools.evaluation.runs.plan import make_cells
 
     cells = make_cells(
         [HANOI, "MessengerL1-v0", "MinedojoCreative0-v0"],
@@ -240,14 +244,6 @@ def test_a_worker_that_dies_takes_no_other_episode_with_it(tmp_path):
     assert multiprocessing.active_children() == []
 
 
-def test_a_task_for_a_pool_that_broke_a_moment_ago_is_lost_like_those_that_it_had(tmp_path):
-    (cell,) = make_cells([HANOI], ["rule"], [sp.Budget()])
-    task = Task(plan_episodes([cell], trials=1).episodes[0], tmp_path / "record.jsonl")
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        assert isinstance(pool.submit(os._exit, 9).exception(), BrokenProcessPool)
-        assert processes._result(processes._submit(pool, task)) is None
-
-
 def test_a_torn_row_and_a_lost_row_are_made_again_from_the_records(tmp_path):
     sp.evaluate(GAMES, out=tmp_path, trials=2, executor="inline")
     whole = results(tmp_path)
@@ -301,7 +297,6 @@ def test_shards_put_together_are_the_whole_run(tmp_path):
 
 
 def test_an_episode_stays_in_its_shard_when_the_run_is_extended(tmp_path):
-    from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 
     def keys(games: list[str], players: list[str], trials: int) -> list[set[str]]:
         plan = plan_episodes(make_cells(games, players, [sp.Budget()]), trials=trials)

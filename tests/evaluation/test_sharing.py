@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import pytest
 
 from smartplay_tools.records.parallel import parallel_map, worth
+from smartplay_tools.records.process_pool import Lost, ProcessPool
 
 
 def squares(numbers: Sequence[int]) -> list[int]:
@@ -43,7 +44,7 @@ def test_another_process_gets_its_next_chunk_when_one_is_done():
         done = [item for _, items in sorted(found) for item in items]
     assert [number for number, _ in done] == list(range(400))
     elsewhere = sum(process != os.getpid() for _, process in done)
-    assert elsewhere > 100  # of which the chunks that are handed over at the beginning are 24
+    assert elsewhere > 100
 
 
 def test_when_the_other_processes_die_this_one_does_their_work():
@@ -56,6 +57,19 @@ def test_when_the_other_processes_die_this_one_does_their_work():
 def test_an_error_of_the_work_is_raised(processes):
     with parallel_map(refuse, range(5), processes) as found, pytest.raises(ValueError, match=r"not [0-4]"):
         list(found)
+
+
+def dies_at(number: int, *, fatal: int) -> int:
+    if number == fatal:
+        os._exit(3)
+    return number
+
+
+def test_a_worker_that_dies_takes_only_its_job_with_it():
+    numbers = iter(range(6))
+    with ProcessPool(functools.partial(dies_at, fatal=2), 2) as pool:
+        done = dict(pool.run(lambda: next(numbers, None)))
+    assert done == {number: number for number in range(6)} | {2: Lost("its process ended with code 3")}
 
 
 def test_few_bytes_are_not_worth_a_process(tmp_path):

@@ -54,7 +54,7 @@ def test_it_may_be_deleted_and_says_nothing_when_it_is_old_or_damaged(tmp_path):
     folder, path = RunFolder(tmp_path), tmp_path / STATUS
     assert read_status(folder) is None
     whole = dict.fromkeys(("finished", "planned", "running", "failed", "calls", "steps", "tokens", "cost"), 1)
-    whole |= {"seconds_left": None, "latest_error": ""}
+    whole |= {"seconds_left": None, "latest_error": "", "stalled": 0}
     path.write_text(json.dumps(whole))
     assert read_status(folder) == RunFigures(**whole)
     for damaged in (
@@ -80,6 +80,6 @@ def test_the_site_reads_it(tmp_path):
     sp.evaluate([HANOI], ["rule"], out=tmp_path, trials=1, budgets=sp.Budget(tool_calls=1), executor="inline")
     run = view.SiteRun(tmp_path, "run")
     assert run.summary()["seconds_left"] is None
-    figures = RunFigures(1, 2, 1, 0, 5, 4, 12_345, None, 61.5, "")
+    figures = RunFigures(1, 2, 1, 0, 5, 4, 12_345, None, 61.5, "", 0)
     (tmp_path / STATUS).write_text(json.dumps(vars(figures)))
     assert {"tokens": 12_345, "cost": None, "seconds_left": 61.5}.items() <= run.summary().items()

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+import shutil
+import subprocess
 
 import pytest
 
@@ -44,8 +47,9 @@ def test_nothing_of_a_row_is_lost(rows):
         return [path]
 
     row = rows[-1]
-    usual = [path for path, _ in COLUMNS.values() if path.rpartition(".")[2] not in LATER]
-    assert sorted([*leaves(row), "run"]) == sorted(usual)
+    written = leaves(row)
+    usual = [path for path, _ in COLUMNS.values() if path.rpartition(".")[2] not in LATER or path in written]
+    assert sorted([*written, "run"]) == sorted(usual)
     assert flat(row)["budget_beyond_history"] == "drop"
     assert flat(row)["summaries"] == flat(row)["summary_prompt_tokens"] == 0
     assert flat(row)["budget_notes_tokens"] is None
@@ -84,10 +88,12 @@ def test_the_summary_is_json(rows):
     hanoi4, hanoi, rps = found["cells"]
     assert hanoi["score"] == {
         "mean": 3,
-        "low": 3,
+        "low": pytest.approx(3 * 0.05**0.5),
         "high": 3,
         "episodes": 2,
-        "note": "all episodes are equal, so the bootstrap sees no spread",
+        "note": "all 2 equal; up to 78% of all episodes may differ",
+        "all_equal": True,
+        "sd": 0,
     }
     assert hanoi4["normalized_score"] is None
     assert rps["tokens"]["prompt_drift"]["provider"] == 5_000
@@ -109,7 +115,7 @@ def test_the_headline_has_a_line_for_every_game_and_player(rows):
     table = headline(summarize(rows))
     assert [column.heading for column in table.columns] == ["game and player", "n", "score", "% human", "tokens", "USD"]
     assert [row[0] for row in table.rows] == [HANOI4, "  random", HANOI, "  rule", RPS, "  scripted"]
-    assert table.rows[3] == ("  rule", "2", "3.00 =", "100", "5.1k", "0")
+    assert table.rows[3] == ("  rule", "2", "3.00 [0.67, 3.00]", "100", "5.1k", "0")
     assert table.rows[5][-1] == "1.00"
 
 
@@ -124,7 +130,7 @@ def test_figures_of_a_game_have_the_same_decimals():
         row | {"score": 1234.5 * trial} for trial, row in enumerate(play_rows("Crafter-v0", trials=2, budget=budget))
     ]
     (_, line) = headline(summarize(crafter)).rows
-    assert line[2] == "617 [0, 1,234]"
+    assert line[2] == "617 [-7,226, 8,460]"
 
 
 def test_every_figure_is_in_the_details(rows):
@@ -188,11 +194,29 @@ def test_a_table_in_markdown():
     ]
 
 
+def test_every_table_in_latex_is_well_formed_and_keeps_its_hierarchy(rows, tmp_path):
+    summary = summarize(rows)
+    tables = [headline(summary), *details(summary), TextTable("", (Column("a"), Column("b")), (("[1]", "-0.5"),))]
+    text = "\n".join(map(to_latex, tables))
+    assert "\\quad rule & 2 &" in text
+    assert "{}[1] & $-$0.5" in text
+    assert "\\label{tab:capabilities-" in text
+    for table, part in zip(tables, text.split("\\begin{table}")[1:], strict=True):
+        plain = re.sub(r"\\[&%$#_{}]", "", part)
+        assert plain.count("{") == plain.count("}")
+        lines = [line for line in plain.splitlines() if line.endswith("\\\\") and "multicolumn" not in line]
+        assert {line.count("&") for line in lines} == {len(table.columns) - 1}
+    if shutil.which("pdflatex"):
+        document = "\\documentclass{article}\\usepackage{booktabs}\\begin{document}" + text + "\\end{document}"
+        (tmp_path / "tables.tex").write_text(document, encoding="utf-8")
+        subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "tables"], cwd=tmp_path, check=True)
+
+
 def test_a_table_in_latex_escapes_what_latex_would_read():
     text = to_latex(TABLE)
     for line in ("\\caption{what \\& why. a note.}", "\\multicolumn{2}{l}{a\\_game} \\\\", "\\toprule", "\\bottomrule"):
         assert line in text
-    assert "  one|two & \\textless{}5\\% \\\\" in text
+    assert "\\quad one|two & \\textless{}5\\% \\\\" in text
     assert "%" not in text.replace("\\%", "").replace("% \\usepackage{booktabs}", "")
 
 

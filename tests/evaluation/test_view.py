@@ -112,7 +112,7 @@ def test_a_damaged_run_does_not_hide_the_others(runs, tmp_path):
         urllib.request.urlopen(f"{server.url}api/live", timeout=60) as stream,
     ):
         first, second = json.loads(stream.readline().removeprefix(b"data: "))
-    assert "is damaged" in first["error"]
+    assert "is not a transcript" in first["error"]
     assert second["finished"] == 4
 
 

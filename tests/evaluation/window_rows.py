@@ -12,6 +12,7 @@ BUDGET = {
     "result_tokens": None,
     "manual_tokens": None,
     "tool_calls": 216,
+    "stalled_turns": 10,
     "slack": 0.0,
 }
 

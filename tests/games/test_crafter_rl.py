@@ -218,7 +218,9 @@ def test_seeds_of_numpy_are_seeds(engine: str) -> None:
     assert np.array_equal(single.reset(seed=np.int64(5))[0], expected[0])
 
 
-@pytest.mark.parametrize("seed", [-1, True, 1.5, "a", [-1, 2, 3], [1, True, 3], [1.5, 2, 3], ["a", "b", "c"], [1, 2]])
+@pytest.mark.parametrize(
+    "seed", [-1, True, 1.5, "abc", {1, 2, 3}, [-1, 2, 3], [1, True, 3], [1.5, 2, 3], ["a", "b", "c"], [1, 2]]
+)
 def test_what_is_not_a_seed_is_refused_and_changes_nothing(engine: str, seed: object) -> None:
     vector = gymnasium.make_vec(ID, num_envs=3, observation="semantic", engine=engine)
     vector.reset(seed=1)
@@ -232,10 +234,13 @@ def test_what_is_not_a_seed_is_refused_and_changes_nothing(engine: str, seed: ob
             gymnasium.make(ID, observation="semantic", engine=engine).unwrapped.reset(seed=seed)
 
 
-def test_no_step_before_the_reset(engine: str) -> None:
-    vector = gymnasium.make_vec(ID, num_envs=2, observation="semantic", engine=engine)
-    with pytest.raises(ResetNeededError, match=r"Worlds \[0, 1\] have not begun"):
-        vector.step(np.zeros(2, np.int64))
+def test_nothing_before_the_reset(engine: str) -> None:
+    vector = gymnasium.make_vec(ID, num_envs=2, observation="semantic", engine=engine, render_mode="rgb_array")
+    for early in (lambda: vector.step(np.zeros(2, np.int64)), vector.render):
+        with pytest.raises(ResetNeededError, match=r"Worlds \[0, 1\] have not begun: call reset\(\).$"):
+            early()
+    with pytest.raises(ResetNeededError, match=r"Worlds \[1\] have not begun: call reset\(\) without a reset_mask"):
+        vector.reset(options={"reset_mask": np.array([True, False])})
     with pytest.raises(ResetNeededError, match="before its reset"):
         gymnasium.make(ID, observation="semantic", engine=engine).unwrapped.step(0)
 

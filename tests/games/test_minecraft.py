@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import smartplay_tools as sp
+from smartplay_tools.cli import app
 from smartplay_tools.games import GameSpec
 from smartplay_tools.games.minecraft.doctor import check_engines
 from smartplay_tools.games.minecraft.engines import ENGINES
@@ -88,8 +90,49 @@ def test_engine_and_text_are_deviations_from_the_paper():
     assert game.deviations() == {
         "engine": {"paper": "minedojo", "played": "voxel"},
         "text": {"paper": "paper", "played": "corrected"},
+        "start": {"paper": "anywhere", "played": "far"},
     }
-    assert "text" not in sp.GAMES["MinedojoCreative0-v0"].make(text="paper").deviations()
+    assert set(sp.GAMES["MinedojoCreative0-v0"].make(text="paper", start="anywhere").deviations()) == {"engine"}
+
+
+# Where an episode begins.
+
+
+def starts(task, count=10, **options):
+    """Where episodes begin: whether it is a goal biome."""
+    game = sp.GAMES[f"MinedojoCreative{task}-v0"].make(**options)
+    for seed in range(count):
+        game.reset(seed=seed)
+        yield game.world.world.biome_at(*(int(at // 1) for at in game.world.position[::2])) in game.goal.biomes
+
+
+def test_a_start_anywhere_is_not_checked_for_the_goal():
+    assert not any(starts(0))
+    assert 0 < sum(starts(0, start="anywhere")) < 10
+
+
+def test_a_start_in_the_goal_is_won_by_the_first_action():
+    seed = list(starts(0, start="anywhere")).index(True)
+    with sp.Episode("MinedojoCreative0-v0", seed=seed, start="anywhere") as episode:
+        _, act, _ = episode.functions()
+        act("Move North")
+    assert (episode.result.score, episode.result.steps, episode.result.end_reason) == (1, 1, "terminated")
+
+
+def test_the_same_world_is_played_whatever_the_goal():
+    games = [sp.GAMES[f"MinedojoCreative{task}-v0"].make(start="anywhere") for task in (0, 9)]
+    assert len({game.reset(seed=3)[0] for game in games}) == 1
+
+
+def test_a_start_is_on_the_record_and_is_replayed(tmp_path):
+    path = tmp_path / "run.jsonl"
+    command = f"play MinedojoCreative9-v0 --player random --option start=anywhere --tool-calls 3 --transcript {path}"
+    run = CliRunner().invoke(app, command.split())
+    assert run.exit_code == 0, run.output
+    config, *_, result = sp.read_transcript(path)
+    assert config["config"]["options"] == {"start": "anywhere"}
+    assert "start" not in result["result"]["deviations"]
+    assert sp.replay(path).identical
 
 
 def test_a_score_of_another_engine_is_not_compared_with_people():
@@ -100,7 +143,13 @@ def test_a_score_of_another_engine_is_not_compared_with_people():
 
 
 @pytest.mark.parametrize(
-    ("option", "message"), [({"engine": "quake"}, "engine must be one of voxel"), ({"text": "short"}, "text must be")]
+    ("option", "message"),
+    [
+        ({"engine": "quake"}, "engine must be one of voxel"),
+        ({"text": "short"}, "text must be"),
+        ({"start": "here"}, "start must be one of far, anywhere, not 'here'"),
+        ({"engine": "minedojo", "start": "far"}, "starts where the game does: leave out start='far'"),
+    ],
 )
 def test_unknown_values_are_refused_in_one_sentence(option, message):
     with pytest.raises(ValueError, match=message):

@@ -90,6 +90,57 @@ def test_a_frame_with_everything_in_it(mode):
     )
 
 
+PAPERS_EXAMPLE = """\
+You took action Move East.
+
+Coordinate (-253.12,71.75,248.64). Facing east.
+
+You're not aiming at any block.
+Around you:
+ - leaves, 3.96 blocks away, above you to north-west
+ - wood, 4.24 blocks away, to north-west
+ - grass block, 1.34 blocks away, below you to north-east
+ - dirt, 3.33 blocks away, below you to north-east
+ - stone, 4.67 blocks away, below you to north-east
+
+You see:
+ - grass block, 1.36 blocks away, below you to north-west, taking 51% of screen
+ - sand, 8.29 blocks away, below you to south-west, taking 4% of screen
+ - leaves, 4.47 blocks away, above you to north-west, taking 17% of screen
+ - grass, 5.49 blocks away, above you to north-west, taking 1% of screen
+ - wood, 11.07 blocks away, above you to north-west, taking 0% of screen"""
+
+
+def test_the_papers_example_comes_out_word_for_word():
+    """The one text of the original that is published (paper, appendix); what lies there is north-east of the player."""
+    observation = nothing(EAST, position=np.array([-253.123, 71.75, 248.639], np.float32))
+    around = {
+        "leaves": [(-4, 2, 0), (-3, 2, -1), (-3, 2, 0), (-3, 3, 0)],
+        "wood": [(-3, 0, -3)],
+        "grass block": [(0, -1, -1), (0, -1, 0), (1, -1, -1), (1, -1, 0), (2, -1, 0)],
+        "dirt": [(1, -1, z) for z in (-4, -3)] + [(2, -1, z) for z in (-4, -3, -2, -1)] + [(3, -1, -1)],
+        "stone": [(3, -1, -3), (3, -1, -2), (4, -1, -4), (4, -1, -3), (4, -1, -2)],
+    }
+    for name, places in around.items():
+        for place in places:
+            observation.blocks[tuple(FEET + offset for offset in place)] = name
+    in_view = {
+        "grass block": (1.36, (3, 14), [(row, column) for row in range(9) for column in range(17)]),
+        "sand": (8.29, (5, 2), [(row, column) for row in (5, 6) for column in range(6)]),
+        "leaves": (4.47, (11, 13), [(row, column) for row in (10, 11, 12) for column in range(17)]),
+        "grass": (5.49, (13, 12), [(13, 11), (13, 12)]),
+        "wood": (11.07, (13, 15), [(13, 15)]),
+    }
+    for name, (distance, nearest, rays_that_hit) in in_view.items():
+        for ray in rays_that_hit:
+            see(observation, *ray, name, distance + (ray != nearest))
+    for column in range(6):
+        see(observation, 9, column, "grass block", 9.0)
+    for column in (15, 16):
+        see(observation, 12, column, "air", 65.0)
+    assert describe(observation, "paper", "Move East") == PAPERS_EXAMPLE
+
+
 @pytest.mark.parametrize(
     ("yaw", "direction"),
     [

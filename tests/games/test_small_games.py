@@ -3,41 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections import Counter
-from collections.abc import Iterable
-from itertools import groupby, product
-from pathlib import Path
+from itertools import product
 
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.games import bandit, hanoi, rock_paper_scissors
 from smartplay_tools.games.base import TextGame
-
-GOLDEN = Path(__file__).parents[1] / "data" / "small_games.jsonl"
-ROWS = [json.loads(line) for line in GOLDEN.read_text(encoding="utf-8").splitlines()]
+from tests.games.recorded import MANUALS, ROWS, Rows, begin, episodes
 
 
-def golden_episodes(prefix: str) -> list[tuple[str, list[dict]]]:
-    rows = (row for row in ROWS if row["game"].startswith(prefix))
-    episodes = groupby(rows, key=lambda row: (row["game"], row["episode"]))
-    return [(game, list(episode)) for (game, _), episode in episodes]
-
-
-class Draws:
-    """A random stream with the draws that the original must have had."""
-
-    def __init__(self, draws: Iterable[float]) -> None:
-        self._draws = iter(draws)
-
-    def random(self) -> float:
-        return next(self._draws)
-
-
-def assert_replays(game: TextGame, first: str, rows: list[dict]) -> None:
-    """Play a golden episode's actions and compare every field that it has."""
-    assert first == rows[0]["obs"]
+def assert_replays(game: TextGame, rows: Rows) -> None:
+    """Play a recorded episode's actions and compare every field that it has."""
+    assert begin(game, rows) == rows[0]["obs"]
     assert hashlib.sha256(game.manual.encode()).hexdigest() == rows[0].get("manual_sha256", MANUALS[rows[0]["game"]])
     for row in rows[1:]:
         observation, reward, terminated, truncated, info = game.step(game.actions.index(row["action"]))
@@ -48,45 +27,14 @@ def assert_replays(game: TextGame, first: str, rows: list[dict]) -> None:
         assert info["completed"] == row.get("completed", 0)
 
 
-MANUALS = {row["game"]: row["manual_sha256"] for row in ROWS if "manual_sha256" in row}
+@pytest.mark.parametrize(("name", "rows"), episodes())
+def test_the_games_play_as_recorded(name, rows):
+    # The original kept 5 steps of history in Hanoi; the paper's table says 30.
+    assert_replays(sp.GAMES[name].make(**({"history": 5} if "Hanoi" in name else {})), rows)
 
 
-@pytest.mark.parametrize(("name", "rows"), golden_episodes("Hanoi"))
-def test_hanoi_plays_as_recorded(name, rows):
-    # The original kept 5 steps of history here; the paper's table says 30.
-    game = sp.GAMES[name].make(history=5)
-    first, _ = game.reset(seed=0)
-    assert_replays(game, first, rows)
-
-
-@pytest.mark.parametrize(("name", "rows"), golden_episodes("Bandit"))
-def test_the_bandits_play_as_recorded(name, rows):
-    game = sp.GAMES[name].make()
-    (p1, _), (p2, _) = sp.GAMES[name].kwargs["arms"]
-    first_is_best = rows[1]["optimal"] == game.actions[0]
-    shuffle = 0.0 if first_is_best == (p1 > p2) else 0.5
-    game.np_random = Draws([shuffle, *(0.0 if row["reward"] > 0 else 0.999 for row in rows[1:])])
-    first, _ = game.reset()
-    assert_replays(game, first, rows)
-
-
-@pytest.mark.parametrize(("name", "rows"), golden_episodes("RockPaperScissor"))
-def test_rock_paper_scissors_plays_as_recorded(name, rows):
-    rock, paper, _ = probabilities = rows[1]["probs"]
-    middles = {"Rock": rock / 2, "Paper": rock + paper / 2, "Scissor": (rock + paper + 1) / 2}
-    opponent = [row["obs"].split("opponent chose ")[1].split(".")[0] for row in rows[1:]]
-    game = sp.GAMES[name].make()
-    for order in range(6):
-        game.np_random = Draws([(order + 0.5) / 6, *(middles[hand] for hand in opponent)])
-        first, _ = game.reset()
-        if list(game._table.probabilities) == probabilities:
-            break
-    assert_replays(game, first, rows)
-
-
-def test_every_golden_row_is_played():
-    played = [row for prefix in ("Hanoi", "Bandit", "Rock") for _, rows in golden_episodes(prefix) for row in rows]
-    assert len(played) == len(ROWS) == 277
+def test_every_recorded_row_is_played():
+    assert sum(len(rows) for _, rows in episodes()) == len(ROWS) == 277
 
 
 def test_the_manuals_are_the_originals():

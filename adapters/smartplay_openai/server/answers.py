@@ -3,26 +3,49 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
 
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
 from smartplay_openai.interface import Event
 from smartplay_openai.problems import RequestError
+from smartplay_tools import SmartPlayError
+
+T = TypeVar("T")
 
 
-async def read_json(request: Request) -> dict[str, Any]:
-    """Return the object that a request holds; `RequestError` for anything else."""
-    try:
-        body = json.loads(await request.body())
-    except (ValueError, RecursionError):
-        body = None
-    if not isinstance(body, dict):
-        raise RequestError(400, "The body of a request is a JSON object.")
-    return body
+async def read_request(request: Request, read: Callable[[dict[str, Any]], T]) -> T:
+    """Return what a function makes of the object that a request holds; `RequestError` for anything else.
+
+    It works in a thread, because a long conversation takes long to read, and others play meanwhile.
+    """
+    sent = await request.body()
+
+    def read_aside() -> T:
+        try:
+            body = json.loads(sent)
+        except (ValueError, RecursionError):
+            body = None
+        if not isinstance(body, dict):
+            raise RequestError(400, "The body of a request is a JSON object.")
+        try:
+            return read(body)
+        except RecursionError:
+            raise RequestError(400, "The body is nested too deeply.") from None
+        except SmartPlayError as error:
+            raise RequestError(400, str(error)) from error
+
+    return await run_in_threadpool(read_aside)
+
+
+def wrong_key() -> Response:
+    """Return the refusal of a request without the key."""
+    error = RequestError(401, "The API key is wrong or missing.", code="invalid_api_key")
+    return json_response(error.body(), 401, {"www-authenticate": "Bearer", **error.headers})
 
 
 def json_response(body: Mapping[str, Any], status: int = 200, headers: Mapping[str, str] | None = None) -> Response:

@@ -25,12 +25,19 @@ from smartplay_openai.chat import CHAT
 from smartplay_openai.interface import Interface
 from smartplay_openai.problems import RequestError, bad
 from smartplay_openai.responses import RESPONSES
-from smartplay_openai.server.answers import HANDLERS, event_stream, json_response, model_object, read_json
-from smartplay_openai.window.asked import read_request
+from smartplay_openai.server.answers import (
+    HANDLERS,
+    event_stream,
+    json_response,
+    model_object,
+    read_request,
+    wrong_key,
+)
+from smartplay_openai.window.completion_request import read_completion
 from smartplay_openai.window.episode import WindowEpisode
 from smartplay_openai.window.store import PlayerOf, WindowStore
 from smartplay_tools import AsyncPlayer, Episode, EpisodeResult, Player, SmartPlayError
-from smartplay_tools.web import FullError, Server, carries, check_address, guarded
+from smartplay_tools.web import LARGEST_REQUEST, FullError, Server, carries, check_address, guarded
 from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 
 PREFIX = "smartplay/"
@@ -57,8 +64,7 @@ def window_app(
         if surface not in ("mcp", "v1"):
             return PlainTextResponse("Not found", 404)
         if token is not None and not carries(request, token):
-            error = RequestError(401, "The API key is wrong or missing.", code="invalid_api_key")
-            return json_response(error.body(), 401, {"www-authenticate": "Bearer", **error.headers})
+            return wrong_key()
         return await bind_episode(request, store) if surface == "mcp" else None
 
     routes = [
@@ -74,7 +80,7 @@ def window_app(
         await store.aclose()
 
     app = Starlette(routes=routes, exception_handlers=HANDLERS, lifespan=lifespan)
-    return guarded(app, admit, hosts=hosts, origins=origins)
+    return guarded(app, admit, hosts=hosts, origins=origins, largest=LARGEST_REQUEST)
 
 
 class WindowEndpoint(Server):
@@ -119,9 +125,9 @@ class WindowEndpoint(Server):
         """Begin an episode and return its handle; `options` are `Episode`'s."""
         return self.store.open(game, seed=seed, **options)
 
-    def serve(self, episode: Episode) -> str:
-        """Give a handle to an episode that is made already."""
-        return self.store.serve(episode)
+    def serve(self, episode: Episode, **continued: Any) -> str:
+        """Give a handle to an episode that is made already; `continued` are the arguments of `WindowStore.serve`."""
+        return self.store.serve(episode, **continued)
 
     def model(self, handle: str) -> str:
         """Return the name of the model that is an episode."""
@@ -133,41 +139,38 @@ class WindowEndpoint(Server):
 
     def functions(self, handle: str) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
         """Return an episode's tools as plain functions, for an agent in this process."""
-        return self._found(handle).functions()
+        return self._episode(handle).functions()
 
     def ignored(self, handle: str) -> str:
         """Say what of the host's own messages and fields has not reached the model."""
-        return self._found(handle).ignored
+        return self._episode(handle).ignored
 
     def result(self, handle: str) -> EpisodeResult | None:
         """Return an episode's result, once it is over."""
-        return self._found(handle).episode.result
+        return self._episode(handle).episode.result
 
     def close(self, handle: str) -> EpisodeResult | None:
         """End an episode and return its result."""
         return self.store.close(handle)
 
-    def _found(self, handle: str) -> WindowEpisode:
-        found = self.store.find(handle)
-        if found is None:
+    def _episode(self, handle: str) -> WindowEpisode:
+        episode = self.store.find(handle)
+        if episode is None:
             raise KeyError(handle)
-        return found
+        return episode
 
 
 def _handler(store: WindowStore, interface: Interface) -> Any:
     async def handle(request: Request) -> Response:
-        body = await read_json(request)
+        body, completion = await read_request(request, lambda body: (body, read_completion(interface, body)))
         episode = await _episode(store, body.get("model"))
         try:
-            asked = read_request(interface, body)
-        except RecursionError:
-            raise RequestError(400, "The body is nested too deeply.") from None
-        try:
-            said = await episode.reply(asked, is_retry=_is_retry(request))
+            reply = await episode.reply(completion, is_retry=_is_retry(request))
         except SmartPlayError as error:
             raise RequestError(400, str(error), code="episode_refused") from error
-        answer = interface.write(said.message, str(body["model"]), said.usage)
-        headers = {"x-smartplay-ignored": asked.ignored.encode("ascii", "replace").decode()} if asked.ignored else {}
+        answer = interface.write(reply.message, str(body["model"]), reply.usage)
+        ignored = completion.ignored.encode("ascii", "replace").decode()
+        headers = {"x-smartplay-ignored": ignored} if ignored else {}
         if body.get("stream"):
             events = event_stream(interface.stream(answer, body))
             return StreamingResponse(events, media_type="text/event-stream", headers=headers)
@@ -185,15 +188,15 @@ async def _episode(store: WindowStore, model: Any) -> WindowEpisode:
         raise bad("A request names its model.", "model")
     handle = model[len(PREFIX) :] if model.startswith(PREFIX) else model
     try:
-        found = store.opened(handle) or await asyncio.to_thread(store.find, handle)
+        episode = store.opened(handle) or await asyncio.to_thread(store.find, handle)
     except FullError as error:
         raise RequestError(503, str(error), code="full") from error
     except SmartPlayError as error:
         raise RequestError(500, "The record of this episode cannot be continued.", code="record_refused") from error
-    if found is None:
+    if episode is None:
         problem = f"There is no episode {model[:80]!r}; the model is {PREFIX}HANDLE."
         raise RequestError(404, problem, code="model_not_found")
-    return found
+    return episode
 
 
 async def _list_models(request: Request) -> Response:

@@ -2,8 +2,8 @@
 
 There are two ways in. `reply` answers a request for a completion: if the request knows the latest reply, the next turn
 begins, and if it does not, the latest reply has not arrived, and is given again. `call` plays a tool call that the
-host's agent runs. Both know the calls by the ids and arguments of the latest reply (`Said`), so a request or a call
-that is sent twice, late, in another order or while the first is still under way changes nothing and costs nothing.
+host's agent runs. Both know the calls by the ids and arguments of the latest reply (`PendingReply`), so a request or a
+call that is sent twice, late, in another order or while the first is still under way changes nothing and costs nothing.
 """
 
 from __future__ import annotations
@@ -12,24 +12,26 @@ import asyncio
 import hashlib
 import logging
 from collections.abc import Callable, Mapping, Sequence, Set
+from types import MappingProxyType
 from typing import Any
 
 from smartplay_openai.problems import RequestError
-from smartplay_openai.window.asked import Asked
+from smartplay_openai.window.completion_request import CompletionRequest
 from smartplay_openai.window.names import HostTools, tell_apart
-from smartplay_openai.window.said import Said, Slot
+from smartplay_openai.window.pending_reply import PendingReply, Slot
 from smartplay_tools import (
     AgentSession,
     AsyncPlayer,
     Episode,
     Message,
     Player,
+    Prompt,
     Reply,
     ToolResult,
     ToolSpec,
     Usage,
 )
-from smartplay_tools.conversation import AttachedPlayer
+from smartplay_tools.conversation import AttachedPlayer, HostChat
 from smartplay_tools.episode import tool_functions
 from smartplay_tools.errors import PlayerLeftError
 from smartplay_tools.messages import MessageToolCall, assistant_message
@@ -71,11 +73,11 @@ class WindowEpisode:
         closing: str | None = "final_answer",
     ) -> None:
         self.handle, self.episode, self.player = handle, episode, player
-        self._closing, self._session = closing, session
-        self._is_resumed = session is not None
+        self._chat = HostChat(session or episode, player=player.name)
+        self._closing, self._is_resumed = closing, session is not None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._latest = self._of_record(episode.tools)
-        self._turn: asyncio.Task[Said] | None = None
+        self._turn: asyncio.Task[PendingReply] | None = None
         self._asking, self._calling = asyncio.Lock(), asyncio.Lock()
         self._by_key: dict[str, Slot] = {}
         self._failure: RequestError | None = None
@@ -86,17 +88,17 @@ class WindowEpisode:
         """Return the episode."""
         return self.episode
 
-    async def reply(self, asked: Asked, *, is_retry: bool = False) -> Said:
+    async def reply(self, request: CompletionRequest, *, is_retry: bool = False) -> PendingReply:
         """Answer a request: the next turn's reply, or the latest again where the request does not know it yet.
 
         `is_retry` says that the client calls it one. A turn that has begun continues when its request is cancelled, and
         the request that comes instead gets its reply.
         """
-        tools = tell_apart(asked.tools, self.episode.tools, self._closing)
+        tools = tell_apart(request.tools, self.episode.tools, self._closing)
         if not tools.names:
             text = GAME_IS_OVER if self.episode.done else NO_TOOLS
-            return Said({"role": "assistant", "content": text}, Usage(requests=0))
-        self._tell_ignored(asked)
+            return PendingReply({"role": "assistant", "content": text}, Usage(requests=0))
+        self._note_ignored(request)
         self._loop = asyncio.get_running_loop()
         async with self._asking:
             if self._turn is not None:
@@ -105,10 +107,10 @@ class WindowEpisode:
                 self._latest, self._is_resumed = self._of_record((*self.episode.tools, *tools.foreign)), False
             if self._failure is not None:
                 raise self._failure
-            if self._latest is not None and not self._goes_on_from(self._latest, asked):
+            if self._latest is not None and not self._goes_on_from(self._latest, request):
                 self._count_repeat(self._latest, is_retry)
                 return self._latest
-            self._turn = asyncio.create_task(self._next(asked, tools))
+            self._turn = asyncio.create_task(self._next(request, tools))
             return await self._finish_turn()
 
     async def call(self, name: str, arguments: Any, call_id: str | None = None) -> ToolResult:
@@ -119,13 +121,14 @@ class WindowEpisode:
         """
         async with self._calling:
             slot = self._by_key.get(call_id or "") or (self._latest.called(name, arguments) if self._latest else None)
-            if slot is None or self._session is None:
+            session = self._chat.session
+            if slot is None or session is None:
                 return self._error(NOT_CALLED)
             if call_id:
                 self._by_key[call_id] = slot
             if slot.result is None:
                 edited = None if slot.has(arguments) else arguments
-                slot.result = await self._session.aanswer(slot.call.id, edited)
+                slot.result = await session.aanswer(slot.call.id, edited)
             slot.is_delivered = True
             return slot.result
 
@@ -145,7 +148,7 @@ class WindowEpisode:
             self._turn.cancel()
             await asyncio.wait([self._turn])
 
-    async def _finish_turn(self) -> Said:
+    async def _finish_turn(self) -> PendingReply:
         """Wait for the turn under way; a cancelled request leaves it running."""
         turn = self._turn
         assert turn is not None
@@ -155,13 +158,13 @@ class WindowEpisode:
             if turn.done():
                 self._turn = None
 
-    def _goes_on_from(self, said: Said, asked: Asked) -> bool:
+    def _goes_on_from(self, reply: PendingReply, request: CompletionRequest) -> bool:
         """Whether the request comes after a reply, of which it knows at least one call. Nothing comes after the end."""
-        return any(asked.holds(slot.host_id) for slot in said.sent)
+        return any(request.holds(slot.host_id) for slot in reply.sent)
 
-    def _count_repeat(self, said: Said, is_retry: bool) -> None:
-        said.repeats += not is_retry and bool(said.slots)
-        if said.repeats > LOST:
+    def _count_repeat(self, reply: PendingReply, is_retry: bool) -> None:
+        reply.repeats += not is_retry and bool(reply.slots)
+        if reply.repeats > LOST:
             raise RequestError(
                 400,
                 "The requests do not have the ids of the latest reply's tool calls. Use an agent that sends the tool "
@@ -171,86 +174,77 @@ class WindowEpisode:
 
     # A turn.
 
-    async def _next(self, asked: Asked, tools: HostTools) -> Said:
+    async def _next(self, request: CompletionRequest, tools: HostTools) -> PendingReply:
         """Close the latest turn, ask the model until it makes a call that the host can run, and keep that reply."""
-        if self._session is None:
-            self._session = self._begin(tools)
-        session = self._session
+        session = self._chat.session or self._begin(tools)
         async with self._calling:
-            await self._settle(session, asked)
-        while (prompt := await session.aprompt()) is not None:
-            try:
-                reply = await self._ask(prompt)
-            except Exception as error:
-                self._fail(session, error)
-                break
+            await asyncio.to_thread(self._settle, self._latest.slots if self._latest else (), request.results)
+        while (reply := await self._ask(session)) is not None:
             await session.areceive(reply.message, reply.usage)
-            if prompt.purpose == "summary":
-                continue  # no turn: the host hears nothing of it
-            said = self._said(session, tools.names, {tool.name for tool in tools.foreign}, reply.usage)
-            if said.sent:
-                self._latest, self._by_key = said, {}
-                return said
-            for slot in said.slots:
-                await session.aanswer(slot.call.id)
-        if self._failure is not None:
-            raise self._failure
+            pending = self._pending(session, tools.names, {tool.name for tool in tools.foreign}, reply.usage)
+            if pending.sent:
+                self._latest, self._by_key = pending, {}
+                return pending
+            await asyncio.to_thread(self._settle, pending.slots)
         self._latest = self._last_words(tools)
         return self._latest
 
     def _begin(self, tools: HostTools) -> AgentSession:
-        session = AgentSession(self.episode, player=self.player.name, foreign_tools=tools.foreign, summaries=True)
+        session = self._chat.begin(foreign_tools=tools.foreign)
         if isinstance(self.player, AttachedPlayer):
             self.player.attach(session)
         return session
 
-    async def _settle(self, session: AgentSession, asked: Asked) -> None:
-        """Answer what is open in the latest turn, in the order of the message: as the host did, or in its name."""
-        for slot in self._latest.slots if self._latest else ():
-            if slot.result is not None:
-                continue
-            told = asked.results.get(slot.host_id)
-            if slot.is_foreign:
-                content = NO_RESULT if told is None else told
-                session.add({"role": "tool", "tool_call_id": slot.call.id, "content": content})
-            elif not slot.is_sent:
-                slot.result = await session.aanswer(slot.call.id)
-            elif told is not None:
-                slot.result = session.refuse(slot.call.id, told)
+    def _settle(self, slots: Sequence[Slot], results: Mapping[str, str] = MappingProxyType({})) -> None:
+        """Answer what is open of a reply, in the order of the message: with the host's results, or in its name."""
+        messages: list[Message] = []
+        slots = [slot for slot in slots if slot.result is None]
+        for slot in slots:
+            text = results.get(slot.host_id, NO_RESULT if slot.is_foreign else None)
+            if text is not None:
+                messages.append({"role": "tool", "tool_call_id": slot.call.id, "content": text})
             slot.is_delivered = True
+        play = {slot.call.id: None for slot in slots if not slot.is_sent and not slot.is_foreign}
+        answers = self._chat.settle(messages, play=play)
+        for slot in slots:
+            slot.result = answers.get(slot.call.id)
 
-    async def _ask(self, prompt: Any) -> Reply:
-        if isinstance(self.player, AsyncPlayer):
-            reply = await self.player.areply(prompt)
-        else:
-            reply = await asyncio.to_thread(self._blocking, self.player.reply, prompt)
-        return Reply(assistant_message(reply.message), reply.usage)
+    async def _ask(self, session: AgentSession) -> Reply | None:
+        """Return the model's next reply; None when the episode is over, as it is when a player has left."""
+        try:
+            return await session.aask(self._send)
+        except PlayerLeftError:
+            return None
+
+    async def _send(self, prompt: Prompt) -> Reply:
+        """Ask the model. Where it gives no reply the episode ends, and the host is told so whenever it asks."""
+        try:
+            if isinstance(self.player, AsyncPlayer):
+                reply = await self.player.areply(prompt)
+            else:
+                reply = await asyncio.to_thread(self._blocking, self.player.reply, prompt)
+            return Reply(assistant_message(reply.message), reply.usage)
+        except Exception as error:
+            assert self._chat.session is not None
+            self._chat.session.give_up(error)
+            if isinstance(error, PlayerLeftError):
+                raise
+            problem = f"The model gave no reply, which ends the episode: {error}"
+            self._failure = RequestError(500, problem, code="player_failed")
+            raise self._failure from error
 
     @staticmethod
-    def _blocking(ask: Callable[[Any], Reply], prompt: Any) -> Reply:
+    def _blocking(ask: Callable[[Prompt], Reply], prompt: Prompt) -> Reply:
         try:
             return ask(prompt)
         except StopIteration as error:  # which no coroutine may raise
             raise RuntimeError("The player has no more replies.") from error
 
-    def _fail(self, session: AgentSession, error: Exception) -> None:
-        """End the episode at a model that gives no reply, and tell the host so whenever it asks."""
-        usage = getattr(error, "usage", None)
-        if isinstance(usage, Usage):
-            session.spend(usage)
-        if isinstance(error, PlayerLeftError):
-            self.episode.end("closed")
-            return
-        self.episode.end("player_error", error)
-        self._failure = RequestError(
-            500, f"The model gave no reply, which ends the episode: {error}", code="player_failed"
-        )
-
     # What the host gets.
 
-    def _said(
+    def _pending(
         self, session: AgentSession, names: Mapping[str, str], foreign: Set[str], usage: Usage | None = None
-    ) -> Said:
+    ) -> PendingReply:
         """Return the latest reply as the host gets it: calls under the host's names and under ids that only we make."""
         assert session.message is not None
         assert session.latest_turn is not None
@@ -269,38 +263,39 @@ class WindowEpisode:
         counted = Usage(
             prompt=session.view.tokens if session.view else 0, reply=self.episode.counter.message(session.message)
         )
-        return Said(message, usage or counted, slots)
+        return PendingReply(message, usage or counted, slots)
 
-    def _of_record(self, tools: Sequence[ToolSpec]) -> Said | None:
+    def _of_record(self, tools: Sequence[ToolSpec]) -> PendingReply | None:
         """Return the latest reply of a session that continues from its record, if the host was sent it."""
-        if self._session is None or self._session.message is None:
+        session = self._chat.session
+        if session is None or session.message is None:
             return None
         own = {tool.name: tool.name for tool in self.episode.tools}
-        said = self._said(self._session, own, {tool.name for tool in tools} - own.keys())
-        return said if said.sent else None
+        pending = self._pending(session, own, {tool.name for tool in tools} - own.keys())
+        return pending if pending.sent else None
 
     def _host_id(self, number: int, position: int) -> str:
         """Return an id that cannot be guessed, is not used twice, and is the same after a restart."""
         digest = hashlib.sha256(f"{self.handle} {number} {position}".encode()).hexdigest()
         return f"call_{digest[:24]}"
 
-    def _last_words(self, tools: HostTools) -> Said:
+    def _last_words(self, tools: HostTools) -> PendingReply:
         message: Message = {"role": "assistant", "content": GAME_IS_OVER}
         if tools.closing is not None:
             message = {**message, "tool_calls": [tools.close(self._host_id(-1, 0), GAME_IS_OVER)]}
-        return Said(message, Usage(requests=0))
+        return PendingReply(message, Usage(requests=0))
 
     def _error(self, text: str) -> ToolResult:
         return ToolResult(text, is_error=True, done=self.episode.done, data={"step": self.episode.progress.steps})
 
-    def _tell_ignored(self, asked: Asked) -> None:
-        if asked.ignored and not self.ignored:
+    def _note_ignored(self, request: CompletionRequest) -> None:
+        if request.ignored and not self.ignored:
             log.warning(
                 "%s: the model sees the game's window only; ignored of the host's requests: %s.",
                 self.handle,
-                asked.ignored,
+                request.ignored,
             )
-        self.ignored = asked.ignored or self.ignored
+        self.ignored = request.ignored or self.ignored
 
 
 class _FromThreads:

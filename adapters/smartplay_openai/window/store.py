@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_openai.window.episode import WindowEpisode
-from smartplay_tools import AsyncPlayer, Episode, InvalidArgumentError, Player, resume
+from smartplay_tools import AgentSession, AsyncPlayer, Episode, InvalidArgumentError, Player, resume
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.web import Store
 
@@ -43,14 +43,21 @@ class WindowStore(Store[WindowEpisode]):
             if isinstance(player, ModelPlayer):
                 await player.aclose()
 
-    def serve(self, episode: Episode) -> str:
-        """Give a handle to an episode that is made already, with a context of its own ("window")."""
+    def serve(self, episode: Episode, *, handle: str | None = None, session: AgentSession | None = None) -> str:
+        """Give a handle to an episode that is made already, with a context of its own ("window").
+
+        An episode that was continued from its record has its earlier `handle` and the `session` that goes on.
+        """
         player = self._player_of(episode.config.seed)
-        return self.add(lambda handle: WindowEpisode(handle, episode, player, closing=self._closing))
+
+        def make(handle: str) -> WindowEpisode:
+            return WindowEpisode(handle, episode, player, session=session, closing=self._closing)
+
+        return self.add(make, handle)
 
     def _player_of(self, seed: int) -> Player | AsyncPlayer:
         player = self._player if isinstance(self._player, Player | AsyncPlayer) else self._player(seed)
-        if all(player is not known for known in self._players):
+        if all(player is not other for other in self._players):
             self._players.append(player)
         return player
 

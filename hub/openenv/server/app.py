@@ -1,4 +1,4 @@
-"""The environment as a server: `uvicorn server.app:app`.
+"""The environment as a server: `server`, or `uvicorn server.app:app`, which waits for half-sent requests for ever.
 
 `SMARTPLAY_GAME` and `SMARTPLAY_REWARD` choose what is played, and for what.
 """
@@ -9,6 +9,8 @@ import os
 
 from smartplay_openenv import new_app
 
+from smartplay_tools.web import Server
+
 app = new_app(
     os.environ.get("SMARTPLAY_GAME", "Hanoi3Disk-v0"), reward=os.environ.get("SMARTPLAY_REWARD", "normalized")
 )
@@ -16,6 +18,4 @@ app = new_app(
 
 def main() -> None:
     """Serve on port 8000."""
-    import uvicorn
-
-    uvicorn.run(app, host="0.0.0.0", port=8000)
+    Server(app, "0.0.0.0", 8000, lifespan=True, websockets=True).run()

@@ -6,6 +6,7 @@ rest of the package asks it and names none of them. To add one, write its class,
 `Budget`.
 """
 
+from smartplay_tools.context.strategies.ageing import turns_leave
 from smartplay_tools.context.strategies.base import Strategy, StrategyTool, ToolAnswer, share_kept
 from smartplay_tools.context.strategies.every import KINDS, Strategies, refusal
 from smartplay_tools.context.strategies.summaries import Summaries, Summary
@@ -20,4 +21,5 @@ __all__ = [
     "ToolAnswer",
     "refusal",
     "share_kept",
+    "turns_leave",
 ]

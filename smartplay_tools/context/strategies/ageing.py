@@ -1,4 +1,8 @@
-"""Ageing: what becomes of turns that are older than `history`. They are dropped, or stay with observations masked."""
+"""Ageing: what becomes of turns that are older than `history`. They are dropped, or stay with observations masked.
+
+A turn that plays no step does not get older by steps, so a model that plays none would see an ever longer past. Where
+the budget limits `stalled_turns`, such turns age by turns instead: of each stretch of them the newest are kept.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,23 @@ import math
 from smartplay_tools.context.strategies.base import Strategy, share_kept
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
+
+
+class Stretches:
+    """The turns that are too old because of the turns without a step that follow them directly, told turn by turn."""
+
+    def __init__(self, follow: int | None) -> None:
+        """`follow` is how many may follow; None for any number."""
+        self._follow = follow
+        self._length = 0
+        self.first = 0
+        """The first turn that is not too old; all earlier ones are, or have such a turn after them."""
+
+    def append(self, turn: int, *, has_step: bool) -> None:
+        """Take note of the next turn."""
+        self._length = 0 if has_step else self._length + 1
+        if self._follow is not None and self._length > self._follow + 1:
+            self.first = turn - self._follow
 
 
 class Ageing(Strategy):
@@ -19,6 +40,7 @@ class Ageing(Strategy):
         self.drops = drops_old_turns(budget)
         """Whether a turn that is older than the history ends the selection."""
         self._share = share_kept(budget.slack)
+        self._by_turn = self.drops and budget.stalled_turns is not None
 
     @classmethod
     def refusal(cls, budget: Budget, history: int | None) -> str | None:
@@ -40,7 +62,17 @@ class Ageing(Strategy):
             return max(0, step - history)
         return before if step - before <= history else step - math.ceil(self._share * history)
 
+    def stretches(self, history: int | None) -> tuple[Stretches, Stretches]:
+        """Return what ages turns without a step: for a window that stays, and for one that moves, which has slack."""
+        follow = history if self._by_turn else None
+        return Stretches(follow), Stretches(None if follow is None else math.ceil(self._share * follow))
+
 
 def drops_old_turns(budget: Budget) -> bool:
     """Whether turns that are older than the history are dropped."""
     return budget.beyond_history == "drop"
+
+
+def turns_leave(budget: Budget, history: int | None) -> bool:
+    """Whether turns ever leave a window, since they are too old or the prompt is full; `history` is in numbers."""
+    return budget.prompt_tokens is not None or (history is not None and drops_old_turns(budget))

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 from smartplay_tools import prompts
-from smartplay_tools.context.strategies.ageing import drops_old_turns
+from smartplay_tools.context.strategies.ageing import drops_old_turns, turns_leave
 from smartplay_tools.context.strategies.base import Strategy, share_kept
 from smartplay_tools.messages import Message
 from smartplay_tools.tokens import TokenCounter, truncation
@@ -59,7 +59,7 @@ class Summaries(Strategy):
                 f"summary_tokens with history={history} and slack={budget.slack:g} would ask for a summary at every "
                 "step; raise one of the two."
             )
-        if aged is None and budget.prompt_tokens is None:
+        if not turns_leave(budget, history):
             return "summary_tokens has nothing to summarise where no turn ever leaves; give prompt_tokens a number."
         return None
 

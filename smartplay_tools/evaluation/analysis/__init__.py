@@ -12,11 +12,12 @@ from smartplay_tools.evaluation.analysis.baselines import Baseline, Baselines
 from smartplay_tools.evaluation.analysis.capabilities import Capabilities, CapabilityScore, capability_scores
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side, compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
+from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
 from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.formats import TextTable, to_csv, to_html, to_latex, to_markdown
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.headline import headline
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimate
+from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Method, mean_estimate
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences, paired_difference
 from smartplay_tools.evaluation.analysis.pareto import pareto_front
 from smartplay_tools.evaluation.analysis.summary import CellSummary, Failures, Profile, RunSummary, summarize
@@ -29,13 +30,16 @@ __all__ = [
     "MEASURES",
     "Baseline",
     "Baselines",
+    "Bounds",
     "Capabilities",
     "CapabilityScore",
     "CellSummary",
     "Comparison",
     "Condition",
     "Failures",
+    "Margin",
     "MeanEstimate",
+    "Method",
     "Overall",
     "Pairing",
     "PlayedCell",
@@ -44,12 +48,14 @@ __all__ = [
     "RunSummary",
     "Side",
     "TextTable",
+    "Verdict",
     "WindowComparison",
     "by_cell",
     "capability_scores",
     "compare",
     "compare_windows",
     "comparison_tables",
+    "decide",
     "details",
     "differences",
     "headline",

@@ -59,11 +59,11 @@ Played = tuple[PlayedCell, MeanEstimate, MeanEstimate | None]
 
 def find_baselines(played: Sequence[tuple[Condition, Sequence[Played]]]) -> list[Baselines]:
     """Return the baselines of a run, from the cells of its conditions: one set for each setting and label."""
-    found: dict[tuple[str, str], list[Played]] = {}
+    groups: dict[tuple[str, str], list[Played]] = {}
     for condition, cells in played:
         for entry in cells:
-            found.setdefault((condition.label, entry[0].game), []).append(entry)
-    return [_baselines(label, cells) for (label, _), cells in found.items()]
+            groups.setdefault((condition.label, entry[0].game), []).append(entry)
+    return [_baselines(label, cells) for (label, _), cells in groups.items()]
 
 
 def _baselines(label: str, played: Sequence[Played]) -> Baselines:

@@ -54,10 +54,10 @@ def capability_scores(normalized: Mapping[str, Sequence[float | None]], *, weigh
     """Score the nine capabilities from the normalised scores of episodes, by setting; None means no score."""
     if weights not in get_args(Weights):
         raise InvalidArgumentError(f"weights must be one of {', '.join(get_args(Weights))}, not {weights!r}.")
-    known = {game: [score for score in scores if score is not None] for game, scores in normalized.items()}
-    samples = {game: scores for game, scores in known.items() if scores and get_spec(game).challenges}
+    by_game = {game: [score for score in scores if score is not None] for game, scores in normalized.items()}
+    samples = {game: scores for game, scores in by_game.items() if scores and get_spec(game).challenges}
     scores = _scores(samples, weights)
-    left_out = tuple(game for game in known if game not in samples)
+    left_out = tuple(game for game in by_game if game not in samples)
     return Capabilities(weights, scores, tuple(samples), left_out)
 
 

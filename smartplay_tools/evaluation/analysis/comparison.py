@@ -14,17 +14,28 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, weighted_estimates
-from smartplay_tools.evaluation.analysis.pairs import MEASURES, normalized_score, score, values
+from smartplay_tools.evaluation.analysis.pairs import (
+    MEASURES,
+    difference_samples,
+    differences,
+    normalized_score,
+    pairs,
+    samples,
+    score,
+)
 from smartplay_tools.records.rows import Row
+from smartplay_tools.types import Budget
 
-PairKey = tuple[int, int]
-"""Seed and trial; the game is the same on both sides."""
+MATCHED = (*Budget.model_fields, *RULES)
+"""The fields in which sides can be matched."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +46,8 @@ class Side:
     player: str
     label: str
     """A short description of the condition; empty for the default."""
+    facts: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    """The budget and the rules."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +68,8 @@ class Pairing:
     """Pairs in which this side scored more."""
     ties: int
     losses: int
+    verdict: Verdict | None = None
+    """What the pairs show within a margin, if there is one."""
 
 
 @dataclass(frozen=True)
@@ -86,16 +101,30 @@ class Comparison:
     """Differing versions of programs: name -> run -> version, or several versions separated by commas."""
 
 
-def compare(runs: Mapping[str, Sequence[Row]], *, reference: str | None = None) -> Comparison:
+def compare(
+    runs: Mapping[str, Sequence[Row]],
+    *,
+    reference: str | None = None,
+    margin: Margin | None = None,
+    match: Sequence[str] = (),
+) -> Comparison:
     """Compare runs, given as name -> rows, with the first of them.
 
-    `reference` is the name of a player of the first run with which everything is compared.
+    `reference` is the name of a player of the first run with which everything is compared. With a margin, every pairing
+    has a verdict. With `match`, sides are compared with those of the first run that agree in these fields of the budget
+    or the rules, and no others.
     """
+    if unknown := ", ".join(name for name in match if name not in MATCHED):
+        raise InvalidArgumentError(f"Sides cannot be matched by {unknown}; the fields are {', '.join(MATCHED)}.")
     sides = _sides(runs)
     if reference is not None and not any(side.player == reference for side in sides if side.run == next(iter(runs))):
-        known = dict.fromkeys(side.player for side in sides if side.run == next(iter(runs)))
-        raise InvalidArgumentError(f"{next(iter(runs))} has no player {reference!r}; it has {', '.join(known)}.")
-    counterparts = {side: _counterpart(side, list(sides), reference) for side in sides}
+        players = dict.fromkeys(side.player for side in sides if side.run == next(iter(runs)))
+        raise InvalidArgumentError(f"{next(iter(runs))} has no player {reference!r}; it has {', '.join(players)}.")
+    allowed = {
+        side: [other for other in sides if all(side.facts.get(name) == other.facts.get(name) for name in match)]
+        for side in sides
+    }
+    counterparts = {side: _counterpart(side, allowed[side], reference, next(iter(runs))) for side in sides}
     matches = [
         (game, side, counterpart)
         for game in dict.fromkeys(game for games in sides.values() for game in games)
@@ -104,7 +133,7 @@ def compare(runs: Mapping[str, Sequence[Row]], *, reference: str | None = None) 
     ]
     if not matches:
         raise InvalidArgumentError("There is nothing to compare: no two players or runs have a game in common.")
-    pairings = _pairings(sides, matches)
+    pairings = _pairings(sides, matches, margin)
     return Comparison(
         runs=tuple(runs),
         references=tuple(_references(sides, matches)),
@@ -125,9 +154,9 @@ def _sides(runs: Mapping[str, Sequence[Row]]) -> dict[Side, dict[str, list[Row]]
     for members in groups.values():
         cells += [cell for cell, _ in members if cell not in cells]
     sides: dict[Side, dict[str, list[Row]]] = {}
-    known = conditions(cells)
+    all_conditions = conditions(cells)
     for run, members in groups.items():
-        for condition in known:
+        for condition in all_conditions:
             played = {cell.game: rows for cell, rows in members if cell in condition.cells}
             if played:
                 sides.setdefault(_side(run, condition), {}).update(played)
@@ -136,17 +165,20 @@ def _sides(runs: Mapping[str, Sequence[Row]]) -> dict[Side, dict[str, list[Row]]
 
 def _side(run: str, condition: Condition) -> Side:
     options = [f"{name}={value}" for name, value in sorted(condition.player_options.items())]
-    return Side(run, condition.player, ", ".join(filter(None, [condition.label, *options])))
+    facts = {**condition.budget, **condition.rules}
+    return Side(run, condition.player, ", ".join(filter(None, [condition.label, *options])), facts)
 
 
-def _counterpart(side: Side, sides: Sequence[Side], reference: str | None) -> Side | None:
-    """The side that a side is compared with; None for a reference."""
-    first = [other for other in sides if other.run == sides[0].run]
+def _counterpart(side: Side, sides: Sequence[Side], reference: str | None, first_run: str) -> Side | None:
+    """The side, among these, that a side is compared with; None for a reference, or without one in the first run."""
+    first = [other for other in sides if other.run == first_run]
+    if not first:
+        return None
     if reference is not None:
         first = [other for other in first if other.player == reference]
-        if side in first:
+        if side in first or not first:
             return None
-    elif side.run == sides[0].run:
+    elif side.run == first_run:
         # The first run is compared with itself if there is no other.
         alone = all(other.run == side.run for other in sides)
         return first[0] if alone and side != first[0] else None
@@ -156,51 +188,37 @@ def _counterpart(side: Side, sides: Sequence[Side], reference: str | None) -> Si
         same_condition,
         [other for other in first if other.player == side.player],
     )
-    return next((found[0] for found in candidates if len(found) == 1), first[0])
+    return next((alike[0] for alike in candidates if len(alike) == 1), first[0])
 
 
-def _keyed(rows: Sequence[Row]) -> dict[PairKey, Row]:
-    return {(row["seed"], row["trial"]): row for row in rows}
-
-
-def _pairs(rows: Sequence[Row], others: Sequence[Row]) -> list[tuple[Row, Row]]:
-    counterparts = _keyed(others)
-    return [(row, counterparts[key]) for key, row in _keyed(rows).items() if key in counterparts]
-
-
-def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]]) -> tuple[Pairing, ...]:
-    paired = [_pairs(sides[side][game], sides[other][game]) for game, side, other in matches]
-    means = named_estimates(_measured(sides[side][game]) for game, side, _ in matches)
-    differences = named_estimates(map(_differences, paired))
-    found = []
-    for (game, side, other), pairs, mean, difference in zip(matches, paired, means, differences, strict=True):
-        signs = Counter(_sign(score(row) - score(counterpart)) for row, counterpart in pairs)
-        unpaired = len(sides[side][game]) + len(sides[other][game]) - 2 * len(pairs)
-        found.append(Pairing(game, side, other, len(pairs), unpaired, mean, difference, signs[1], signs[0], signs[-1]))
-    return tuple(found)
+def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]], margin: Margin | None) -> tuple[Pairing, ...]:
+    paired = [pairs(sides[side][game], sides[other][game]) for game, side, other in matches]
+    means = named_estimates(samples(sides[side][game]) for game, side, _ in matches)
+    differing = list(map(difference_samples, paired))
+    compared = named_estimates(differing)
+    pairings = []
+    for (game, side, other), own, drawn, mean, difference in zip(
+        matches, paired, differing, means, compared, strict=True
+    ):
+        signs = Counter(_sign(score(row) - score(counterpart)) for row, counterpart in own)
+        outcomes = signs[1], signs[0], signs[-1]
+        verdict = None
+        if margin is not None and own:
+            verdict = decide(drawn["score"], margin.points(game), difference["score"])
+        unpaired = len(sides[side][game]) + len(sides[other][game]) - 2 * len(own)
+        pairings.append(Pairing(game, side, other, len(own), unpaired, mean, difference, *outcomes, verdict))
+    return tuple(pairings)
 
 
 def _sign(difference: float) -> int:
     return (difference > 0) - (difference < 0)
 
 
-def _measured(rows: Sequence[Row]) -> dict[str, list[float]]:
-    return {name: values(rows, measure) for name, measure in MEASURES.items()}
-
-
-def _differences(pairs: Sequence[tuple[Row, Row]]) -> dict[str, list[float]]:
-    found: dict[str, list[float]] = {}
-    for name, measure in MEASURES.items():
-        measured = ((measure(row), measure(counterpart)) for row, counterpart in pairs)
-        found[name] = [one - other for one, other in measured if one is not None and other is not None]
-    return found
-
-
 def _references(
     sides: Sides, matches: Sequence[tuple[str, Side, Side]]
 ) -> Iterator[tuple[str, Side, Mapping[str, MeanEstimate]]]:
     used = list(dict.fromkeys((game, reference) for game, _, reference in matches))
-    means = named_estimates(_measured(sides[side][game]) for game, side in used)
+    means = named_estimates(samples(sides[side][game]) for game, side in used)
     for (game, side), estimates in zip(used, means, strict=True):
         yield game, side, estimates
 
@@ -208,17 +226,15 @@ def _references(
 def _overall(sides: Sides, pairings: Sequence[Pairing]) -> Iterator[Overall]:
     for side, reference in dict.fromkeys((each.side, each.reference) for each in pairings):
         own = [each for each in pairings if (each.side, each.reference) == (side, reference)]
-        samples: dict[str, list[float]] = {}
-        for each in own:
-            pairs = _pairs(sides[side][each.game], sides[reference][each.game])
-            measured = ((normalized_score(row), normalized_score(other)) for row, other in pairs)
-            found = [one - other for one, other in measured if one is not None and other is not None]
-            if found:
-                samples[each.game] = found
-        weights = [[1 / len(samples)] * len(samples)] if samples else []
-        difference = next(iter(weighted_estimates(list(samples.values()), weights)), None)
+        by_game = {
+            each.game: differences(sides[side][each.game], sides[reference][each.game], normalized_score)
+            for each in own
+        }
+        by_game = {game: values for game, values in by_game.items() if values}
+        weights = [[1 / len(by_game)] * len(by_game)] if by_game else []
+        difference = next(iter(weighted_estimates(list(by_game.values()), weights)), None)
         sums = (sum(getattr(each, name) for each in own) for name in ("wins", "ties", "losses"))
-        yield Overall(side, reference, tuple(samples), difference, *sums)
+        yield Overall(side, reference, tuple(by_game), difference, *sums)
 
 
 def _versions(runs: Mapping[str, Sequence[Row]]) -> dict[str, dict[str, str]]:
@@ -227,16 +243,16 @@ def _versions(runs: Mapping[str, Sequence[Row]]) -> dict[str, dict[str, str]]:
         for row in rows:
             for name, version in {"prompts": row["prompts"], **row["versions"]}.items():
                 played.setdefault(name, {}).setdefault(run, set()).add(str(version))
-    found = {
+    texts = {
         name: {run: ", ".join(sorted(versions)) for run, versions in by_run.items()} for name, by_run in played.items()
     }
-    return {name: by_run for name, by_run in found.items() if len(set(by_run.values())) > 1}
+    return {name: by_run for name, by_run in texts.items() if len(set(by_run.values())) > 1}
 
 
 def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
     """Return a flat row for every pairing: sides, number of pairs, means, differences with their intervals."""
     rows = []
-    means = {(game, side): found for game, side, found in comparison.references}
+    means = {(game, side): estimates for game, side, estimates in comparison.references}
     for each in comparison.pairings:
         row: dict[str, Any] = {"game": each.game}
         for name, side in (("", each.side), ("reference_", each.reference)):
@@ -249,5 +265,7 @@ def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
             row[f"{measure}_difference"] = difference and difference.mean
             row[f"{measure}_difference_low"] = difference and difference.low
             row[f"{measure}_difference_high"] = difference and difference.high
+        if each.verdict is not None:
+            row |= {"verdict": each.verdict.word, "margin": each.verdict.margin, "mde": each.verdict.mde}
         rows.append(row)
     return rows

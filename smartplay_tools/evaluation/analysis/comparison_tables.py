@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
+from smartplay_tools.evaluation.analysis.decisions import Verdict
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, fixed, with_interval
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, fixed, interval_notes, with_interval
 from smartplay_tools.quantities import short
 
 NOTES = (
-    "+-: to the reference, paired by game, seed and trial, with its 95 % bootstrap interval (BCa)",
+    "+-: to the reference, paired by game, seed and trial, with its 95 % interval",
     "W/T/L: pairs won, tied and lost by score; tokens: of an episode, prompts and replies",
+)
+
+VERDICT_NOTES = (
+    "W/T/L: pairs won, tied and lost by score",
+    "different: the interval excludes 0; equivalent: the 90 % interval is within the margin; undecided: neither",
+    "MDE: the smallest difference that as many pairs show in four of five such comparisons",
 )
 
 
 def comparison_tables(comparison: Comparison) -> list[TextTable]:
     """Return the table with a section for each game and, if there are several games, the table over all games."""
-    names = _names(comparison)
+    names = side_names(comparison)
     rows: list[tuple[str, ...]] = []
     for game in dict.fromkeys(each.game for each in comparison.pairings):
         rows += [(game,), *_game_rows(comparison, game, names)]
-    columns = (Column("", words=True), *map(Column, ("pairs", "score", "+-", "W/T/L", "tokens")))
-    tables = [TextTable("compared", columns, tuple(rows), (*NOTES, *_notes(comparison)))]
+    judged = any(each.verdict for each in comparison.pairings)
+    last = Column("verdict", words=True) if judged else Column("tokens")
+    columns = (Column("", words=True), *map(Column, ("pairs", "score", "+-", "W/T/L")), last)
+    notes = (NOTES[0], *VERDICT_NOTES) if judged else NOTES
+    tables = [TextTable("compared", columns, tuple(rows), (*notes, *_notes(comparison)))]
     if len({each.game for each in comparison.pairings}) > 1:
         tables.append(_overall_table(comparison, names))
     return tables
@@ -34,7 +44,9 @@ def _game_rows(comparison: Comparison, game: str, names: Mapping[Side, str]) -> 
     references = [(side, means) for named, side, means in comparison.references if named == game]
     points = decimals_of([*(each.means["score"] for each in pairings), *(means["score"] for _, means in references)])
     for side, means in references:
-        yield f"  {names[side]}", NOTHING, fixed(means["score"].mean, points), "reference", "", _tokens(means)
+        judged = any(each.verdict for each in pairings)
+        last = "" if judged else _tokens(means)
+        yield f"  {names[side]}", NOTHING, fixed(means["score"].mean, points), "reference", "", last
         for each in pairings:
             if each.reference == side:
                 yield _pairing_row(each, names[each.side], points)
@@ -49,8 +61,14 @@ def _pairing_row(each: Pairing, name: str, points: int) -> tuple[str, ...]:
         fixed(each.means["score"].mean, points),
         difference,
         outcome,
-        _tokens(each.means),
+        _tokens(each.means) if each.verdict is None else _verdict(each.verdict),
     )
+
+
+def _verdict(verdict: Verdict) -> str:
+    if verdict.word == "undecided":
+        return "undecided" + ("" if verdict.mde is None else f", MDE {verdict.mde:.2g}")
+    return verdict.word + (f" than {verdict.margin:g}" if verdict.word == "different, but less" else "")
 
 
 def _tokens(means: Mapping[str, MeanEstimate]) -> str:
@@ -70,23 +88,32 @@ def _overall_row(each: Overall, names: Mapping[Side, str]) -> tuple[str, ...]:
     return f"{names[each.side]} against {names[each.reference]}", f"{len(each.games)}", difference, outcome
 
 
-def _names(comparison: Comparison) -> dict[Side, str]:
-    """The names of sides: a letter for the run, the player, and its condition if that differs."""
+def side_names(comparison: Comparison) -> dict[Side, str]:
+    """Return the names of sides: a letter for the run, the player, and its condition if that differs."""
     letters = {run: f"{_letter(at)} " if len(comparison.runs) > 1 else "" for at, run in enumerate(comparison.runs)}
     sides = dict.fromkeys([*(side for _, side, _ in comparison.references), *(p.side for p in comparison.pairings)])
-    given = {side.label for side in sides}
-    return {
-        side: letters[side.run] + ", ".join(filter(None, (side.player, side.label if len(given) > 1 else "")))
-        for side in sides
-    }
+    shared = _shared(sides)
+    parts = {side: [part for part in _parts(side) if part not in shared] for side in sides}
+    return {side: letters[side.run] + ", ".join([side.player, *parts[side]]) for side in sides}
+
+
+def _parts(side: Side) -> list[str]:
+    return side.label.split(", ") if side.label else []
+
+
+def _shared(sides: Iterable[Side]) -> list[str]:
+    """The parts of the sides' descriptions that all of them have."""
+    first, *others = map(_parts, sides)
+    return [part for part in first if all(part in other for other in others)]
 
 
 def _notes(comparison: Comparison) -> Iterator[str]:
-    given = {each.side.label for each in comparison.pairings} | {side.label for _, side, _ in comparison.references}
-    if len(given) == 1 and (shared := given.pop()):
-        yield f"everywhere: {shared}"
+    sides = [*(each.side for each in comparison.pairings), *(side for _, side, _ in comparison.references)]
+    if shared := _shared(sides):
+        yield f"everywhere: {', '.join(shared)}"
     if len(comparison.runs) > 1:
         yield from (f"{_letter(at)}: {run}" for at, run in enumerate(comparison.runs))
+    yield from interval_notes(each.differences.get("score") for each in comparison.pairings)
     if unpaired := sum(each.unpaired for each in comparison.pairings):
         yield f"{unpaired} episodes have no counterpart of the same seed and trial, and are in no difference"
     for name, versions in comparison.versions.items():

@@ -12,7 +12,14 @@ from typing import Any
 from smartplay_tools.evaluation.analysis.baselines import Baseline, Baselines
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import INTERVALS, PRIVILEGED, by_game, shared, warnings
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, percent, with_interval
+from smartplay_tools.evaluation.analysis.numbers import (
+    NOTHING,
+    decimals_of,
+    dollars,
+    interval_notes,
+    percent,
+    with_interval,
+)
 from smartplay_tools.evaluation.analysis.summary import CellSummary, Drift, Failures, Profile, RunSummary
 from smartplay_tools.games.paper import CAPABILITIES
 from smartplay_tools.quantities import short
@@ -65,7 +72,8 @@ def _scores(summary: RunSummary) -> TextTable:
             rows.append((f"  {name}", f"{cell.episodes}", with_interval(cell.score, points), *shares))
     headings = ("n", "score", "% human", "% done")
     columns = (Column("game and player", words=True), *map(Column, headings))
-    return TextTable(_title("scores", summary), columns, tuple(rows), (INTERVALS, *warnings(summary.cells)))
+    notes = interval_notes(each for c in summary.cells for each in (c.score, c.normalized_score, c.completion))
+    return TextTable(_title("scores", summary), columns, tuple(rows), (INTERVALS, *notes, *warnings(summary.cells)))
 
 
 def _ends(summary: RunSummary) -> TextTable:
@@ -77,7 +85,8 @@ def _ends(summary: RunSummary) -> TextTable:
             ends = ", ".join(f"{reason} {count}" for reason, count in cell.end_reasons.items())
             rows.append((f"  {name}", with_interval(cell.reward, decimals), ends))
     columns = (Column("game and player", words=True), Column("reward"), Column("ends", words=True))
-    return TextTable(_title("rewards, and why episodes ended", summary), columns, tuple(rows), (INTERVALS,))
+    notes = (INTERVALS, *interval_notes(cell.reward for cell in summary.cells))
+    return TextTable(_title("rewards, and why episodes ended", summary), columns, tuple(rows), notes)
 
 
 def _cells(summary: RunSummary, title: str, figures: Figures, *notes: str) -> TextTable:
@@ -111,13 +120,15 @@ PLAY: Figures = (
 
 TOKEN_NOTES = (
     "totals over episodes; stable: share of prompts that repeats the prompt before;",
-    "over: replies longer than allowed; drift: the provider's count against ours",
+    "over: replies longer than allowed; drift: the provider's count against ours;",
+    "unusable: usages that the provider reported with numbers that cannot be tokens, which count as none",
 )
 TOKENS: Figures = (
     ("prompts", lambda cell: short(cell.tokens.prompt)),
     ("replies", lambda cell: short(cell.tokens.reply)),
     ("stable", lambda cell: percent(cell.tokens.prefix_share)),
     ("over", lambda cell: short(cell.tokens.overruns)),
+    ("unusable", _count("unusable_usages")),
     ("drift, p.", lambda cell: _drift(cell.tokens.prompt_drift)),
     ("drift, r.", lambda cell: _drift(cell.tokens.reply_drift)),
     ("USD", lambda cell: dollars(cell.cost)),
@@ -128,9 +139,9 @@ def _baselines(summary: RunSummary) -> Iterator[TextTable]:
     headings = ("random", "rule", "weakest", "strongest", "human")
     columns = (Column("game", words=True), *map(Column, headings))
     for label in dict.fromkeys(each.label for each in summary.baselines):
-        known = [each for each in summary.baselines if each.label == label]
-        rows = tuple((each.game, *_baseline_figures(each)) for each in known)
-        other_engine = any(each.models and not each.comparable for each in known)
+        baselines = [each for each in summary.baselines if each.label == label]
+        rows = tuple((each.game, *_baseline_figures(each)) for each in baselines)
+        other_engine = any(each.models and not each.comparable for each in baselines)
         title = f"baselines ({label})" if label else "baselines"
         yield TextTable(title, columns, rows, (PAPERS, *([OTHER_ENGINE] if other_engine else [])))
 
@@ -165,7 +176,8 @@ def _capabilities(profiles: Sequence[Profile]) -> TextTable:
         if p.capabilities.left_out
     ]
     privileged = [PRIVILEGED] if any(profile.privileged for profile in profiles) else []
-    notes = dict.fromkeys([INTERVALS, *left_out, *(f"{NOTHING}: {why}" for why in reasons), *privileged])
+    equal = interval_notes(score.estimate for p in profiles for score in p.capabilities.scores)
+    notes = dict.fromkeys([INTERVALS, *equal, *left_out, *(f"{NOTHING}: {why}" for why in reasons), *privileged])
     columns = (Column("capability", words=True), *map(Column, names))
     return TextTable(f"capabilities, {whose}", columns, tuple(rows), tuple(notes))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import html
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -34,13 +35,13 @@ class TextTable:
 
     def full_rows(self) -> list[tuple[str, ...]]:
         """Return the rows, each with its heading as the first cell, for formats without heading rows."""
-        found, group = [], ""
+        rows, group = [], ""
         for row in self.rows:
             if len(row) == 1:
                 group = row[0]
             else:
-                found.append((f"{group}, {row[0].strip()}" if group else row[0], *row[1:]))
-        return found
+                rows.append((f"{group}, {row[0].strip()}" if group else row[0], *row[1:]))
+        return rows
 
 
 def to_markdown(table: TextTable) -> str:
@@ -53,7 +54,7 @@ def to_markdown(table: TextTable) -> str:
 
 
 def to_latex(table: TextTable) -> str:
-    r"""Return a `tabular` in the style of the package booktabs, in a `table` with a caption."""
+    r"""Return a `tabular` in the style of the package booktabs, in a `table` with a caption and a label."""
     columns = "".join("l" if column.words else "r" for column in table.columns)
     head = " & ".join(_latex(column.heading) for column in table.columns)
     body = []
@@ -61,14 +62,15 @@ def to_latex(table: TextTable) -> str:
         if len(row) == 1:
             body += ["\\addlinespace", f"\\multicolumn{{{len(table.columns)}}}{{l}}{{{_latex(row[0])}}} \\\\"]
         else:
-            body.append(" & ".join(map(_latex, row)) + " \\\\")
-    caption = ". ".join([table.title, *table.notes])
+            body.append(" & ".join(map(_latex_cell, row)) + " \\\\")
+    caption = ". ".join(filter(None, [table.title, *table.notes]))
     return "\n".join(
         [
             "% \\usepackage{booktabs}",
             "\\begin{table}",
             "\\centering",
             f"\\caption{{{_latex(caption)}.}}",
+            f"\\label{{tab:{_label(table.title)}}}",
             f"\\begin{{tabular}}{{{columns}}}",
             "\\toprule",
             f"{head} \\\\",
@@ -115,6 +117,17 @@ def _html_table(table: TextTable) -> str:
 
 def _side(column: Column) -> str:
     return f' style="text-align: {"left" if column.words else "right"}"'
+
+
+def _latex_cell(text: str) -> str:
+    """A cell: what is indented stays so, a minus sign is one, and a bracket at the start is not an argument."""
+    inner = text.lstrip(" ")
+    escaped = re.sub(r"(?<![\w-])-(?=\d)", "$-$", _latex(inner))
+    return "\\quad " * ((len(text) - len(inner)) // 2) + ("{}" if escaped.startswith("[") else "") + escaped
+
+
+def _label(title: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "results"
 
 
 def _latex(text: str) -> str:

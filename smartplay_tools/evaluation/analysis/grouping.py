@@ -26,7 +26,7 @@ from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import STRATEGIES, Budget
 
 _COMMON = ("player", "player_options", "rules", "tokenizer")
-CAPS = ("prompt_tokens", "reply_tokens", "episode_tokens", "slack", *STRATEGIES)
+CAPS = ("prompt_tokens", "reply_tokens", "episode_tokens", "stalled_turns", "slack", *STRATEGIES)
 WORDS = ("history", "tool_calls")
 """The fields of a budget for which "game" means a different number in every game."""
 
@@ -80,7 +80,7 @@ class Condition:
 def _facts(row: Row) -> dict[str, Any]:
     """The fields of the cell of a row."""
     facts = {name: row[name] for name in _COPIED}
-    return {**facts, "budget": {**STRATEGIES, **row["budget"]}, "rules": {name: row[name] for name in RULES}}
+    return {**facts, "budget": {**Budget.later, **row["budget"]}, "rules": {name: row[name] for name in RULES}}
 
 
 _COPIED = tuple(field.name for field in fields(PlayedCell) if field.name not in ("rules", "budget"))

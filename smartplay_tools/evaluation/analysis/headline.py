@@ -9,7 +9,14 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, percent, with_interval
+from smartplay_tools.evaluation.analysis.numbers import (
+    NOTHING,
+    decimals_of,
+    dollars,
+    interval_notes,
+    percent,
+    with_interval,
+)
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary
 from smartplay_tools.quantities import short
 
@@ -19,7 +26,7 @@ CUT = "\N{DAGGER}"
 UNPLAYED = "!"
 """The mark of cells with episodes in which no action was ever played."""
 
-INTERVALS = "[ ]: 95 % bootstrap interval (BCa) over episodes; =: all episodes are equal"
+INTERVALS = "[ ]: 95 % interval of the mean"
 PRIVILEGED = "*: privileged, it knows the game's state and not only its messages"
 
 MANY_CUTS = 0.01
@@ -28,8 +35,8 @@ MANY_CUTS = 0.01
 TERMS: Mapping[str, str] = {
     "n": "finished episodes",
     "score": "the game's own score, mean over episodes",
-    "[ ]": "the 95 % bootstrap interval (BCa) of a mean, from 10,000 resamples with a fixed seed",
-    "=": "all episodes are equal, so the bootstrap sees no spread; that does not prove that there is none",
+    "[ ]": "the 95 % interval of a mean; docs/metrics.md says which one, and how often it holds",
+    "equal": "the episodes show no spread, and the measure has no bounds from which an interval would follow",
     "% human": "(score - minimum) / (human - minimum), with the paper's human score",
     "tokens": "budget tokens of an episode's prompts and replies, by our own count; mean over episodes",
     "USD": "cost of all episodes of the line; none if the price of a model is not known",
@@ -60,7 +67,8 @@ def headline(summary: RunSummary, title: str = "") -> TextTable:
         decimals = decimals_of(cell.score for _, cell in cells)
         rows += [(game,), *((f"  {name}", *_figures(cell, decimals)) for name, cell in cells)]
     columns = (Column("game and player", words=True), *map(Column, ("n", "score", "% human", "tokens", "USD")))
-    return TextTable(title or shared(summary), columns, tuple(rows), (INTERVALS, *warnings(summary.cells)))
+    intervals = [INTERVALS, *interval_notes(cell.score for cell in summary.cells)]
+    return TextTable(title or shared(summary), columns, tuple(rows), (*intervals, *warnings(summary.cells)))
 
 
 def by_game(summary: RunSummary) -> list[tuple[str, list[Named]]]:
@@ -84,18 +92,18 @@ def shared(summary: RunSummary) -> str:
 def warnings(cells: Iterable[CellSummary]) -> list[str]:
     """Return the warnings that a reader has to know before comparing these cells."""
     cells = list(cells)
-    found = [PRIVILEGED] if any(cell.privileged for cell in cells) else []
+    notes = [PRIVILEGED] if any(cell.privileged for cell in cells) else []
     if unplayed := sum(cell.unplayed for cell in cells):
-        found.append(
+        notes.append(
             f"{UNPLAYED}: {unplayed} without any action, whose scores say nothing of how well the player plays"
         )
     worst = max((cell.cut_share or 0.0 for cell in cells), default=0.0)
     if worst >= MANY_CUTS:
-        found.append(
+        notes.append(
             f"{CUT}: tool results were cut to fit (up to {percent(worst)} of them), so a low score is not that "
             "of less memory alone; raise --prompt-tokens or --result-tokens"
         )
-    return found
+    return notes
 
 
 def player_name(cell: CellSummary) -> str:

@@ -1,15 +1,19 @@
-"""Means with bootstrap confidence intervals, which are always the same for the same episodes.
+"""Means with 95 % confidence intervals, which are always the same for the same episodes.
 
-Everything that is estimated here is a weighted sum of means: the mean of one cell (one sample, weight 1), or a
-capability score (one sample for each setting, weighted by its degree). Episodes are resampled within each sample, never
-across settings, and the interval is bias-corrected and accelerated (BCa; Efron, "Better Bootstrap Confidence
-Intervals", 1987), because scores of games are skewed and samples are small. It is the interval that
-`scipy.stats.bootstrap` returns for the same seed, which a test compares. For means there is less to do, which counts at
-ten thousand episodes: samples of the same size share their resamples, and the skewness has a closed form instead of
-leaving out every episode once. An interval depends on the values alone: the generator has a fixed seed and the values
-are sorted, so neither the workers nor the order of completion can change it.
+Which interval a mean has follows from what its measure can be (`Bounds`), never from what a sample happens to look
+like; docs/metrics.md has the table, and the slow tests show how often each interval covers the truth.
 
-If the bootstrap cannot estimate an interval, the `note` of the estimate says why.
+    declared to be one of two values   Wilson's interval of a share, and Tango's of a difference in pairs (`shares`)
+    anything else                      at each end the wider of Student's t and the bootstrap
+    all values equal                   what the number of episodes alone can exclude, between the declared bounds
+    one value, or all equal unbounded  none; the `note` of the estimate says why
+
+The bootstrap is bias-corrected and accelerated (BCa; Efron, "Better Bootstrap Confidence Intervals", 1987), because
+scores of games are skewed, and its level is expanded, because samples are small (Hesterberg, "What Teachers Should Know
+about the Bootstrap", 2015). For means there is less to do than usual, which counts at ten thousand episodes: samples of
+the same size share their resamples, and the skewness has a closed form instead of leaving out every episode once. An
+interval depends on the values alone: the generator has a fixed seed and the values are sorted, so neither the workers
+nor the order of completion can change it.
 """
 
 from __future__ import annotations
@@ -17,11 +21,13 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from statistics import NormalDist
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from smartplay_tools.evaluation.analysis.distributions import NORMAL, t_quantile
+from smartplay_tools.evaluation.analysis.shares import clopper_pearson, tango, wilson
 
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
@@ -34,13 +40,65 @@ BLOCK = 200_000
 DIGITS = 12
 """Digits to which resampled values are rounded (`_bca` says why)."""
 
+FEW = 10
+"""With fewer episodes than this, tables say that there are few."""
+
 Values = NDArray[np.float64]
 
-Sample = tuple[float, ...]
+Ordered = tuple[float, ...]
 """Sorted values."""
 
+Interval = tuple[float, float]
+
 ONE_EPISODE = "one episode has no interval"
-ALL_EQUAL = "all episodes are equal, so the bootstrap sees no spread"
+ALL_EQUAL = "all {n} equal; up to {share:.0%} of all episodes may differ"
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a measure can be: from `low` to `high`."""
+
+    low: float
+    high: float
+    two_valued: bool = False
+    """Whether every value is one of the two; a difference can also be 0."""
+    paired: bool = False
+    """Whether it is a difference between the two episodes of a pair."""
+
+    @property
+    def of_differences(self) -> Bounds:
+        """What the difference of two such values can be."""
+        width = self.high - self.low
+        return Bounds(-width, width, self.two_valued, paired=True)
+
+    def hold(self, ordered: Ordered) -> bool:
+        """Whether sorted values are as declared; a declaration that one of them contradicts does not count."""
+        if ordered[0] < self.low or ordered[-1] > self.high:
+            return False
+        allowed = {self.low, self.high} | ({0.0} if self.paired else set())
+        return not self.two_valued or allowed.issuperset(ordered)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The values of a measure, and what they can be, if that is declared."""
+
+    values: Sequence[float]
+    bounds: Bounds | None = None
+
+
+@dataclass(frozen=True)
+class Method:
+    """How intervals are made."""
+
+    confidence: float = CONFIDENCE
+    exact: bool = False
+    """Clopper and Pearson's interval of a share, which covers at least as often as it says, instead of Wilson's."""
+    bootstrap: bool = True
+    """Without it, Student's t alone: ten thousand resamples have no quantile far out in the tails."""
+
+
+USUAL = Method()
 
 
 @dataclass(frozen=True)
@@ -52,64 +110,96 @@ class MeanEstimate:
     high: float | None
     episodes: int
     note: str | None = None
-    """The reason why the interval is missing or degenerate, if it is."""
+    """The reason why there is no interval, or that all episodes are equal."""
+    all_equal: bool = False
+    sd: float | None = field(default=None, compare=False)
+    """The standard deviation of the episodes; None of a single one and of sums."""
 
 
-def mean_estimate(values: Sequence[float]) -> MeanEstimate:
-    """MeanEstimate the mean of a sample, which must not be empty."""
-    return mean_estimates([values])[0]
+def equal_share(n: int, confidence: float = CONFIDENCE) -> float:
+    """Return how many of all episodes may differ, at most, if `n` of them are equal."""
+    return 1.0 - float((1 - confidence) ** (1 / n))
 
 
-def mean_estimates(samples: Sequence[Sequence[float]]) -> list[MeanEstimate]:
-    """MeanEstimate the mean of every sample, each as if it were alone.
+def mean_estimate(values: Sequence[float], bounds: Bounds | None = None, method: Method = USUAL) -> MeanEstimate:
+    """Estimate the mean of a sample, which must not be empty."""
+    return mean_estimates([Sample(values, bounds)], method)[0]
+
+
+def mean_estimates(samples: Sequence[Sample], method: Method = USUAL) -> list[MeanEstimate]:
+    """Estimate the mean of every sample, each as if it were alone.
 
     Samples of the same size share the random numbers, whose drawing takes most of the time, so all statistics of a run
     are best computed in one call.
     """
-    ordered = [_ordered(sample) for sample in samples]
-    known = {sample: _plain_estimate(sample) for sample in ordered}
-    sizes: dict[int, list[Sample]] = {}
-    for sample, estimate in known.items():
-        if estimate.note is None:
-            sizes.setdefault(len(sample), []).append(sample)
+    ordered = [(_ordered(sample.values), sample.bounds) for sample in samples]
+    estimates = {each: _plain_estimate(*each, method) for each in ordered}
+    sizes: dict[int, list[tuple[Ordered, Bounds | None]]] = {}
+    for each, estimate in estimates.items():
+        if estimate.low is None and estimate.note is None:
+            sizes.setdefault(len(each[0]), []).append(each)
     for alike in sizes.values():
-        for sample, (low, high) in zip(alike, _intervals(alike), strict=True):
-            known[sample] = replace(known[sample], low=low, high=high)
-    return [known[sample] for sample in ordered]
+        for each, interval in zip(alike, _intervals([values for values, _ in alike], method), strict=True):
+            low, high = _within(interval, *each)
+            estimates[each] = replace(estimates[each], low=low, high=high)
+    return [estimates[each] for each in ordered]
+
+
+def _within(interval: Interval, ordered: Ordered, bounds: Bounds | None) -> Interval:
+    """An interval cut to what a mean can be."""
+    if bounds is None or not bounds.hold(ordered):
+        return interval
+    return max(interval[0], bounds.low), min(interval[1], bounds.high)
 
 
 _REMEMBERED = 4_096
-_known_intervals: dict[bytes, tuple[float, float]] = {}
+_known_intervals: dict[bytes, Interval] = {}
 """The intervals that were asked for before, by a digest of what they follow from: the tables and figures of a report
 ask for the same ones again and again, and that of ten thousand episodes takes seconds."""
 
 
-def _intervals(samples: Sequence[Sample]) -> list[tuple[float, float]]:
-    """The intervals of the means of samples of the same size."""
+def _intervals(samples: Sequence[Ordered], method: Method) -> list[Interval]:
+    """The intervals of the means of samples of one size: at each end the wider of Student's t and the bootstrap."""
     data = np.array(samples)
+    n = data.shape[1]
+    half = t_quantile((1 - method.confidence) / 2, n - 1) * data.std(axis=1, ddof=1) / math.sqrt(n)
+    means = data.mean(axis=1)
+    students = list(zip((means - half).tolist(), (means + half).tolist(), strict=True))
+    if not method.bootstrap:
+        return students
+    drawn = _bootstrapped(data, method.confidence)
+    return [(min(t[0], b[0]), max(t[1], b[1])) for t, b in zip(students, drawn, strict=True)]
 
-    def compute(which: list[int]) -> list[tuple[float, float]]:
+
+def _bootstrapped(data: Values, confidence: float) -> list[Interval]:
+    """The bootstrap intervals of the means of rows."""
+    z = _expanded(data.shape[1], confidence)
+
+    def compute(which: list[int]) -> list[Interval]:
         values = data[which]
         scales = np.abs(values).max(axis=1)
         scaled = values / scales[:, None]
         skew = _skew([scaled], np.ones((len(which), 1)))
-        return _bca([scaled], lambda means: means[0], skew, scales, values.shape[1])
+        return _bca([scaled], lambda means: means[0], skew, scales, values.shape[1], np.full(len(which), z))
 
-    return _remembered([_digest(values) for values in data], compute)
+    return _remembered([_digest(values, np.array(z)) for values in data], compute)
 
 
-def _remembered(
-    keys: Sequence[bytes], compute: Callable[[list[int]], list[tuple[float, float]]]
-) -> list[tuple[float, float]]:
+def _expanded(n: int, confidence: float) -> float:
+    """The normal quantile of the expanded level, with which the bootstrap of `n` normal values is as wide as t."""
+    return t_quantile((1 - confidence) / 2, n - 1) * math.sqrt(n / (n - 1))
+
+
+def _remembered(keys: Sequence[bytes], compute: Callable[[list[int]], list[Interval]]) -> list[Interval]:
     """The intervals with these keys; `compute` is asked for those that are not known, by their positions."""
-    found = {key: _known_intervals[key] for key in keys if key in _known_intervals}
-    unknown = [at for at, key in enumerate(keys) if key not in found]
-    if unknown:
-        found.update(zip((keys[at] for at in unknown), compute(unknown), strict=True))
+    intervals = {key: _known_intervals[key] for key in keys if key in _known_intervals}
+    missing = [at for at, key in enumerate(keys) if key not in intervals]
+    if missing:
+        intervals.update(zip((keys[at] for at in missing), compute(missing), strict=True))
         if len(_known_intervals) > _REMEMBERED:
             _known_intervals.clear()
-        _known_intervals.update(found)
-    return [found[key] for key in keys]
+        _known_intervals.update(intervals)
+    return [intervals[key] for key in keys]
 
 
 def _digest(*parts: Values) -> bytes:
@@ -120,18 +210,18 @@ def _digest(*parts: Values) -> bytes:
     return digest.digest()
 
 
-def named_estimates(groups: Iterable[Mapping[str, Sequence[float]]]) -> list[dict[str, MeanEstimate]]:
-    """MeanEstimate the named samples of every group in one call; empty samples have no estimate."""
-    groups = [{name: values for name, values in group.items() if values} for group in groups]
-    found = iter(mean_estimates([values for group in groups for values in group.values()]))
-    return [{name: next(found) for name in group} for group in groups]
+def named_estimates(groups: Iterable[Mapping[str, Sample]], method: Method = USUAL) -> list[dict[str, MeanEstimate]]:
+    """Estimate the named samples of every group in one call; empty samples have no estimate."""
+    groups = [{name: sample for name, sample in group.items() if sample.values} for group in groups]
+    estimates = iter(mean_estimates([sample for group in groups for sample in group.values()], method))
+    return [{name: next(estimates) for name in group} for group in groups]
 
 
 def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[Sequence[float]]) -> list[MeanEstimate]:
-    """MeanEstimate, for every weighting, the sum of weight x mean over samples that are resampled independently.
+    """Estimate, for every weighting, the sum of weight x mean over samples that are resampled independently.
 
-    The samples are drawn once for all weightings. A sample of one episode has no spread: if it has
-    a weight other than 0, there is no interval.
+    The samples are drawn once for all weightings, and the level is expanded as the smallest of them needs. A sample of
+    one episode has no spread: if it has a weight other than 0, there is no interval.
     """
     ordered = [_ordered(sample) for sample in samples]
     estimates = [_weighted_estimate(ordered, weights) for weights in weightings]
@@ -142,7 +232,7 @@ def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[
         return estimates
     if len(used) == 1:
         # A sum over one sample is a multiple of its mean, whose interval is mostly known.
-        (interval,) = _intervals([ordered[used[0]]])
+        (interval,) = _intervals([ordered[used[0]]], USUAL)
         for at in regular:
             low, high = sorted(weightings[at][used[0]] * end for end in interval)
             estimates[at] = replace(estimates[at], low=low, high=high)
@@ -150,15 +240,19 @@ def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[
     data = [np.array(ordered[at]) for at in used]
     scale = max(np.abs(values).max() for values in data)
     weights = np.array([[weightings[each][at] for at in used] for each in regular])
+    smallest = [min(len(values) for values, weight in zip(data, row, strict=True) if weight) for row in weights]
+    levels = np.array([_expanded(n, CONFIDENCE) for n in smallest])
 
-    def compute(which: list[int]) -> list[tuple[float, float]]:
+    def compute(which: list[int]) -> list[Interval]:
         chosen = weights[which]
 
         def total(means: Sequence[Values]) -> Values:
             return chosen @ np.concatenate(means)
 
         scaled = [values[None, :] / scale for values in data]
-        return _bca(scaled, total, _skew(scaled, chosen), np.full(len(which), scale), sum(map(len, data)))
+        return _bca(
+            scaled, total, _skew(scaled, chosen), np.full(len(which), scale), sum(map(len, data)), levels[which]
+        )
 
     intervals = _remembered([_digest(row, *data) for row in weights], compute)
     for at, (low, high) in zip(regular, intervals, strict=True):
@@ -166,17 +260,41 @@ def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[
     return estimates
 
 
-def _ordered(sample: Sequence[float]) -> Sample:
+def _ordered(sample: Sequence[float]) -> Ordered:
     return tuple(sorted(map(float, sample)))
 
 
-def _plain_estimate(sample: Sample) -> MeanEstimate:
-    """The mean, and the interval if it needs no bootstrap."""
-    return _weighted_estimate([sample], [1.0])
+def _plain_estimate(ordered: Ordered, bounds: Bounds | None, method: Method) -> MeanEstimate:
+    """The mean, and the interval if its ends have a formula."""
+    estimate, n = _weighted_estimate([ordered], [1.0]), len(ordered)
+    if n > 1:
+        estimate = replace(estimate, sd=float(np.std(ordered, ddof=1)))
+    if estimate.note == ONE_EPISODE or bounds is None or not bounds.hold(ordered):
+        return estimate
+    if bounds.two_valued:
+        return _with(estimate, _share_interval(ordered, bounds, method))
+    if estimate.all_equal:
+        u, value = equal_share(n, method.confidence), estimate.mean
+        return _with(estimate, (value - u * (value - bounds.low), value + u * (bounds.high - value)))
+    return estimate
 
 
-def _weighted_estimate(samples: Sequence[Sample], weights: Sequence[float]) -> MeanEstimate:
-    """The weighted sum, with its interval only if that needs no bootstrap."""
+def _with(estimate: MeanEstimate, interval: Interval) -> MeanEstimate:
+    return replace(estimate, low=interval[0], high=interval[1])
+
+
+def _share_interval(ordered: Ordered, bounds: Bounds, method: Method) -> Interval:
+    """The interval of a measure that has two values, or of its difference in pairs."""
+    n, high, width = len(ordered), ordered.count(bounds.high), bounds.high - bounds.low
+    if bounds.paired:
+        low, top = tango(high, ordered.count(bounds.low), n, method.confidence)
+        return bounds.high * low, bounds.high * top
+    low, top = (clopper_pearson if method.exact else wilson)(high, n, method.confidence)
+    return bounds.low + width * low, bounds.low + width * top
+
+
+def _weighted_estimate(samples: Sequence[Ordered], weights: Sequence[float]) -> MeanEstimate:
+    """The weighted sum without its interval, and the reason if the bootstrap has none for it."""
     total = math.fsum(weight * math.fsum(sample) / len(sample) for sample, weight in zip(samples, weights, strict=True))
     episodes = sum(map(len, samples))
     weighed = [sample for sample, weight in zip(samples, weights, strict=True) if weight]
@@ -185,7 +303,8 @@ def _weighted_estimate(samples: Sequence[Sample], weights: Sequence[float]) -> M
     # Sums of floats differ by rounding: rewards that were added in another order still count as equal.
     rounding = 1e-9 * max(1.0, abs(total))
     if all(sample[-1] - sample[0] <= rounding for sample in weighed):
-        return MeanEstimate(total, total, total, episodes, ALL_EQUAL)
+        share = equal_share(min(map(len, weighed), default=1))
+        return MeanEstimate(total, None, None, episodes, ALL_EQUAL.format(n=episodes, share=share), all_equal=True)
     return MeanEstimate(total, None, None, episodes)
 
 
@@ -204,14 +323,20 @@ def _skew(samples: Sequence[Values], weights: Values) -> Values:
 
 
 def _bca(
-    data: Sequence[Values], combine: Callable[[Sequence[Values]], Values], skew: Values, scales: Values, size: int
-) -> list[tuple[float, float]]:
+    data: Sequence[Values],
+    combine: Callable[[Sequence[Values]], Values],
+    skew: Values,
+    scales: Values,
+    size: int,
+    levels: Values,
+) -> list[Interval]:
     """The intervals of the sums that `combine` makes of means, each times its scale; a resample has `size` values.
 
     `data` has an array [row, value] for every sample, `combine` takes their means as [row, resample] and returns
-    [sum, resample]. Scores are discrete, so many resamples tie with the mean, and the correction of bias counts a tie
-    half on either side. Sums of the same values in another order differ in their last digits: data come with values up
-    to 1, and resampled figures are rounded, so that ties are ties.
+    [sum, resample]; `levels` are the normal quantiles of the sums' levels. Scores are discrete, so many resamples tie
+    with the mean, and the correction of bias counts a tie half on either side. Sums of the same values in another order
+    differ in their last digits: data come with values up to 1, and resampled figures are rounded, so that ties are
+    ties.
     """
 
     def rounded(means: Sequence[Values]) -> Values:
@@ -220,17 +345,20 @@ def _bca(
     drawn = np.concatenate([rounded(means) for means in _resampled_means(data, max(1, BLOCK // size))], axis=1)
     estimate = rounded([_means(values, np.ones((1, values.shape[1]))) for values in data])
     below = ((drawn < estimate).mean(axis=-1) + (drawn <= estimate).mean(axis=-1)) / 2
-    found = []
-    for row, share, acceleration, scale in zip(drawn, below, skew, scales, strict=True):
-        bias = _NORMAL.inv_cdf(share)
-        shifted = (bias + _NORMAL.inv_cdf((1 + sign * CONFIDENCE) / 2) for sign in (-1, 1))
-        low, high = np.quantile(row, [_NORMAL.cdf(bias + z / (1 - acceleration * z)) for z in shifted])
-        found.append((float(scale * low), float(scale * high)))
-    return found
+    intervals = []
+    for row, share, acceleration, scale, level in zip(drawn, below, skew, scales, levels, strict=True):
+        bias = NORMAL.inv_cdf(share)
+        low, high = np.quantile(
+            row, [_corrected(bias, bias - level, acceleration), _corrected(bias, bias + level, acceleration)]
+        )
+        intervals.append((float(scale * low), float(scale * high)))
+    return intervals
 
 
-_NORMAL = NormalDist()
-"""The standard normal distribution, whose functions need no import of SciPy."""
+def _corrected(bias: float, shifted: float, acceleration: float) -> float:
+    """The share of resamples below an end of a BCa interval."""
+    room = 1 - acceleration * shifted
+    return NORMAL.cdf(bias + shifted / room) if room > 0 else float(shifted > 0)
 
 
 def _resampled_means(data: Sequence[Values], batch: int) -> Iterator[list[Values]]:

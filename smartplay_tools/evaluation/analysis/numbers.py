@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from smartplay_tools.evaluation.analysis.intervals import ALL_EQUAL, MeanEstimate
+from smartplay_tools.evaluation.analysis.intervals import FEW, MeanEstimate
 
 NOTHING = "-"
 """The text for a missing number."""
@@ -17,9 +17,9 @@ def decimals_of(estimates: Iterable[MeanEstimate | None]) -> int:
     """Return the number of decimals for estimates that are printed next to each other: about four digits."""
     ends = [
         end
-        for found in estimates
-        if found is not None
-        for end in (found.mean, found.low, found.high)
+        for estimate in estimates
+        if estimate is not None
+        for end in (estimate.mean, estimate.low, estimate.high)
         if end is not None
     ]
     largest = max(map(abs, ends), default=0.0)
@@ -27,7 +27,7 @@ def decimals_of(estimates: Iterable[MeanEstimate | None]) -> int:
 
 
 def with_interval(estimate: MeanEstimate | None, decimals: int, *, factor: float = 1, sign: str = "-") -> str:
-    """Return "mean [low, high]"; "mean =" if all episodes are equal, and the mean alone if there is only one.
+    """Return "mean [low, high]", the mean alone for one episode, or that all are equal where no bounds are declared.
 
     `factor` is 100 for percent; `sign` is "+" for differences, which are printed with their sign.
     """
@@ -35,10 +35,16 @@ def with_interval(estimate: MeanEstimate | None, decimals: int, *, factor: float
         return NOTHING
     mean = fixed(factor * estimate.mean, decimals, sign)
     if estimate.low is None or estimate.high is None:
-        return mean
-    if estimate.note == ALL_EQUAL:
-        return f"{mean} ="
+        return f"{mean} (all {estimate.episodes} equal)" if estimate.all_equal else mean
     return f"{mean} [{fixed(factor * estimate.low, decimals, sign)}, {fixed(factor * estimate.high, decimals, sign)}]"
+
+
+def interval_notes(estimates: Iterable[MeanEstimate | None]) -> list[str]:
+    """Return what a reader of these intervals has to know: where equal episodes have none, and where there are few."""
+    shown = [estimate for estimate in estimates if estimate is not None]
+    equal = {each.note for each in shown if each.low is None and each.all_equal and each.note}
+    few = [f"few episodes: with fewer than {FEW}, an interval is a rough guide and sees no rare failures"]
+    return [*sorted(equal), *(few if any(each.episodes < FEW for each in shown) else [])]
 
 
 def percent(share: float | None) -> str:

@@ -4,16 +4,18 @@ The seeds of a run are paired: trial i of a game has the same seed in every cell
 pays, what the opponent prefers, where the cows are) is therefore the same on both sides of a difference and cancels
 out, so that far fewer episodes are needed to show whether a smaller window costs anything.
 
-The interval of a mean difference is computed by `intervals`, with the differences as the sample: pairs are resampled as
-a whole, 10,000 times with a fixed seed. An episode whose counterpart is missing (it failed, or was not played yet) is
-in no pair.
+The interval of a mean difference is computed by `intervals`, with the differences as the sample. An episode whose
+counterpart is missing (it failed, or was not played yet) is in no pair.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimate
+from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Sample, mean_estimate
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.rows import Row
 
 Measure = Callable[[Row], float | None]
@@ -56,19 +58,86 @@ MEASURES: Mapping[str, Measure] = {
 """The measures by which cells are compared."""
 
 
+def bounds_of(measure: Measure, game: str) -> Bounds | None:
+    """Return what a measure can be in a game, if that is declared; the game need not be known."""
+    if measure in (prefix_share, completed):
+        return Bounds(0, 1, two_valued=measure is completed)
+    spec = GAMES.get(game)
+    if spec is None or spec.score_bounds is None or measure not in (score, normalized_score):
+        return None
+    low, high = map(spec.normalize, spec.score_bounds) if measure is normalized_score else spec.score_bounds
+    return None if low is None or high is None else Bounds(low, high, spec.two_valued)
+
+
 def values(rows: Iterable[Row], measure: Measure) -> list[float]:
     """Return a measure of all episodes that have it."""
     return [value for row in rows if (value := measure(row)) is not None]
 
 
-def differences(rows: Iterable[Row], reference: Iterable[Row], measure: Measure) -> list[float]:
-    """Return measure(row) - measure(its counterpart) for every seed that both sides played, in the order of `rows`."""
-    counterparts = {row["seed"]: measure(row) for row in reference}
-    pairs = ((measure(row), counterparts.get(row["seed"])) for row in rows)
-    return [value - counterpart for value, counterpart in pairs if value is not None and counterpart is not None]
+def completed(row: Row) -> float:
+    """Whether the objective was reached."""
+    return float(row["completed"])
+
+
+def reward(row: Row) -> float:
+    """The sum of the game's rewards."""
+    return float(row["reward"])
+
+
+def sample(rows: Sequence[Row], measure: Measure) -> Sample:
+    """Return a measure of the episodes of a cell, or of its worlds if they were played several times."""
+    measured = [(row["seed"], value) for row in rows if (value := measure(row)) is not None]
+    return _of_worlds(measured, bounds_of(measure, rows[0]["game"]) if rows else None)
+
+
+def _of_worlds(measured: Sequence[tuple[int, float]], bounds: Bounds | None) -> Sample:
+    """Repeats of one world are not independent, so the worlds' means are the sample."""
+    worlds: dict[int, list[float]] = {}
+    for seed, value in measured:
+        worlds.setdefault(seed, []).append(value)
+    if len(worlds) == len(measured):
+        return Sample([value for _, value in measured], bounds)
+    bounds = None if bounds is None else replace(bounds, two_valued=False)
+    return Sample([math.fsum(repeats) / len(repeats) for repeats in worlds.values()], bounds)
+
+
+def samples(rows: Sequence[Row]) -> dict[str, Sample]:
+    """Return all measures of the episodes of a cell."""
+    return {name: sample(rows, measure) for name, measure in MEASURES.items()}
+
+
+Pair = tuple[Row, Row]
+"""An episode and its counterpart."""
+
+
+def pairs(rows: Iterable[Row], reference: Iterable[Row]) -> list[Pair]:
+    """Return the episodes that both sides played, those of the same seed and trial, in the order of `rows`."""
+    counterparts = {(row["seed"], row["trial"]): row for row in reference}
+    keyed = {(row["seed"], row["trial"]): row for row in rows}
+    return [(row, counterparts[key]) for key, row in keyed.items() if key in counterparts]
+
+
+def difference_sample(paired: Sequence[Pair], measure: Measure) -> Sample:
+    """Return measure(row) - measure(its counterpart) of the pairs that have it."""
+    measured = ((row["seed"], measure(row), measure(counterpart)) for row, counterpart in paired)
+    seed_differences = [
+        (seed, value - other) for seed, value, other in measured if value is not None and other is not None
+    ]
+    bounds = bounds_of(measure, paired[0][0]["game"]) if paired else None
+    return _of_worlds(seed_differences, None if bounds is None else bounds.of_differences)
+
+
+def difference_samples(paired: Sequence[Pair]) -> dict[str, Sample]:
+    """Return the differences of all measures."""
+    return {name: difference_sample(paired, measure) for name, measure in MEASURES.items()}
+
+
+def differences(rows: Iterable[Row], reference: Iterable[Row], measure: Measure) -> Sequence[float]:
+    """Return measure(row) - measure(its counterpart) for every pair, in the order of `rows`."""
+    return difference_sample(pairs(rows, reference), measure).values
 
 
 def paired_difference(rows: Iterable[Row], reference: Iterable[Row], measure: Measure) -> MeanEstimate | None:
-    """MeanEstimate the mean of the `differences`; its `episodes` are the pairs. None if there is no pair."""
-    found = differences(rows, reference, measure)
-    return mean_estimate(found) if found else None
+    """Estimate the mean of the `differences`; its `episodes` are the pairs. None if there is no pair."""
+    differing = difference_sample(pairs(rows, reference), measure)
+    return mean_estimate(differing.values, differing.bounds) if differing.values else None

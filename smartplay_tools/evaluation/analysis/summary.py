@@ -18,7 +18,8 @@ from smartplay_tools.episode.deviations import differs
 from smartplay_tools.evaluation.analysis.baselines import Baselines, find_baselines
 from smartplay_tools.evaluation.analysis.capabilities import Capabilities, Weights, capability_scores
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates
+from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, Sample, named_estimates
+from smartplay_tools.evaluation.analysis.pairs import completed, normalized_score, reward, sample, score
 from smartplay_tools.records.rows import Row, is_unplayed
 from smartplay_tools.types import EndReason
 
@@ -31,6 +32,7 @@ COUNTS = (
     "refused_calls",
     "idle_replies",
     "fallback_actions",
+    "unusable_usages",
     "cut_results",
 )
 """Fields of a row that are added up over a cell."""
@@ -147,11 +149,13 @@ class RunSummary:
     failures: tuple[Failures, ...]
 
 
-def summarize(rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Weights = "paper") -> RunSummary:
+def summarize(
+    rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Weights = "paper", method: Method = USUAL
+) -> RunSummary:
     """Summarise a run, from `RunFolder.rows` (finished episodes) and `RunFolder.failures` (failed attempts)."""
     rows = list(rows)
     groups = by_cell(rows)
-    estimates = named_estimates(_measured(cell, members) for cell, members in groups)
+    estimates = named_estimates((_measured(cell, members) for cell, members in groups), method)
     cells = [_cell_summary(cell, members, found) for (cell, members), found in zip(groups, estimates, strict=True)]
     found = conditions([cell for cell, _ in groups])
     profiles = [_profile(condition, groups, cells, weights) for condition in found]
@@ -163,14 +167,14 @@ def summarize(rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Wei
     return RunSummary(tuple(cells), tuple(profiles), tuple(find_baselines(played)), tuple(lost))
 
 
-def _measured(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, list[float]]:
+def _measured(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, Sample]:
     """The samples from which a cell's means are estimated."""
     objective = cell.spec.family not in FAMILIES_WITHOUT_OBJECTIVE
     return {
-        "reward": [row["reward"] for row in rows],
-        "completion": [float(row["completed"]) for row in rows] if objective else [],
-        "score": [row["score"] for row in rows],
-        "normalized_score": [row["normalized_score"] for row in rows if row["normalized_score"] is not None],
+        "reward": sample(rows, reward),
+        "completion": sample(rows if objective else [], completed),
+        "score": sample(rows, score),
+        "normalized_score": sample(rows, normalized_score),
     }
 
 
@@ -184,7 +188,7 @@ def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str,
         completion=estimates.get("completion"),
         score=estimates["score"],
         normalized_score=estimates.get("normalized_score"),
-        counts={name: sum(row[name] for row in rows) for name in COUNTS},
+        counts={name: sum(row.get(name, 0) for row in rows) for name in COUNTS},
         end_reasons={reason: ends[reason] for reason in get_args(EndReason) if ends[reason]},
         tokens=_tokens([row["tokens"] for row in rows]),
         cost=None if None in costs else math.fsum(costs),
@@ -195,10 +199,10 @@ def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str,
 
 def _tokens(tokens: Sequence[Mapping[str, Any]]) -> TokenSummary:
     total = {name: sum(each[name] for each in tokens) for name in ("prompt", "reply", "prefix", "overruns")}
-    told = [each for each in tokens if each["provider"] is not None]
-    requests = sum(each["provider"]["requests"] for each in told) if told else None
+    reported = [each for each in tokens if each["provider"] is not None]
+    requests = sum(each["provider"]["requests"] for each in reported) if reported else None
     return TokenSummary(
-        **total, prompt_drift=_drift("prompt", told), reply_drift=_drift("reply", told), requests=requests
+        **total, prompt_drift=_drift("prompt", reported), reply_drift=_drift("reply", reported), requests=requests
     )
 
 
@@ -213,8 +217,8 @@ def _deviations(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, Any]:
     merged: dict[str, Any] = {}
     for row in rows:
         for name, values in row["deviations"].items():
-            known = merged.setdefault(name, {"paper": values["paper"], "played": []})
-            known["played"] += [values["played"]] if values["played"] not in known["played"] else []
+            deviation = merged.setdefault(name, {"paper": values["paper"], "played": []})
+            deviation["played"] += [values["played"]] if values["played"] not in deviation["played"] else []
     for values in merged.values():
         values["played"] = values["played"][0] if len(values["played"]) == 1 else values["played"]
     return {**merged, **_trial_deviation(cell, len(rows))}

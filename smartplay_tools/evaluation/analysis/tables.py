@@ -18,13 +18,23 @@ from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
+from smartplay_tools.records.rows import LATER as ROWS_LATER
 from smartplay_tools.records.rows import Row
-from smartplay_tools.types import STRATEGIES, Budget, EpisodeResult, Tokens
+from smartplay_tools.types import STRATEGIES, Budget, EpisodeResult, Tokens, Usage
 
 _STRINGS = ("key", "game", "engine", "player", *RULES, "tokenizer", "prompts")
 _TOKENS = ("prompt", "reply", "prefix")
-_PROVIDER = ("prompt", "reply", "cached", "reasoning")
-_CAPS = ("history", "prompt_tokens", "reply_tokens", "episode_tokens", "result_tokens", "manual_tokens", "tool_calls")
+_PROVIDER = ("prompt", "reply", "cached", "written", "reasoning")
+_CAPS = (
+    "history",
+    "prompt_tokens",
+    "reply_tokens",
+    "episode_tokens",
+    "result_tokens",
+    "manual_tokens",
+    "tool_calls",
+    "stalled_turns",
+)
 
 COLUMNS: dict[str, tuple[str, str]] = {
     "run": ("run", "string"),
@@ -35,6 +45,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     **{name: (name, "int64") for name in COUNTS},
     **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in _TOKENS},
     "overruns": ("tokens.overruns", "int64"),
+    "peak_prompt_tokens": ("peak_prompt_tokens", "int64"),
     **{f"provider_{name}_tokens": (f"tokens.provider.{name}", "int64") for name in _PROVIDER},
     "provider_requests": ("tokens.provider.requests", "int64"),
     "cost": ("cost", "float64"),
@@ -52,10 +63,8 @@ COLUMNS: dict[str, tuple[str, str]] = {
 }
 """Every column: the location of its value in a row, and its type. `run` is empty if all rows are of one run."""
 
-LATER: dict[str, Any] = {
-    name: kind.model_fields[name].default for kind in (Budget, EpisodeResult, Tokens) for name in kind.later
-}
-"""Values that a row leaves out at their defaults."""
+LATER: Mapping[str, Any] = {**Budget.later, **EpisodeResult.later, **Tokens.later, **Usage.later}
+"""Values that a row leaves out, and what they then are."""
 
 PROPERTIES: dict[type, tuple[str, ...]] = {
     CellSummary: ("privileged", "cut_share"),
@@ -92,15 +101,30 @@ def write_parquet(rows: Iterable[Row], path: str | Path) -> None:
     parquet.write_table(pyarrow.Table.from_pylist([flat(row) for row in rows], schema=schema), str(path))
 
 
+def cell_rows(summary: RunSummary) -> list[dict[str, Any]]:
+    """Return a flat row for every cell, with the intervals of its figures."""
+    rows = []
+    for each in summary.cells:
+        labels = (profile.condition.label for profile in summary.profiles if each.cell in profile.condition.cells)
+        row: dict[str, Any] = {"game": each.cell.game, "engine": each.cell.engine, "player": each.cell.player}
+        row |= {"condition": next(labels, ""), "episodes": each.episodes}
+        for name in ("score", "normalized_score", "completion", "reward"):
+            estimate = getattr(each, name)
+            row |= {name: estimate and estimate.mean}
+            row |= {f"{name}_{end}": estimate and getattr(estimate, end) for end in ("low", "high")}
+        rows.append({**row, "tokens": each.tokens.prompt + each.tokens.reply, "cost": each.cost, **each.counts})
+    return rows
+
+
 def summary_json(summary: RunSummary) -> dict[str, Any]:
     """Return a summary as JSON."""
-    found: dict[str, Any] = plain(summary)
-    return found
+    content: dict[str, Any] = plain(summary)
+    return content
 
 
 def _value(row: Any, path: list[str], kind: str) -> Any:
-    if path == ["run"]:
-        return row.get("run")
+    if path[0] in ("run", *ROWS_LATER):
+        return row.get(path[0])
     for name in path:
         row = None if row is None else row[name] if name in row else LATER[name]
     if kind == "json":

@@ -5,18 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
-from smartplay_tools.evaluation.analysis.grouping import USUAL
+from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell
 from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS
 from smartplay_tools.evaluation.analysis.names import window_name
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, percent, with_interval
+from smartplay_tools.evaluation.analysis.numbers import (
+    NOTHING,
+    decimals_of,
+    dollars,
+    interval_notes,
+    percent,
+    with_interval,
+)
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
 from smartplay_tools.quantities import short
 
 NOTES = (
-    "+-: to full context, paired by seed; [ ]: 95 % bootstrap interval (BCa); =: all episodes are equal",
+    "+-: to full context, paired by seed; [ ]: 95 % interval",
     "tokens: prompts and replies of an episode; stable: of its prompts, in a prefix that did not change",
     "*: on the game's Pareto front of score against tokens",
 )
+TOGETHER = "the intervals of the {compared} differences hold together in 95 of 100 sweeps (Bonferroni)"
+SINGLE = "the intervals of the {compared} differences hold each by itself: of twenty, one is expected to miss"
 COST_NOTE = "$: on the front of score against cost; USD: of an episode"
 CUT_NOTE = (
     f"{CUT}: at least {MANY_CUTS:.0%} of the tool results were cut, so the difference is not one of memory alone; "
@@ -24,16 +33,28 @@ CUT_NOTE = (
 )
 
 
-def windows_table(comparisons: Sequence[WindowComparison]) -> TextTable:
-    """Return the table of a sweep, with a heading for each family of cells."""
+def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = False) -> TextTable:
+    """Return the table of a sweep, with a heading for each family of cells.
+
+    The intervals of differences hold together, or with `single` each by itself.
+    """
+    differences = [c.differences.get("score") if single else c.together for c in comparisons]
+    compared = sum(difference is not None for difference in differences)
     priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
     rows: list[tuple[str, ...]] = []
     for title, members in _families(comparisons).items():
         decimals = decimals_of(c.means["score"] for c in members)
-        rows += [(title,), *(_row(comparison, decimals, priced=priced) for comparison in members)]
+        rows += [(title,), *(_row(comparison, decimals, priced=priced, single=single) for comparison in members)]
     headings = ["n", "score", "+-", "tokens", "stable", *(["USD"] if priced else []), ""]
     columns = (Column("window", words=True), *map(Column, headings))
-    notes = [*NOTES, *([COST_NOTE] if priced else []), *([CUT_NOTE] if any(map(is_cut, comparisons)) else [])]
+    held = (SINGLE if single else TOGETHER).format(compared=compared)
+    notes = [
+        *([held] if compared > 1 else []),
+        *NOTES,
+        *interval_notes([*(c.means["score"] for c in comparisons), *differences]),
+        *([COST_NOTE] if priced else []),
+        *([CUT_NOTE] if any(map(is_cut, comparisons)) else []),
+    ]
     return TextTable("windows", columns, tuple(rows), tuple(notes))
 
 
@@ -46,17 +67,20 @@ def _families(comparisons: Iterable[WindowComparison]) -> dict[str, list[WindowC
     """The cells that differ only in their window, by what they have in common."""
     families: dict[str, list[WindowComparison]] = {}
     for comparison in comparisons:
-        cell = comparison.cell
-        rules = (f"{name} {value}" for name, value in cell.rules.items() if value != USUAL[name])
-        title = ", ".join([cell.game, cell.player, *rules])
-        families.setdefault(title, []).append(comparison)
+        families.setdefault(family_title(comparison.cell), []).append(comparison)
     return families
 
 
-def _row(comparison: WindowComparison, decimals: int, *, priced: bool) -> tuple[str, ...]:
+def family_title(cell: PlayedCell) -> str:
+    """Return what a cell has in common with those that differ only in their window: game, player, unusual rules."""
+    rules = (f"{name} {value}" for name, value in cell.rules.items() if value != USUAL[name])
+    return ", ".join([cell.game, cell.player, *rules])
+
+
+def _row(comparison: WindowComparison, decimals: int, *, priced: bool, single: bool) -> tuple[str, ...]:
     means = comparison.means
     share, cost = means.get("prefix_share"), means.get("cost")
-    difference = comparison.differences.get("score")
+    difference = comparison.differences.get("score") if single else comparison.together
     compared = "no pairs" if difference is None else with_interval(difference, decimals, sign="+")
     marks = ("*" if comparison.on_token_front else "") + ("$" if priced and comparison.on_cost_front else "")
     return (

@@ -7,8 +7,10 @@ no limit, and the longest. In a grid this is the largest history with the larges
 with the same manual.
 
 An episode that was cut short by a cap on the whole run (`run_budget`) does not show the value of a window, so it is not
-compared. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), which are not adjusted
-for multiple comparisons: with twenty cells, one is expected to miss. The Pareto fronts compare the means of all cells
+compared. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each of
+which holds by itself: with twenty cells, one is expected to miss. The K differences of scores also have intervals that
+hold together in 95 of 100 sweeps: each at the level 1 - 0.05 / K (Bonferroni), by formulas, since a bootstrap of ten
+thousand has no quantile that far out. The Pareto fronts compare the means of all cells
 of a game, including different players, manuals and protocols, because these have a price too.
 """
 
@@ -20,8 +22,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates
-from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences, values
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, named_estimates
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_samples, pairs, samples
 from smartplay_tools.evaluation.analysis.pareto import pareto_front
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES
@@ -45,6 +47,8 @@ class WindowComparison:
     """By the names of `pairs.MEASURES`, as far as the episodes have them."""
     differences: Mapping[str, MeanEstimate]
     """Paired, this cell less full context; empty for full context itself."""
+    together: MeanEstimate | None
+    """The difference of scores with an interval that holds together with those of all other cells."""
     cut_share: float | None
     """The share of tool results that were cut to their cap; None without a tool call."""
     on_token_front: bool
@@ -66,10 +70,16 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
     """
     groups = by_cell(row for row in rows if row["end_reason"] != "run_budget")
     full = _full_contexts(groups, along)
-    means = named_estimates(_samples(members) for _, members in groups)
-    paired = named_estimates(
-        {} if at == reference else _differences(groups[at][1], groups[reference][1])
+    means = named_estimates(samples(members) for _, members in groups)
+    differing = [
+        {} if at == reference else difference_samples(pairs(groups[at][1], groups[reference][1]))
         for at, reference in enumerate(full)
+    ]
+    paired = named_estimates(differing)
+    compared = sum("score" in estimates for estimates in paired)
+    jointly = Method(1 - (1 - CONFIDENCE) / max(1, compared), bootstrap=False)
+    together = named_estimates(
+        ({name: sample for name, sample in measures.items() if name == "score"} for measures in differing), jointly
     )
     token_fronts, cost_fronts = _fronts(groups, means, "tokens"), _fronts(groups, means, "cost")
     return [
@@ -79,6 +89,7 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
             full=groups[reference][0],
             means=means[at],
             differences=paired[at],
+            together=together[at].get("score"),
             cut_share=_cut_share(members),
             on_token_front=bool(token_fronts[at]),
             on_cost_front=cost_fronts[at],
@@ -126,14 +137,6 @@ def _cut_share(rows: Sequence[Row]) -> float | None:
     return sum(row["cut_results"] for row in rows) / calls if calls else None
 
 
-def _samples(rows: Sequence[Row]) -> dict[str, list[float]]:
-    return {name: values(rows, measure) for name, measure in MEASURES.items()}
-
-
-def _differences(rows: Sequence[Row], reference: Sequence[Row]) -> dict[str, list[float]]:
-    return {name: differences(rows, reference, measure) for name, measure in MEASURES.items()}
-
-
 def _fronts(
     groups: Sequence[tuple[PlayedCell, list[Row]]], means: Sequence[Mapping[str, MeanEstimate]], price: str
 ) -> list[bool | None]:
@@ -162,12 +165,14 @@ def as_row(comparison: WindowComparison) -> dict[str, Any]:
     for measure in MEASURES:
         row |= _columns(measure, comparison.means.get(measure))
         row |= _columns(f"{measure}_difference", comparison.differences.get(measure))
-    pairs = comparison.differences.get("score")
-    row |= {"pairs": None if pairs is None else pairs.episodes}
+    joint = _columns("score_difference_together", comparison.together)
+    row |= {name: end for name, end in joint.items() if name != "score_difference_together"}
+    compared = comparison.differences.get("score")
+    row |= {"pairs": None if compared is None else compared.episodes}
     return row | {"on_token_front": comparison.on_token_front, "on_cost_front": comparison.on_cost_front}
 
 
-def _columns(name: str, found: MeanEstimate | None) -> dict[str, float | None]:
-    if found is None:
+def _columns(name: str, estimate: MeanEstimate | None) -> dict[str, float | None]:
+    if estimate is None:
         return {name: None, f"{name}_low": None, f"{name}_high": None}
-    return {name: found.mean, f"{name}_low": found.low, f"{name}_high": found.high}
+    return {name: estimate.mean, f"{name}_low": estimate.low, f"{name}_high": estimate.high}

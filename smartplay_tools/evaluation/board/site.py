@@ -15,17 +15,23 @@ from importlib import metadata, resources
 from pathlib import Path
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.intervals import ALL_EQUAL, MeanEstimate
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.board.submissions.bundle import Limits
 from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked, checking
 from smartplay_tools.evaluation.board.submissions.plan import Allowed
 from smartplay_tools.evaluation.board.submissions.report import report_json
+from smartplay_tools.evaluation.board.submissions.results import by_cell
 from smartplay_tools.evaluation.board.table import Board, make_board
 from smartplay_tools.evaluation.pages import templates
 from smartplay_tools.records.rows import Row
+from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.records.tariffs import tariffs_of
 
 REPLAYS = 1
 """Episodes of every game and budget that the replay page of a submission shows."""
+
+CACHES = ("none", "openai-5-6", "anthropic-512", "vllm")
+"""The rules of caches under which that page says what the episodes cost."""
 
 
 def build_board(
@@ -54,52 +60,47 @@ def build_board(
         on_checked: called after each check.
     """
     folder, site = Path(bundles), Path(out)
-    found = sorted(folder.glob("*.zip"))
-    if not found:
+    paths = sorted(folder.glob("*.zip"))
+    if not paths:
         raise InvalidArgumentError(f"{folder} holds no bundle; submit prepare writes them as .zip files.")
     checked: dict[str, Checked] = {}
     site.mkdir(parents=True, exist_ok=True)
-    for path in found:
-        with checking(path, seeds=seeds, allowed=allowed, workers=workers, limits=limits) as (one, unpacked):
-            place = one.sha256[:16]
+    for path in paths:
+        with checking(path, seeds=seeds, allowed=allowed, workers=workers, limits=limits) as (submitted, unpacked):
+            place = submitted.sha256[:16]
             if place in checked:
                 raise InvalidArgumentError(f"{path} is the same file as {checked[place].bundle}; remove one of them.")
-            checked[place] = one
-            _write_files(site / place, one, unpacked, replays)
+            checked[place] = submitted
+            _write_files(site / place, submitted, unpacked, replays)
         if on_checked is not None:
-            on_checked(one)
+            on_checked(submitted)
     board = make_board(list(checked.items()))
     (site / "index.html").write_text(_page(board, title, replays), encoding="utf-8", newline="\n")
     (site / "board.css").write_text(_style(), encoding="utf-8", newline="\n")
     return board
 
 
-def _write_files(place: Path, one: Checked, unpacked: Path | None, replays: int) -> None:
+def _write_files(place: Path, checked: Checked, unpacked: Path | None, replays: int) -> None:
     place.mkdir(parents=True, exist_ok=True)
-    report = json.dumps(report_json(one), indent=1) + "\n"
+    report = json.dumps(report_json(checked), indent=1) + "\n"
     (place / "report.json").write_text(report, encoding="ascii", newline="\n")
-    if not (one.verified and unpacked is not None and replays):
+    if not (checked.verified and unpacked is not None and replays):
         return
     from smartplay_tools.evaluation.pages.report import write_report
 
     with tempfile.TemporaryDirectory() as folder:
-        _pick(unpacked, Path(folder), one.rows, replays)
-        write_report(folder, place / "replays.html", title="Replays", episodes="1000")
+        _pick(unpacked, Path(folder), checked.rows, replays)
+        write_report(folder, place / "replays.html", title="Replays", episodes="1000", tariffs=tariffs_of(CACHES))
 
 
 def _pick(unpacked: Path, folder: Path, rows: list[Row], replays: int) -> None:
     """Make the folder of a run with the first episodes of every cell, from records that were verified."""
-    counted: dict[str, int] = {}
-    kept = []
-    for row in rows:
-        cell = json.dumps([row["game"], row["asked"]], sort_keys=True)
-        counted[cell] = counted.get(cell, 0) + 1
-        kept += [row] if counted[cell] <= replays else []
+    kept = [row for members in by_cell(rows).values() for row in members[:replays]]
     keys = {row["key"] for row in kept}
-    manifest = json.loads((unpacked / "manifest.json").read_bytes())
-    manifest["episodes"] = [episode for episode in manifest["episodes"] if episode["key"] in keys]
+    manifest = RunFolder(unpacked).manifest()
+    manifest = manifest.model_copy(update={"episodes": tuple(e for e in manifest.episodes if e.key in keys)})
     (folder / "episodes").mkdir()
-    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="ascii", newline="\n")
+    (folder / "manifest.json").write_text(json.dumps(manifest.to_json()), encoding="ascii", newline="\n")
     lines = "".join(json.dumps(row) + "\n" for row in kept)
     (folder / "results.jsonl").write_text(lines, encoding="ascii", newline="\n")
     for key in keys:
@@ -133,7 +134,7 @@ def estimate(value: MeanEstimate | None, digits: int = 2) -> str:
     """Print an estimate with the ends of its interval, where there are any."""
     if value is None:
         return "\N{EN DASH}"
-    if value.low is None or value.high is None or value.note == ALL_EQUAL:
+    if value.low is None or value.high is None:
         return figure(value.mean, digits)
     low, high = figure(value.low, digits), figure(value.high, digits)
     return f"{figure(value.mean, digits)} [{low}, {high}]"

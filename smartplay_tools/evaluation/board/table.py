@@ -11,11 +11,14 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimates, weighted_estimates
+from smartplay_tools.evaluation.analysis.pairs import normalized_score, sample, score, tokens
 from smartplay_tools.evaluation.board.submissions.check import Checked
 from smartplay_tools.evaluation.board.submissions.metadata import Submission
+from smartplay_tools.evaluation.board.submissions.results import by_cell, normalized_scores, total_cost
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget
 
@@ -64,7 +67,7 @@ class BudgetClass:
     @property
     def name(self) -> str:
         """The budget in words."""
-        return Budget(**self.asked).describe() or "default budget"
+        return Budget.from_record(self.asked).describe() or "default budget"
 
 
 @dataclass(frozen=True)
@@ -78,24 +81,23 @@ class Board:
     """All submissions."""
 
 
+Games = dict[str, list[Row]]
+"""The rows of a submission under one budget, by game."""
+
+
 def make_board(checked: Sequence[tuple[str, Checked]]) -> Board:
     """Return the board of checked submissions, each given with the folder of its files."""
-    groups: dict[tuple[str, str], list[tuple[str, Checked, list[Row]]]] = {}
-    for place, one in checked:
-        if one.verified and one.submission is not None:
-            for asked, rows in _by_budget(one.rows).items():
-                groups.setdefault((one.submission.suite or "", asked), []).append((place, one, rows))
+    groups: dict[tuple[str, str], dict[str, Games]] = {}
+    for place, submitted in checked:
+        if submitted.verified and submitted.submission is not None:
+            for (game, asked), rows in by_cell(submitted.rows).items():
+                group = groups.setdefault((submitted.submission.suite or "", asked), {})
+                group.setdefault(place, {})[game] = rows
     ordered = sorted(groups.items(), key=lambda item: (item[0][0] == "", item[0][0], _size(item[0][1])))
-    classes = [_budget_class(suite or None, json.loads(asked), members) for (suite, asked), members in ordered]
-    refused = tuple((place, one) for place, one in checked if not one.verified)
+    places = dict(checked)
+    classes = [_budget_class(suite or None, json.loads(asked), group, places) for (suite, asked), group in ordered]
+    refused = tuple((place, submitted) for place, submitted in checked if not submitted.verified)
     return Board(tuple(classes), refused, tuple(checked))
-
-
-def _by_budget(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(json.dumps(row["asked"], sort_keys=True), []).append(row)
-    return found
 
 
 def _size(asked: str) -> tuple[float, str]:
@@ -103,48 +105,35 @@ def _size(asked: str) -> tuple[float, str]:
 
 
 def _budget_class(
-    suite: str | None, asked: Mapping[str, Any], members: Sequence[tuple[str, Checked, list[Row]]]
+    suite: str | None, asked: Mapping[str, Any], group: Mapping[str, Games], places: Mapping[str, Checked]
 ) -> BudgetClass:
-    games = list(dict.fromkeys(row["game"] for _, _, rows in members for row in rows))
-    common = [game for game in games if all(_normalized(rows, game) for _, _, rows in members)]
-    entries = [_entry(place, one, rows, common) for place, one, rows in members]
+    names = list(dict.fromkeys(name for games in group.values() for name in games))
+    common = [name for name in names if all(normalized_scores(games.get(name, ())) for games in group.values())]
+    entries = [_entry(place, places[place], games, common) for place, games in group.items()]
     entries.sort(key=lambda entry: (-math.inf if entry.mean is None else entry.mean.mean, entry.place), reverse=True)
-    return BudgetClass(asked, suite, tuple(games), tuple(common), tuple(entries))
+    return BudgetClass(asked, suite, tuple(names), tuple(common), tuple(entries))
 
 
-def _normalized(rows: Sequence[Row], game: str) -> list[float]:
-    values = [row["normalized_score"] for row in rows if row["game"] == game]
-    return [] if None in values else values
-
-
-def _entry(place: str, one: Checked, rows: Sequence[Row], common: Sequence[str]) -> Entry:
-    assert one.submission is not None
-    by_game: dict[str, list[Row]] = {}
-    for row in rows:
-        by_game.setdefault(row["game"], []).append(row)
-    samples = [_normalized(rows, game) for game in common]
+def _entry(place: str, checked: Checked, games: Games, common: Sequence[str]) -> Entry:
+    assert checked.submission is not None
+    samples = [normalized_scores(games[name]) for name in common]
     mean = weighted_estimates(samples, [[1 / len(samples)] * len(samples)])[0] if samples else None
-    costs = [row["cost"] for row in rows]
+    rows = [row for members in games.values() for row in members]
     return Entry(
         place=place,
-        submission=one.submission,
-        issued=one.issued is not None,
+        submission=checked.submission,
+        issued=checked.issued is not None,
         mean=mean,
-        games={game: _game_score(members) for game, members in by_game.items()},
+        games={name: _game_score(members) for name, members in games.items()},
         episodes=len(rows),
-        tokens=_mean([row["tokens"]["prompt"] + row["tokens"]["reply"] for row in rows]),
-        cost=None if None in costs else math.fsum(costs),
-        calls=_mean([row["tool_calls"] for row in rows]),
-        mistakes=_mean([row["illegal_actions"] + row["malformed_calls"] for row in rows]),
+        tokens=fmean(map(tokens, rows)),
+        cost=total_cost(rows),
+        calls=fmean(row["tool_calls"] for row in rows),
+        mistakes=fmean(row["illegal_actions"] + row["malformed_calls"] for row in rows),
     )
 
 
 def _game_score(rows: Sequence[Row]) -> GameScore:
-    normalized = [row["normalized_score"] for row in rows]
-    samples = [[row["score"] for row in rows], *([] if None in normalized else [normalized])]
-    score, *rest = mean_estimates(samples)
-    return GameScore(score, rest[0] if rest else None)
-
-
-def _mean(values: Sequence[float]) -> float:
-    return math.fsum(values) / len(values)
+    whole = [sample(rows, normalized_score)] if normalized_scores(rows) else []
+    raw, *rest = mean_estimates([sample(rows, score), *whole])
+    return GameScore(raw, rest[0] if rest else None)

@@ -2,11 +2,13 @@
 
 plan          the episodes of a run, their seeds and keys
 players       the players of a run and their options
+agents        programs that play episodes in their own way
 attempt       playing and recording one planned episode
 executors/    running attempts in processes, on an event loop or on a cluster
 limits        caps on the tokens and cost of a whole run
 estimate      the expected tokens, cost and time of a run
 run_writer    writing the run's folder
+run_options   how a run is played: executor, workers, shard, caps, prices
 scheduler     the choice of the next episode, and the handling of every finished attempt
 progress      the one thread that writes the status file and shows a run while it is played
 notebooks     the notebook methods of runs and sweeps
@@ -18,6 +20,7 @@ browser_play  the episodes that a person plays in the browser
 """
 
 from smartplay_tools.episode.cells import most_calls
+from smartplay_tools.evaluation.runs.agents import Agent, AgentFailedError, Held
 from smartplay_tools.evaluation.runs.audit import audit
 from smartplay_tools.evaluation.runs.browser_play import BrowserPlay
 from smartplay_tools.evaluation.runs.estimate import Estimate, estimate
@@ -33,19 +36,24 @@ from smartplay_tools.evaluation.runs.plan import (
     player_of,
 )
 from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import Run, evaluate, run_plan
 from smartplay_tools.evaluation.runs.scheduler import Progress
 from smartplay_tools.evaluation.suites import suite_games
 
 __all__ = [
+    "Agent",
+    "AgentFailedError",
     "BrowserPlay",
     "Caps",
     "Estimate",
+    "Held",
     "Plan",
     "PlannedEpisode",
     "PlayerConfig",
     "Progress",
     "Run",
+    "RunOptions",
     "audit",
     "cell_name",
     "estimate",

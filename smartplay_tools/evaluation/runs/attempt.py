@@ -8,25 +8,28 @@ attempt. The return value has only times, which are not part of a result.
 from __future__ import annotations
 
 import asyncio
-import os
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, AsyncExitStack, ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeVar
 
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conversation, play
 from smartplay_tools.conversation.paper import PaperConversation
-from smartplay_tools.conversation.session import Conversation
+from smartplay_tools.conversation.session import AgentSession, Conversation
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.evaluation.runs.agents import Agent, Held
 from smartplay_tools.evaluation.runs.limits import Account, Limits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
+from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.messages import assistant_message
 from smartplay_tools.players import get_player
+from smartplay_tools.records.manifest import player_seed
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
@@ -36,9 +39,7 @@ from smartplay_tools.transcript.file import append_exception, read_transcript
 from smartplay_tools.transcript.times import delete_record
 from smartplay_tools.types import AsyncPlayer, Player, Prompt
 
-PlayerFactory: TypeAlias = Callable[..., Player | AsyncPlayer]
-"""Makes a player from `seed`, the seed of its random draws, and the player's options, all keyword arguments. Worker
-processes import it by name, so it must be importable there."""
+Opened = TypeVar("Opened", bound="AnyConversation | Held | None")
 
 
 class Stop(Protocol):
@@ -61,14 +62,12 @@ class Task:
     """The input of an attempt. It is plain data, because it is sent to other processes."""
 
     planned: PlannedEpisode
+    player: PlayerConfig
     record: Path
     """The file that it writes."""
     previous: Path | None = None
     """The record of an earlier attempt, from which the episode is continued if possible."""
-    factory: PlayerFactory | None = None
     price: Price | None = None
-    secrets: Mapping[str, str] = field(default_factory=dict)
-    """Options of the player whose values are in environment variables: option -> variable. Not recorded."""
 
 
 @dataclass(frozen=True)
@@ -86,21 +85,11 @@ class StoppedError(Exception):
 
 def make_player(task: Task) -> Player | AsyncPlayer:
     """Return a new player for an attempt."""
-    cell, seed = task.planned.cell, task.planned.seed
-    options = {**cell.player_options, **secret_values(player_of(cell), task.secrets)}
-    if task.factory is not None:
-        return task.factory(seed=seed, **options)
+    cell, seed = task.planned.cell, player_seed(task.planned.seed, task.planned.repeat)
+    options = {**cell.player_options, **task.player.secret_values()}
+    if task.player.factory is not None:
+        return task.player.factory(seed=seed, **options)
     return get_player(player_of(cell), seed=seed, **options)
-
-
-def secret_values(player: str, secrets: Mapping[str, str]) -> dict[str, str]:
-    """Return the options of a player whose values are in environment variables."""
-    for option, variable in secrets.items():
-        if not os.environ.get(variable):
-            raise InvalidArgumentError(
-                f"The {option} of {player} is taken from the variable {variable}, which is not set."
-            )
-    return {option: os.environ[variable] for option, variable in secrets.items()}
 
 
 def continued(task: Task, player: Player | AsyncPlayer) -> AnyConversation | None:
@@ -122,7 +111,7 @@ def continued(task: Task, player: Player | AsyncPlayer) -> AnyConversation | Non
 def begun(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
     """Return the conversation of an attempt that starts a new episode."""
     cell = task.planned.cell
-    episode = Episode.from_config(cell.with_seed(task.planned.seed), transcript=task.record)
+    episode = Episode.from_config(cell.with_seed(task.planned.seed, task.planned.repeat), transcript=task.record)
     return new_conversation(episode, player.name, cell.protocol)
 
 
@@ -186,8 +175,32 @@ async def aplay_attempt(task: Task, limits: Limits | None, stop: Stop, shared: A
     """Play on the running event loop, with slow games' steps in threads; a shared player is not closed afterwards."""
     clock = _Clock()
     with _on_record(task):
-        await _aplay(task, clock, shared or make_player(task), limits, stop, close=shared is None)
+        if task.player.agent is not None:
+            await _hand_over(task, task.player.agent, clock, stop)
+        else:
+            await _aplay(task, clock, shared or make_player(task), limits, stop, close=shared is None)
     return clock.times()
+
+
+async def _hand_over(task: Task, agent: Agent, clock: _Clock, stop: Stop) -> None:
+    held = await _in_thread(lambda: _held(task, agent, stop))
+    with held.episode as clock.episode:
+        await agent.play(held)
+
+
+def _held(task: Task, agent: Agent, stop: Stop) -> Held:
+    key = task.planned.key
+    if task.previous is not None and agent.goes_on:
+        try:
+            resumed = resume(task.previous, transcript=task.record, session=True)
+            session = resumed.conversation if isinstance(resumed.conversation, AgentSession) else None
+            return Held(key, resumed.episode, session, stop)
+        except SmartPlayError:
+            delete_record(task.record)
+    config = task.planned.cell.with_seed(task.planned.seed, task.planned.repeat)
+    episode = Episode.from_config(config, transcript=task.record)
+    episode.begin()
+    return Held(key, episode, None, stop)
 
 
 async def _aplay(
@@ -203,12 +216,12 @@ async def _aplay(
     async with AsyncExitStack() as stack:
         if close:
             await _aopen(player, stack)
-        conversation = await _in_thread(continued, task, player)
+        conversation = await _in_thread(partial(continued, task, player))
         if conversation is None:
             if close and task.previous is not None:
                 player = make_player(task)
                 await _aopen(player, stack)
-            conversation = await _in_thread(begun, task, player)
+            conversation = await _in_thread(partial(begun, task, player))
         assert conversation is not None
         hooks = _watch(task, conversation, clock, limits, stop, stack, on_record)
         await aplay(conversation, player, **hooks)
@@ -226,17 +239,15 @@ async def _aopen(player: Player | AsyncPlayer, stack: AsyncExitStack) -> None:
         stack.enter_context(player)
 
 
-async def _in_thread(
-    make: Callable[[Task, Player | AsyncPlayer], AnyConversation | None], task: Task, player: Player | AsyncPlayer
-) -> AnyConversation | None:
+async def _in_thread(open_one: Callable[[], Opened]) -> Opened:
     """Open an episode in a thread. The thread cannot be stopped, so an episode that it opens is always closed."""
-    opening = asyncio.ensure_future(asyncio.to_thread(make, task, player))
+    opening = asyncio.ensure_future(asyncio.to_thread(open_one))
     try:
         return await asyncio.shield(opening)
     except asyncio.CancelledError:
-        conversation = await opening
-        if conversation is not None:
-            conversation.episode.close()
+        opened = await opening
+        if opened is not None:
+            opened.episode.close()
         raise
 
 

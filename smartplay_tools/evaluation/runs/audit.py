@@ -15,7 +15,7 @@ from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.records.parallel import parallel_map, worth
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
-from smartplay_tools.records.rows import Row, row_of
+from smartplay_tools.records.rows import LATER, Row, row_of
 from smartplay_tools.records.run_folder import RunFolder
 
 WORTH_A_PROCESS = 300_000
@@ -44,8 +44,8 @@ def audit(
     rows = folder.rows() if rows is None else rows
     records = [(folder.transcript(row["key"]), row) for row in rows]
     processes = worth(workers, (record for record, _ in records), WORTH_A_PROCESS)
-    with parallel_map(functools.partial(_audit_all, tokenizer=tokenizer), records, processes) as found:
-        for _, findings in found:
+    with parallel_map(functools.partial(_audit_all, tokenizer=tokenizer), records, processes) as results:
+        for _, findings in results:
             yield from findings
 
 
@@ -72,5 +72,6 @@ def _row_differences(record: Record, row: Row) -> Iterator[str]:
         yield f"The record is of another episode, {key}."
     for name, value in row_of(record, row["trial"]).items():
         # The cost follows from the run's prices, which are in the manifest.
-        if name not in ("cost", "key") and row.get(name) != value:
+        unsaid = name in LATER and name not in row
+        if name not in ("cost", "key") and not unsaid and row.get(name) != value:
             yield f"The field {name} is {row.get(name)!r} in the row, {value!r} in the record."

@@ -14,6 +14,7 @@ from typing import Any
 
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
+from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.evaluation.runs.scheduler import Progress
 from smartplay_tools.games.specs import get_spec
@@ -91,9 +92,8 @@ class BrowserPlay:
                 run = run_plan(
                     self._plan,
                     self.folder.path,
-                    factories={"human": self._player},
-                    executor="inline",
-                    on_progress=self._take_in,
+                    {"human": self._player},
+                    RunOptions(executor="inline", on_progress=self._take_in),
                 )
                 error = None if run.complete or self.player.has_left else _failure(run)
             except SmartPlayError as problem:
@@ -116,10 +116,10 @@ class BrowserPlay:
         """The plan of the folder's run, with one more trial if all are finished."""
         trials = 1
         if (self.folder.path / "manifest.json").exists():
-            planned = self.folder.planned()
+            planned = self.folder.manifest().planned
             finished = {row["key"] for row in self.folder.rows()}
-            left = any(episode["key"] not in finished for episode in planned)
-            trials = max((episode["trial"] for episode in planned), default=-1) + (1 if left else 2)
+            left = any(episode.key not in finished for episode in planned)
+            trials = max((episode.trial for episode in planned), default=-1) + (1 if left else 2)
         return plan_episodes(self._cells, trials=trials, seed=self._seed)
 
 

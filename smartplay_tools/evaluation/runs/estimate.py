@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Any
 
+from smartplay_tools.context.strategies import turns_leave
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.loop import AttachedPlayer, new_conversation, play
 from smartplay_tools.episode.budgets import resolve
@@ -25,10 +26,15 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_of
 from smartplay_tools.messages import assistant_message, text_of
 from smartplay_tools.players import PLAYERS, get_player, is_model
+from smartplay_tools.records.caches import cache_rules, rule_of
+from smartplay_tools.records.charges import charge, marks_of
 from smartplay_tools.records.prices import Price
+from smartplay_tools.records.record import Record
+from smartplay_tools.records.requests import requests_of
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.spent import Spent
 from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import Player, Prompt, Reply, Usage
 
 SAMPLED_TRIALS = 3
@@ -82,8 +88,8 @@ class Estimate:
     prompt_tokens: Range
     reply_tokens: Range
     cost: Range | None
-    """US dollars, from the cost with the best possible cache to the cost without one; None if the price of the
-    player's model is not known."""
+    """US dollars: with the hits of the provider's cache in the samples, to without any and with everything written to
+    it. None if the price of the player's model is not known."""
     call_seconds: Range
     """Seconds that the player's replies take, one after another."""
     cut_share: float
@@ -101,8 +107,10 @@ class _Sample:
     replies: tuple[int, ...]
     summaries: int
     """How many of the prompts asked for a summary: they are calls that no turn of the game needs."""
-    prefix: int
-    """Tokens of all prompts that a cache can serve."""
+    hit: float
+    """The share of prompt tokens that the provider's cache serves."""
+    written: float
+    """The share that is written to it and billed."""
     is_over: bool
     cut: int
     results: int
@@ -136,20 +144,20 @@ def estimate_cell(
     whole = [_extended(sample, cell, None if sample.is_over else _most_calls(cell)) for sample in samples]
     every = [*whole, *ends]
     per_episode = {
-        "calls": _range(every, whole, lambda one: len(one.prompts)),
-        "prompt_tokens": _range(every, whole, lambda one: sum(one.prompts)),
-        "reply_tokens": _range(every, whole, lambda one: sum(one.replies)),
+        "calls": _range(every, whole, lambda sample: len(sample.prompts)),
+        "prompt_tokens": _range(every, whole, lambda sample: sum(sample.prompts)),
+        "reply_tokens": _range(every, whole, lambda sample: sum(sample.replies)),
     }
-    found = {name: figure * len(seeds) for name, figure in per_episode.items()}
+    figures = {name: figure * len(seeds) for name, figure in per_episode.items()}
     cut, results = sum(sample.cut for sample in samples), sum(sample.results for sample in samples)
     return Estimate(
         cell,
         len(seeds),
-        **found,
+        **figures,
         cost=Range(0, 0, 0)
         if not is_model(player_of(cell)) and price is None
         else _cost(every, whole, price, len(seeds)),
-        call_seconds=Range(0, 0, 0) if is_free else _seconds(found),
+        call_seconds=Range(0, 0, 0) if is_free else _seconds(figures),
         cut_share=cut / results if results else 0.0,
         reply_length=lengths,
     )
@@ -180,19 +188,20 @@ def _cost(every: Sequence[_Sample], whole: Sequence[_Sample], price: Price | Non
     if price is None:
         return None
 
-    def dollars(sample: _Sample, *, cached: bool) -> float:
-        calls = len(sample.prompts)
+    def likely(sample: _Sample) -> float:
         prompt, reply = round(fmean(sample.prompts)), round(fmean(sample.replies))
-        usage = Usage(prompt=prompt, reply=reply, cached=min(prompt, sample.prefix // calls) if cached else 0)
-        return calls * price.cost(usage)
+        hit, written = math.floor(prompt * sample.hit), math.floor(prompt * sample.written)
+        return len(sample.prompts) * price.cost(Usage(prompt=prompt, reply=reply, cached=hit, written=written))
 
-    low = min(dollars(sample, cached=True) for sample in every) * (1 - MARGIN)
-    high = max(dollars(sample, cached=False) for sample in every) * (1 + MARGIN)
-    return Range(low, fmean(dollars(sample, cached=False) for sample in whole), high) * episodes
+    def most(sample: _Sample) -> float:
+        return len(sample.prompts) * price.most(round(fmean(sample.prompts)), round(fmean(sample.replies)))
+
+    low, high = min(map(likely, every)) * (1 - MARGIN), max(map(most, every)) * (1 + MARGIN)
+    return Range(low, fmean(map(likely, whole)), high) * episodes
 
 
-def _seconds(found: Mapping[str, Range]) -> Range:
-    calls, replies = found["calls"], found["reply_tokens"]
+def _seconds(figures: Mapping[str, Range]) -> Range:
+    calls, replies = figures["calls"], figures["reply_tokens"]
     low = calls.low * SECONDS_A_CALL[0] + replies.low / TOKENS_A_SECOND[0]
     high = calls.high * SECONDS_A_CALL[1] + replies.high / TOKENS_A_SECOND[1]
     middle = calls.expected * fmean(SECONDS_A_CALL) + replies.expected / fmean(TOKENS_A_SECOND)
@@ -203,13 +212,13 @@ def _sample(cell: CellConfig, seed: int, name: str, reply_tokens: int) -> _Sampl
     """Play an episode's first calls."""
     prompts: list[int] = []
     replies: list[int] = []
-    prefix = 0
+    events: list[Event] = []
     # The first engine of a game needs no server.
     engine = next(iter(cell.spec.load().engines), None)
-    with Episode.from_config(cell.model_copy(update={"engine": engine}).with_seed(seed)) as episode:
+    config = cell.model_copy(update={"engine": engine}).with_seed(seed)
+    with Episode.from_config(config, transcript=events) as episode:
 
         def before(conversation: BaseConversation, prompt: Prompt) -> None:
-            nonlocal prefix
             assert conversation.view is not None
             if len(prompts) == SAMPLED_CALLS:
                 episode.close()
@@ -217,7 +226,6 @@ def _sample(cell: CellConfig, seed: int, name: str, reply_tokens: int) -> _Sampl
             if len(replies) < len(prompts):  # the reply to a prompt for a summary ends no turn
                 after(conversation)
             prompts.append(conversation.view.tokens)
-            prefix += conversation.view.prefix_tokens
 
         def after(conversation: BaseConversation) -> None:
             replies.append(episode.stats.tokens.reply - sum(replies))
@@ -229,7 +237,21 @@ def _sample(cell: CellConfig, seed: int, name: str, reply_tokens: int) -> _Sampl
         stats = episode.stats
         is_over = episode.end_reason != "closed"
         cut = stats.cut_results
-        return _Sample(tuple(prompts), tuple(replies), stats.summaries, prefix, is_over, cut, stats.tool_calls)
+    hit, written = _cached(cell, Record(events))
+    return _Sample(tuple(prompts), tuple(replies), stats.summaries, hit, written, is_over, cut, stats.tool_calls)
+
+
+def _cached(cell: CellConfig, record: Record) -> tuple[float, float]:
+    """The shares of prompt tokens that are read and written by the rule of the player's model.
+
+    If that is not known, everything that is unchanged since the prompt before is read.
+    """
+    rule = rule_of(player_of(cell), cell.player_options, cache_rules())
+    prompt = sum(usage["prompt"] for usage in record.usages)
+    if rule is None or not prompt:
+        return sum(usage["prefix"] for usage in record.usages) / max(1, prompt), 0.0
+    charged = charge(requests_of(record), rule, marks=marks_of(cell.player_options))
+    return charged.hit / prompt, charged.written / prompt
 
 
 def _player(cell: CellConfig, name: str, seed: int) -> Any:
@@ -268,8 +290,8 @@ def _extended(sample: _Sample, cell: CellConfig, calls: int | None) -> _Sample:
     missing = math.ceil((calls or 0) * len(prompts) / max(1, len(prompts) - sample.summaries)) - len(prompts)
     if missing > 0:
         later = prompts[len(prompts) // 2 :]
-        keeps_all = cell.budget.history is None or cell.budget.beyond_history == "mask"
-        grows = keeps_all and cell.budget.prompt_tokens is None and cell.protocol == "tools"
+        budget = resolve(cell.budget, cell.spec, 0)
+        grows = cell.protocol == "tools" and not turns_leave(budget, budget.history)
         slope = (later[-1] - later[0]) / max(1, len(later) - 1) if grows else 0.0
         first = later[-1] if grows else fmean(later)
         prompts += [round(first + slope * at) for at in range(1, missing + 1)]
@@ -282,8 +304,7 @@ def _extended(sample: _Sample, cell: CellConfig, calls: int | None) -> _Sample:
             if spent > cap and place:
                 prompts, replies = prompts[:place], replies[:place]
                 break
-    share = sample.prefix / max(1, sum(sample.prompts))
-    return replace(sample, prompts=tuple(prompts), replies=tuple(replies), prefix=round(share * sum(prompts)))
+    return replace(sample, prompts=tuple(prompts), replies=tuple(replies))
 
 
 class Expectations:
@@ -303,8 +324,8 @@ class Expectations:
 
     def of(self, episode: PlannedEpisode) -> tuple[float, float]:
         """Return the budget tokens and US dollars that the rest of an episode is expected to take."""
-        if known := self._finished.get(episode.place):
-            expected = fmean(tokens for tokens, _ in known), fmean(cost for _, cost in known)
+        if finished := self._finished.get(episode.place):
+            expected = fmean(tokens for tokens, _ in finished), fmean(cost for _, cost in finished)
         else:
             expected = self._estimated(episode)
         begun = self._begun.get(episode.key, (0.0, 0.0))
@@ -323,7 +344,7 @@ class Expectations:
     def _estimated(self, episode: PlannedEpisode) -> tuple[float, float]:
         if episode.place not in self._estimates:
             price = self._prices.get(player_of(episode.cell))
-            found = estimate_cell(episode.cell, [episode.seed], price)
-            cost = 0.0 if found.cost is None else found.cost.expected
-            self._estimates[episode.place] = found.prompt_tokens.expected + found.reply_tokens.expected, cost
+            estimated = estimate_cell(episode.cell, [episode.seed], price)
+            cost = 0.0 if estimated.cost is None else estimated.cost.expected
+            self._estimates[episode.place] = estimated.prompt_tokens.expected + estimated.reply_tokens.expected, cost
         return self._estimates[episode.place]

@@ -5,7 +5,8 @@ made, and its episode is paused. After the call the reservation is replaced by t
 (`Budget.reply_tokens`) a run's cap is therefore never exceeded, however many episodes run at once, unless a model
 writes more than allowed; without one, only the replies that are already requested can exceed it.
 
-Tokens are budget tokens, as everywhere; cost is computed from the provider's count of tokens, if it reports one.
+Tokens are budget tokens, as everywhere; cost is computed from the provider's count of tokens, if it reports one. The
+most that a call can cost is reserved: without a hit in the provider's cache, and with everything written to it.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ class Account:
         # If a provider has counted more tokens than we did, it is expected to do so in the next call, too.
         provider = self._settled.provider
         drift = 1.0 if provider is None else max(1.0, provider.prompt / max(1, self._settled.prompt))
-        cost = self._cost(Usage(prompt=math.ceil(conversation.view.tokens * drift), reply=longest))
+        cost = 0.0 if self._price is None else self._price.most(math.ceil(conversation.view.tokens * drift), longest)
         if self._limits.reserve(conversation.view.tokens + longest, cost):
             self._reserved = (conversation.view.tokens + longest, cost)
         else:

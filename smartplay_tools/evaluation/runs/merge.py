@@ -9,13 +9,12 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.snapshot import run_snapshot
+from smartplay_tools.records.run_follower import run_snapshot
 
 SHARED = ("seed", "cells", "episodes")
 """The fields that are equal in the manifests of a run's parts."""
@@ -33,21 +32,20 @@ def merge(parts: Sequence[str | Path], out: str | Path) -> RunFolder:
         raise InvalidArgumentError(f"{whole.path} already contains a run; name a new folder.")
     manifests = [folder.manifest() for folder in folders]
     for folder, manifest in zip(folders, manifests, strict=True):
-        if any(manifest[name] != manifests[0][name] for name in SHARED):
+        if any(getattr(manifest, name) != getattr(manifests[0], name) for name in SHARED):
             raise InvalidArgumentError(f"{folder.path} and {folders[0].path} are not parts of the same run.")
     rows = _all_rows(folders)
     with whole.writing():
-        prices: dict[str, Any] = {}
-        for manifest in manifests:
-            prices |= manifest["prices"]
-        whole.write_manifest({**manifests[0], "shard": None, "prices": prices})
+        prices = {player: price for manifest in manifests for player, price in manifest.prices.items()}
+        merged = manifests[0].model_copy(update={"shard": None, "prices": prices})
+        whole.write_manifest(merged)
         for folder in folders:
             _copy_records(folder, whole)
             for timing in folder.timings():
                 whole.append_timing(timing)
         whole.write_rows(rows.values())
         whole.write_rows(whole.rows())  # reading sorts them as planned
-        whole.write_manifest({**whole.manifest(), "spending": run_snapshot(whole).spending.to_json()})
+        whole.write_manifest(merged.model_copy(update={"spending": run_snapshot(whole).spending.to_json()}))
     return whole
 
 

@@ -18,16 +18,15 @@ from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.episode.session import GameSession
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials
+from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials, read_players
 from smartplay_tools.evaluation.suites import Suite
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.records.seeds import trial_seed
-from smartplay_tools.records.shards import shard_of
+from smartplay_tools.records.manifest import Manifest, ManifestEpisode, shard_of, trial_seed
 from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
 
-FIXED = ("games", "trials", "budgets", "engine", "tokenizer", "options", *RULES)
+FIXED = ("games", "trials", "repeats", "budgets", "engine", "tokenizer", "options", *RULES)
 """What a fixed suite does not leave to the user."""
 
 
@@ -40,6 +39,8 @@ class PlannedEpisode:
     place: int
     trial: int
     seed: int
+    repeat: int = 0
+    """Which time its world is played."""
 
 
 @dataclass(frozen=True)
@@ -49,17 +50,16 @@ class Plan:
     seed: int
     cells: tuple[CellConfig, ...]
     episodes: tuple[PlannedEpisode, ...]
+    repeats: int = 1
+    """How often each world is played, one trial after the other."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the plan as a manifest has it."""
-        return {
-            "seed": self.seed,
-            "cells": [cell.model_dump(mode="json") for cell in self.cells],
-            "episodes": [
-                {"key": episode.key, "cell": episode.place, "trial": episode.trial, "seed": episode.seed}
-                for episode in self.episodes
-            ],
-        }
+    def manifest(self, **facts: Any) -> Manifest:
+        """Return the manifest of a run of this plan; `facts` are its other fields."""
+        episodes = (
+            ManifestEpisode(episode.key, episode.place, episode.trial, episode.seed) for episode in self.episodes
+        )
+        repeats = None if self.repeats == 1 else self.repeats
+        return Manifest(seed=self.seed, cells=self.cells, episodes=tuple(episodes), repeats=repeats, **facts)
 
     def shard(self, number: int, count: int) -> Plan:
         """Return the part that shard `number` of `count` plays, counting from 1: every count-th trial of each cell.
@@ -93,15 +93,22 @@ def player_key(cell: CellConfig) -> str:
 
 
 def plan_episodes(
-    cells: Iterable[CellConfig], *, trials: int | Mapping[str, int | None] | None = None, seed: int = 0
+    cells: Iterable[CellConfig],
+    *,
+    trials: int | Mapping[str, int | None] | None = None,
+    seed: int = 0,
+    repeats: int = 1,
 ) -> Plan:
     """Plan `trials` episodes of every cell, or the paper's number of them for its game.
 
-    Trials can be given for each game; where there is none, it is the paper's number too.
+    Trials can be given for each game; where there is none, it is the paper's number too. With `repeats`, each of these
+    worlds is played several times, with other random numbers of the player.
 
     Cells that cannot be played (the budget is too small for the head of a prompt, or the engine is not installed) raise
     an `InvalidArgumentError` that names them, before anything is played. No world is made for this check.
     """
+    if repeats < 1:
+        raise InvalidArgumentError(f"repeats must be at least 1, not {repeats}.")
     if isinstance(trials, int) and trials < 1:
         raise InvalidArgumentError(f"trials must be at least 1, not {trials}.")
     cells = tuple(cells)
@@ -111,14 +118,14 @@ def plan_episodes(
         try:
             check_playable(cell)
             asked = trials.get(cell.game) if isinstance(trials, Mapping) else trials
-            episodes += _trials(cell, place, asked or cell.spec.trials, seed)
+            episodes += _trials(cell, place, asked or cell.spec.trials, seed, repeats)
         except InvalidArgumentError as error:
             faults.append(f"{cell_name(cell)}: {error}")
     if faults:
         raise InvalidArgumentError("This cannot be played. " + " ".join(faults))
     if len({episode.key for episode in episodes}) < len(episodes):
         raise InvalidArgumentError("The run asks for the same episode twice; name every game and player once.")
-    return Plan(seed, cells, tuple(episodes))
+    return Plan(seed, cells, tuple(episodes), repeats)
 
 
 def plan_suite(
@@ -144,10 +151,12 @@ def check_playable(cell: CellConfig) -> None:
         GameSession(cell.spec, game, cell.budget, shared_counter(cell.tokenizer), cell.manual, cell.context)
 
 
-def _trials(cell: CellConfig, place: int, trials: int, seed: int) -> Iterator[PlannedEpisode]:
-    for trial in range(trials):
-        own = trial_seed(seed, cell.game, trial)
-        yield PlannedEpisode(cell.with_seed(own).key, cell, place, trial, own)
+def _trials(cell: CellConfig, place: int, worlds: int, seed: int, repeats: int) -> Iterator[PlannedEpisode]:
+    for world in range(worlds):
+        own = trial_seed(seed, cell.game, world)
+        for repeat in range(repeats):
+            key = cell.with_seed(own, repeat).key
+            yield PlannedEpisode(key, cell, place, world * repeats + repeat, own, repeat)
 
 
 def make_cells(
@@ -170,7 +179,7 @@ def make_cells(
     """
     if unknown := ", ".join(name for name in rules if name not in RULES):
         raise InvalidArgumentError(f"A run has no argument {unknown}; the rules are {', '.join(RULES)}.")
-    configs = [player if isinstance(player, PlayerConfig) else PlayerConfig(name=player) for player in players]
+    configs = read_players(players)
     _check_player_options(configs, player_options or {})
     kinds = {game: get_spec(game).load() for game in games}
     if engine is not None and not any(engine in kind.engines for kind in kinds.values()):

@@ -8,35 +8,86 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Annotated, Any, TypeAlias
 from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.runs.agents import Agent, AgentFunction, FunctionAgent, is_agent
+from smartplay_tools.players.files import is_in_file, read_file
+from smartplay_tools.records.prices import Price
+from smartplay_tools.types import AsyncPlayer, Player
+
+PlayerFactory: TypeAlias = Callable[..., Player | AsyncPlayer]
+"""Makes a player from `seed`, the seed of its random draws, and the player's options, all keyword arguments. Worker
+processes import it by name, so it must be importable there."""
 
 
 class PlayerConfig(BaseModel):
     """A player of a run."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
     name: str
-    """A name that `get_player` knows, such as "rule" or "openai:MODEL"."""
+    """A name that `get_player` knows, such as "rule" or "openai:MODEL", or the name of what `factory` makes."""
+    factory: PlayerFactory | None = None
+    """Makes the player in place of `get_player`; not recorded."""
+    agent: Agent | None = None
+    """Plays the episodes in place of the package's own loop; not recorded."""
     options: dict[str, Any] = Field(default_factory=dict)
     """The player's options, such as `base_url`; they are recorded."""
     api_key_env: str | None = None
     """The environment variable that holds the player's key; not recorded."""
     concurrency: Annotated[int, Field(ge=1)] | None = None
     """The most episodes of this player at a time; None for no further limit than the run's."""
-    price: tuple[float, float] | tuple[float, float, float] | None = None
-    """US dollars per million tokens of prompts, replies and cached parts of prompts, if they are in no table."""
+    price: Annotated[tuple[float, ...], Field(min_length=2, max_length=4)] | None = None
+    """US dollars per million tokens of prompts, replies, cached and written parts, if no table has them."""
 
-    @property
-    def secrets(self) -> dict[str, str]:
-        """Options whose values are in environment variables: option -> variable."""
-        return {} if self.api_key_env is None else {"api_key": self.api_key_env}
+    def secret_values(self) -> dict[str, str]:
+        """Return the options whose values are in environment variables."""
+        if self.api_key_env is None:
+            return {}
+        if not os.environ.get(self.api_key_env):
+            raise InvalidArgumentError(
+                f"The api_key of {self.name} is taken from the variable {self.api_key_env}, which is not set."
+            )
+        return {"api_key": os.environ[self.api_key_env]}
+
+
+Players: TypeAlias = Sequence[str | PlayerConfig] | Mapping[str, PlayerFactory | AgentFunction]
+"""The players of a run: names, configs, or names with what makes the players, or with agents."""
+
+
+def read_players(players: Players) -> list[PlayerConfig]:
+    """Return the players of a run as configs."""
+    if isinstance(players, Mapping):
+        return [
+            PlayerConfig(name=name, **({"agent": FunctionAgent(made)} if is_agent(made) else {"factory": made}))
+            for name, made in players.items()
+        ]
+    return [player if isinstance(player, PlayerConfig) else player_named(player) for player in players]
+
+
+def player_named(name: str) -> PlayerConfig:
+    """Return a player by its name, which may be that of an agent: `FILE.py:FUNCTION`."""
+    if is_in_file(name):
+        function = read_file(name)
+        if is_agent(function):
+            return PlayerConfig(name=name, agent=FunctionAgent(function))
+    return PlayerConfig(name=name)
+
+
+def given_prices(configs: Iterable[PlayerConfig]) -> dict[str, Price]:
+    """Return the prices that the configs give, by player."""
+    prices: dict[str, Price] = {}
+    for config in configs:
+        if config.price is not None:
+            price = Price.per_million(*config.price)
+            if prices.setdefault(config.name, price) != price:
+                raise InvalidArgumentError(f"{config.name} has two prices; a player's name has one in a run.")
+    return prices
 
 
 SECRET_NAMES = re.compile(
@@ -80,8 +131,8 @@ def _credentials(where: str, value: Any) -> Iterator[str]:
 
 
 def _is_secret(value: str) -> bool:
-    known = (held for name, held in os.environ.items() if SECRET_VARIABLES.search(name))
-    return bool(SECRET_VALUES.search(value)) or any(len(held) >= SHORTEST_SECRET and held in value for held in known)
+    secrets = (held for name, held in os.environ.items() if SECRET_VARIABLES.search(name))
+    return bool(SECRET_VALUES.search(value)) or any(len(held) >= SHORTEST_SECRET and held in value for held in secrets)
 
 
 def _has_secret(url: str) -> bool:

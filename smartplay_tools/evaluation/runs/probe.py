@@ -13,7 +13,6 @@ from typing import Any
 
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.runs.attempt import secret_values
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.messages import Message, calls_of, text_of
@@ -57,22 +56,26 @@ class Probe:
     @property
     def advice(self) -> list[str]:
         """A sentence with a remedy for each problem."""
-        said = []
+        advice = []
         if not self.reachable:
-            said.append(f"{self.player}: {self.error}")
+            advice.append(f"{self.player}: {self.error}")
             if "stream" in (self.error or "").lower():
-                said.append(f"{self.player} seems to support only streams: --player-option {self.player}.stream=true.")
-            return said
+                advice.append(
+                    f"{self.player} seems to support only streams: --player-option {self.player}.stream=true."
+                )
+            return advice
         if not self.tools:
-            said.append(
+            advice.append(
                 f"{self.player} has called no tool: start a vLLM server with --enable-auto-tool-choice and "
                 "--tool-call-parser; a model without tools can play with --protocol paper."
             )
         if not self.usage:
-            said.append(f"{self.player} does not report usage, so its cost is not known; only budget tokens are.")
+            advice.append(f"{self.player} does not report usage, so its cost is not known; only budget tokens are.")
         if self.price is None:
-            said.append(f"{self.player} has no known price: --price {self.player}=INPUT,OUTPUT (USD a million tokens).")
-        return said
+            advice.append(
+                f"{self.player} has no known price: --price {self.player}=INPUT,OUTPUT (USD a million tokens)."
+            )
+        return advice
 
     @property
     def playable(self) -> bool:
@@ -83,8 +86,7 @@ class Probe:
 def probe(config: PlayerConfig, prices: Mapping[str, Price]) -> Probe | None:
     """Ask a model once, without retries; None for a player that is not a model."""
     try:
-        values = secret_values(config.name, config.secrets)
-        player = get_player(config.name, **_once(config.name, {**config.options, **values}))
+        player = get_player(config.name, **_once(config.name, {**config.options, **config.secret_values()}))
         if not isinstance(player, ModelPlayer):
             return None
         player.check_ready()

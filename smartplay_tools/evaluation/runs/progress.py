@@ -13,7 +13,8 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from typing import TypeAlias
 
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.records.snapshot import RunFollower, RunSnapshot
+from smartplay_tools.records.run_follower import RunFollower
+from smartplay_tools.records.snapshot import RunSnapshot
 
 PERIOD = 1.0
 """Seconds between two snapshots."""

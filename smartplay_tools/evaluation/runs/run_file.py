@@ -73,7 +73,7 @@ class RunFile(BaseModel):
 
     def configs(self) -> list[PlayerConfig]:
         """Return the players."""
-        return [PlayerConfig(name=one) if isinstance(one, str) else one.config() for one in self.players]
+        return [PlayerConfig(name=player) if isinstance(player, str) else player.config() for player in self.players]
 
 
 def read_run_file(path: Path) -> tuple[RunFile, str]:
@@ -96,6 +96,6 @@ def read_run_file(path: Path) -> tuple[RunFile, str]:
         raise InvalidArgumentError(f"{path}, {error}") from None
     except ValidationError as error:
         # A player may be a name or a table; of the errors for either, the deepest is the relevant one.
-        first = max(error.errors(), key=lambda one: len(one["loc"]))
+        first = max(error.errors(), key=lambda fault: len(fault["loc"]))
         where = ".".join(str(part) for part in first["loc"] if part not in ("str", "FilePlayer"))
         raise InvalidArgumentError(f"{path}, {where}: {first['msg']}.") from None

@@ -15,13 +15,13 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.evaluation.runs.lock import only_writer
+from smartplay_tools.records.manifest import Manifest
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
-from smartplay_tools.records.run_folder import FORMAT, STATUS, RunFolder
+from smartplay_tools.records.run_folder import STATUS, RunFolder
 from smartplay_tools.records.snapshot import RunFigures
 from smartplay_tools.transcript.times import delete_record, move_record
 
@@ -50,9 +50,9 @@ class RunWriter(RunFolder):
                 self._attempts[key] = max(int(attempt), self._attempts.get(key, 0))
             yield
 
-    def write_manifest(self, manifest: dict[str, Any]) -> None:
+    def write_manifest(self, manifest: Manifest) -> None:
         """Write the manifest in one operation."""
-        _replace(self.path / "manifest.json", json.dumps({"format": FORMAT, **manifest}, indent=1) + "\n")
+        _replace(self.path / "manifest.json", json.dumps(manifest.to_json(), indent=1) + "\n")
 
     def write_status(self, figures: RunFigures) -> None:
         """Write the status file in one operation (`snapshot.read_status`)."""

@@ -15,8 +15,9 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from smartplay_tools.evaluation.runs.attempt import PlayerFactory, Task
+from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
 from smartplay_tools.evaluation.runs.executors import Executor, Outcome
 from smartplay_tools.evaluation.runs.limits import Caps
@@ -27,8 +28,11 @@ from smartplay_tools.players.attempts import ModelCallError, ModelRefusedError
 from smartplay_tools.records.prices import Price, check_known
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, row_of
-from smartplay_tools.records.snapshot import run_snapshot
+from smartplay_tools.records.run_follower import run_snapshot
 from smartplay_tools.records.spent import Spent
+
+if TYPE_CHECKING:
+    from smartplay_tools.evaluation.analysis.stopping import Comparisons, Decision
 
 RETRIES = 3
 """How often a failed episode is retried in one run."""
@@ -60,13 +64,14 @@ class Setup:
 
     players: Mapping[str, PlayerConfig]
     """By `player_key`."""
-    factories: Mapping[str, PlayerFactory] = field(default_factory=dict)
     prices: Mapping[str, Price] = field(default_factory=dict)
     caps: Caps = field(default_factory=Caps)
     remote: Collection[str] = ()
     """Players behind a network, by `player_key`."""
     repriced: Collection[str] = ()
     """Players whose price has changed since the run was played before."""
+    comparisons: Comparisons | None = None
+    """What ends the run early when it is decided."""
 
 
 class Scheduler:
@@ -85,6 +90,7 @@ class Scheduler:
         self._unpriced: set[str] = set()
         self._capped = False
         self._executor: Executor | None = None
+        self._needed: set[int] | None = None
         self.cap_reached = False
         """Whether a cap of the run has prevented episodes from beginning or ending."""
         self.refused: str | None = None
@@ -116,7 +122,10 @@ class Scheduler:
         """
         self._capped, self._executor = False, executor
         for _ in range(1 + RETRIES):
-            self._queue = deque(self._tryouts_first([e for e in episodes if e.key not in self._rows]))
+            left = [episode for episode in episodes if episode.key not in self._rows and self._is_needed(episode)]
+            if self._setup.comparisons is not None:
+                left.sort(key=lambda episode: (episode.trial, episode.place))
+            self._queue = deque(self._tryouts_first(left))
             if not self._queue or self._is_over():
                 break
             for outcome in executor.run(self.take, self.again):
@@ -133,7 +142,7 @@ class Scheduler:
         busy = Counter(self._who[task.planned.place] for task in self._running.values())
         for place, episode in enumerate(self._queue):
             player = self._who[episode.place]
-            if player in self._silent:
+            if player in self._silent or not self._is_needed(episode):
                 continue
             room = self._setup.players[player].concurrency
             if (room is not None and busy[player] >= room) or (busy[player] and not self._has_answered(player)):
@@ -144,6 +153,23 @@ class Scheduler:
             del self._queue[place]
             return self._begin(episode)
         return None
+
+    @property
+    def decisions(self) -> list[Decision]:
+        """What the comparisons of a run that stops when it is decided have shown."""
+        return [] if self._setup.comparisons is None else self._setup.comparisons.decisions(self._rows)
+
+    @property
+    def spared(self) -> int:
+        """How many planned episodes were not needed."""
+        return sum(e.key not in self._rows and not self._is_needed(e) for e in self._plan.episodes)
+
+    def _is_needed(self, episode: PlannedEpisode) -> bool:
+        if self._setup.comparisons is None:
+            return True
+        if self._needed is None:
+            self._needed = self._setup.comparisons.undecided(self._rows)
+        return episode.place in self._needed
 
     def again(self, task: Task) -> Task:
         """Keep the record of a lost worker, and return the task that continues it (`executors.Again`)."""
@@ -189,17 +215,16 @@ class Scheduler:
         planned = [*(task.planned for task in self._running.values()), episode]
         tokens: float
         tokens, cost = self.spent
-        for one in planned:
-            expected = self._expected.of(one)
+        for waiting in planned:
+            expected = self._expected.of(waiting)
             tokens, cost = tokens + expected[0], cost + expected[1]
         return (caps.tokens is None or tokens <= caps.tokens) and (caps.cost is None or cost <= caps.cost)
 
     def _begin(self, episode: PlannedEpisode) -> Task:
         cell = episode.cell
         config = self._setup.players[self._who[episode.place]]
-        factory, price = self._setup.factories.get(player_of(cell)), self._setup.prices.get(player_of(cell))
         record, previous = self._folder.new_record(episode.key), self._folder.latest_attempt(episode.key)
-        task = Task(episode, record, previous, factory, price, config.secrets)
+        task = Task(episode, config, record, previous, self._setup.prices.get(player_of(cell)))
         self._running[episode.key] = task
         return task
 
@@ -228,6 +253,7 @@ class Scheduler:
         if record.outcome == "finished":
             row = self._rows[episode.key] = row_of(record, episode.trial)
             self._folder.append_row(row)
+            self._needed = None
             self._expected.finished(row)
             if row["cost"] is None and self._setup.caps.cost is not None:
                 self._unpriced.add(row["player"])
@@ -243,9 +269,9 @@ class Scheduler:
         """End the run if a server refuses every request, or give up a player that has never answered."""
         assert self._executor is not None
         player = self._who[episode.place]
-        kind, _, said = error.partition(": ")
+        kind, _, message = error.partition(": ")
         if kind == ModelRefusedError.__name__:
-            self.refused = f"{player_of(episode.cell)} is refused by its server. {said}"
+            self.refused = f"{player_of(episode.cell)} is refused by its server. {message}"
             self._executor.stop.set()
         elif kind == ModelCallError.__name__ and player not in self._answered:
             self._silent.add(player)

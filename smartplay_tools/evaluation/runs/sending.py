@@ -20,7 +20,7 @@ ELSEWHERE = ("processes", "ray")
 def why_only_here(task: Task) -> str | None:
     """Return why a task's player can be made in this process only, as a sentence; None if it can be made elsewhere."""
     player = player_of(task.planned.cell)
-    if _is_without_file() and getattr(task.factory, "__module__", None) == "__main__":
+    if _is_without_file() and getattr(task.player.factory, "__module__", None) == "__main__":
         return (
             f"The player {player!r} is defined in this notebook, which worker processes cannot import; have it in a "
             'module, or ask for executor="inline".'

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.episode.config import CellConfig, Rules
@@ -28,13 +28,12 @@ from smartplay_tools.evaluation.analysis.formats import to_html
 from smartplay_tools.evaluation.analysis.tables import write_csv, write_parquet
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, as_row, compare_windows
-from smartplay_tools.evaluation.runs import Caps, PlayerConfig, Run, make_cells, plan_episodes, player_of, run_plan
-from smartplay_tools.evaluation.runs.attempt import PlayerFactory
+from smartplay_tools.evaluation.runs import PlayerConfig, Run, make_cells, plan_episodes, player_of, run_plan
 from smartplay_tools.evaluation.runs.notebooks import InNotebook
 from smartplay_tools.evaluation.runs.plan import cell_name, check_playable
-from smartplay_tools.evaluation.runs.scheduler import OnProgress
+from smartplay_tools.evaluation.runs.players import Players, read_players
+from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget
 
@@ -129,7 +128,7 @@ def grid(
     """
     axes = _axes(vary or {}, rules)
     manuals = axes.pop("manual", [rules.pop("manual", Rules().manual)])
-    fixed = (budget or Budget()).model_dump()
+    fixed = dict(budget or Budget())
     budgets = [Budget(**fixed | dict(zip(axes, values, strict=True))) for values in product(*axes.values())]
     protocol = rules.get("protocol", "tools")
     refused: dict[tuple[str, str], str] = {}
@@ -142,13 +141,13 @@ def grid(
     def enforceable(spec: GameSpec) -> list[Budget]:
         return [budget for budget in budgets if (spec.id, budget.model_dump_json()) not in refused]
 
-    found = [cell for mode in manuals for cell in make_cells(games, players, enforceable, manual=mode, **rules)]
-    found, too_small = _split_by_reserve(found)
+    wanted = [cell for mode in manuals for cell in make_cells(games, players, enforceable, manual=mode, **rules)]
+    wanted, too_small = _split_by_reserve(wanted)
     names = [player if isinstance(player, str) else player.name for player in players]
     order = {pair: place for place, pair in enumerate(product(games, names))}
-    found.sort(key=lambda cell: order[cell.game, player_of(cell)])
+    wanted.sort(key=lambda cell: order[cell.game, player_of(cell)])
     cells: dict[str, CellConfig] = {}
-    for cell in found:
+    for cell in wanted:
         cells.setdefault(_identity(cell), cell)
     left_out += too_small
     if not cells:
@@ -197,21 +196,14 @@ def _split_by_reserve(cells: Iterable[CellConfig]) -> tuple[list[CellConfig], li
 
 def sweep(
     games: Sequence[str],
-    players: Sequence[str | PlayerConfig] | Mapping[str, PlayerFactory],
+    players: Players,
     *,
     out: str | Path,
     vary: Mapping[str, Sequence[Any]] | None = None,
     budget: Budget | None = None,
     trials: int | None = None,
     seed: int = 0,
-    executor: str | None = None,
-    workers: int | None = None,
-    shard: tuple[int, int] | None = None,
-    run_tokens: int | None = None,
-    run_cost: float | None = None,
-    prices: Mapping[str, Price] | None = None,
-    on_progress: OnProgress | None = None,
-    **rules: Any,
+    **options: Unpack[RunKeywords],
 ) -> Sweep:
     """Play a grid of windows on paired seeds, and keep the records in the folder `out`. The same call again resumes it.
 
@@ -223,26 +215,11 @@ def sweep(
     """
     if not games or not players:
         raise InvalidArgumentError("Name at least one game and one player.")
-    found = grid(
-        games,
-        list(players),
-        vary=vary,
-        budget=budget,
-        **rules,
-    )
-    run = run_plan(
-        plan_episodes(found.cells, trials=trials, seed=seed),
-        out,
-        factories=players if isinstance(players, Mapping) else {},
-        configs=[player for player in players if isinstance(player, PlayerConfig)],
-        executor=executor,
-        workers=workers,
-        shard=shard,
-        caps=Caps(run_tokens, run_cost),
-        prices=prices or {},
-        on_progress=on_progress,
-    )
-    return Sweep(run, found.left_out)
+    run_options, rules = RunOptions.split(options)
+    configs = read_players(players)
+    cells = grid(games, configs, vary=vary, budget=budget, **rules)
+    run = run_plan(plan_episodes(cells.cells, trials=trials, seed=seed), out, configs, run_options)
+    return Sweep(run, cells.left_out)
 
 
 def write_summary(comparisons: Iterable[WindowComparison], path: str | Path) -> None:

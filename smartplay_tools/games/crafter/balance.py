@@ -87,11 +87,11 @@ def _nth_cell(world: World, key: int, material: int, n: int) -> int:
     x, y = key // CHUNKS * CHUNK, key % CHUNKS * CHUNK
     height = min(CHUNK, AREA - y)
     for column in range(place(x, y), place(x + CHUNK, y), COLUMN):
-        found = world.ground.count(material, column, column + height)
-        if n < found:
+        in_column = world.ground.count(material, column, column + height)
+        if n < in_column:
             cell = column - 1
             for _ in range(n + 1):
                 cell = world.ground.find(material, cell + 1, column + height)
             return cell
-        n -= found
+        n -= in_column
     raise AssertionError("The chunk has fewer cells of the material than it counts.")

@@ -156,7 +156,7 @@ def checked_actions(actions: Any, count: int) -> NDArray[np.int64]:
 
 def named(names: tuple[str, ...], columns: NDArray[Any], mask: NDArray[np.bool_]) -> Mapping[str, Any]:
     """Columns by name, each with the mask that Gymnasium's vectors add to every key."""
-    found: dict[str, Any] = {}
+    by_name: dict[str, Any] = {}
     for name, column in zip(names, columns.T, strict=True):
-        found[name], found[f"_{name}"] = column, mask
-    return found
+        by_name[name], by_name[f"_{name}"] = column, mask
+    return by_name

@@ -101,8 +101,8 @@ def _extra_corners() -> dict[tuple[int, int, int], tuple[Corner, Corner]]:
     """The two outside corners by case, (region, side, axes) as in `_cases`."""
     extra: dict[tuple[int, int, int], tuple[Corner, Corner]] = {}
     for axis in (1, 2, 4):
-        one, other = _BASE_WITH[axis]
-        extra[BASE, 0, axis] = Corner(one), Corner(other)
+        offset, other = _BASE_WITH[axis]
+        extra[BASE, 0, axis] = Corner(offset), Corner(other)
         extra[OPPOSITE, 7, axis] = Corner(_AXIS[axis]), Corner(_TWICE[axis])
         extra[MIDDLE, 7, axis] = Corner((1, 1, 1)), Corner(_TWICE[axis])
     for pair in (3, 5, 6):

@@ -64,8 +64,8 @@ def describe(sight: Sight, action: int | None = None, *, dead: bool = False, cor
     # In the original, sleep hides a death: a zombie strikes after the player's turn, in which it would have woken up.
     asleep = sight.sleeping and not (dead and corrected)
     status = _ASLEEP if asleep else _DEAD if dead else ""
-    told = f"{status}\n\n{_view(surface, at)}\n\nYou face {NAMES[faced]} at your front.\n\n{_body(sight.inventory)}"
-    return told.strip() if action is None else _TOOK[action] + told
+    text = f"{status}\n\n{_view(surface, at)}\n\nYou face {NAMES[faced]} at your front.\n\n{_body(sight.inventory)}"
+    return text.strip() if action is None else _TOOK[action] + text
 
 
 def _too_close_to_border(at: int) -> bool:

@@ -63,10 +63,10 @@ def tiles(unit: int) -> Tiles:
 
 
 def _folder() -> Path:
-    found = importlib.util.find_spec("crafter")
-    assert found is not None, "crafter is a dependency of this package."
-    assert found.submodule_search_locations is not None
-    return Path(found.submodule_search_locations[0], "assets")
+    spec = importlib.util.find_spec("crafter")
+    assert spec is not None, "crafter is a dependency of this package."
+    assert spec.submodule_search_locations is not None
+    return Path(spec.submodule_search_locations[0], "assets")
 
 
 def _scaled(name: str, side: float) -> Pixels:

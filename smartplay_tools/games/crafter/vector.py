@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -107,7 +107,10 @@ class CrafterVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in every world, or with `options={"reset_mask": ...}` in the worlds of the mask."""
         seeds = check_seeds(seed, self.num_envs)
-        which = self._all if not (options and "reset_mask" in options) else self._masked(options["reset_mask"])
+        which = self._all
+        if options and "reset_mask" in options:
+            which = self._masked(options["reset_mask"])
+            self._check_begun(set(range(self.num_envs)) - set(which.tolist()), "without a reset_mask")
         super().reset(seed=whole(seed))
         self._begin(which, seeds)
         return self._observe(which), self._info(which)
@@ -126,11 +129,11 @@ class CrafterVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
             given = None if seeds is None else seeds[number]
             if given is not None:
                 self._seeds[number], self._episodes[number] = given, 0
-            known = self._seeds[number]
-            if known is None:
-                known = self._seeds[number] = int(self.np_random.integers(DRAWN_SEEDS))
+            seed = self._seeds[number]
+            if seed is None:
+                seed = self._seeds[number] = int(self.np_random.integers(DRAWN_SEEDS))
             self._episodes[number] += 1
-            played.append(known)
+            played.append(seed)
         self._worlds.begin(which, played, [self._episodes[number] for number in numbers])
         if self._opening_noop:
             self._worlds.step(which, np.full(self.num_envs, NOOP))
@@ -139,12 +142,15 @@ class CrafterVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         self._ended[which] = False
         self._actions[which] = -1
 
+    def _check_begun(self, numbers: Iterable[int], how: str = "") -> None:
+        if new := [number for number in numbers if self._episodes[number] == 0]:
+            raise ResetNeededError(f"Worlds {new} have not begun: call reset() {how}".rstrip() + ".")
+
     # Playing.
 
     def step(self, actions: Any) -> tuple[Any, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Play an action in each world; worlds whose episode has ended are treated by the autoreset mode."""
-        if new := [number for number, episode in enumerate(self._episodes) if episode == 0]:
-            raise ResetNeededError(f"Worlds {new} have not begun: call reset().")
+        self._check_begun(range(self.num_envs))
         chosen = checked_actions(actions, self.num_envs)
         ended = np.flatnonzero(self._ended)
         if len(ended) and self.autoreset_mode == AutoresetMode.DISABLED:
@@ -219,6 +225,7 @@ class CrafterVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         """Return the pictures of all worlds, with `render_mode="rgb_array"`."""
         if self.render_mode is None:
             return None
+        self._check_begun(range(self.num_envs))
         return tuple(draw(self._worlds.scene(number)) for number in range(self.num_envs))
 
     def state(self, number: int) -> Any:

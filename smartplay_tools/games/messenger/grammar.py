@@ -172,9 +172,9 @@ class Writer:
         """Mistype one word: replace it by another, or drop, double or swap a letter."""
         words = text.split(" ")
         slips = self._grammar["slips"]
-        known = [i for i, word in enumerate(words) if word in slips]
-        if known and self._happens(0.35):
-            place = self._chance.choice(known)
+        places = [i for i, word in enumerate(words) if word in slips]
+        if places and self._happens(0.35):
+            place = self._chance.choice(places)
             words[place] = slips[words[place]]
             return " ".join(words)
         place = self._chance.choice([i for i, word in enumerate(words) if len(word) > 3 and word.isalpha()])

@@ -78,8 +78,8 @@ def identify(folder: Path, split: Split) -> str:
     """Return which sentences a split has in a folder: "grammar" (ours), "original", or "other:" and their sha256."""
     load(folder, split)
     content = _sha256(folder, split)
-    known = {_sha256(OUR_TEXTS, split): GRAMMAR, ORIGINAL_SHA256[split]: ORIGINAL}
-    return known.get(content, f"other:{content[:16]}")
+    names = {_sha256(OUR_TEXTS, split): GRAMMAR, ORIGINAL_SHA256[split]: ORIGINAL}
+    return names.get(content, f"other:{content[:16]}")
 
 
 def _sha256(folder: Path, split: Split) -> str:

@@ -30,7 +30,10 @@ class Engine(Protocol):
         ...
 
     def reset(self, seed: int, goal: Goal) -> Observation:
-        """Make the world of that seed and put the player into it, outside the goal if the engine can choose."""
+        """Make the world of that seed and put the player into it.
+
+        An engine that can choose the start keeps it away from the goal's biomes; without any, it begins anywhere.
+        """
         ...
 
     def act(self, degrees: int, strides: Sequence[Stride], goal: Goal) -> Observation:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, get_args
+from dataclasses import replace
+from typing import Any, Literal, get_args
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
@@ -15,6 +16,9 @@ from smartplay_tools.games.minecraft.text import CHARACTERS, LONGEST, describe
 PAPER_ENGINE = "minedojo"
 """The engine of the paper, Minecraft itself."""
 
+Start = Literal["far", "anywhere"]
+"""`far` is outside the goal and a walk away from it; `anywhere` is the original's, not checked for the goal."""
+
 
 class Minecraft(TextGame):
     """Find a biome.
@@ -24,23 +28,39 @@ class Minecraft(TextGame):
     in a biome of the goal, which ends the episode; a rollout has 200 steps.
 
     Arguments: `task`, the number of the creative task; `engine`, the world behind it; `text`, "paper" for the
-    original's output and goals with their bugs, "corrected" for true directions, None for the engine's default.
+    original's output and goals with their bugs, "corrected" for true directions, None for the engine's default;
+    `start`, "far" for a start at a distance from the goal, "anywhere" for one that is not checked for the goal, as in
+    the original, None for the engine's default: MineDojo starts where the game does, and the others far.
     """
 
     actions = ACTIONS
     hash_every = 100
     is_slow = True
-    options = ("text",)
+    options = ("text", "start")
     engines = tuple(ENGINES)
 
-    def __init__(self, *, task: int, engine: str = "voxel", text: TextMode | None = None, **options: Any) -> None:
-        if text is not None and text not in get_args(TextMode):
-            raise InvalidArgumentError(f"text must be one of {', '.join(get_args(TextMode))}, not {text!r}.")
+    def __init__(
+        self,
+        *,
+        task: int,
+        engine: str = "voxel",
+        text: TextMode | None = None,
+        start: Start | None = None,
+        **options: Any,
+    ) -> None:
+        for name, value, values in (("text", text, get_args(TextMode)), ("start", start, get_args(Start))):
+            if value is not None and value not in values:
+                raise InvalidArgumentError(f"{name} must be one of {', '.join(values)}, not {value!r}.")
+        if engine == PAPER_ENGINE and start == "far":
+            raise InvalidArgumentError(
+                f"The engine {engine!r} starts where the game does: leave out start='far', or take another engine."
+            )
         world = load_engine(engine)
         self.engine = engine
         # The human scores are from the real game, so only its scores may be compared with them.
         self.comparable = engine == PAPER_ENGINE
         self.text: TextMode = text or world.default_text
+        self._start: Start = start or ("anywhere" if engine == PAPER_ENGINE else "far")
         self._goal = (PAPER_GOALS if self.text == "paper" else CORRECTED_GOALS)[task]
         self.manual = with_action_list(read_text(__package__, "manual.txt").format(goal=self._goal.name), ACTIONS)
         super().__init__(longest_observation=LONGEST, characters=CHARACTERS, **options)
@@ -48,7 +68,9 @@ class Minecraft(TextGame):
         self._seen: Observation
 
     def _reset(self) -> str:
-        self._seen = self._world.reset(int(self.np_random.integers(2**32)), self._goal)
+        # An engine keeps the start away from the goal's biomes; without any, it begins anywhere.
+        avoided = self._goal if self._start == "far" else replace(self._goal, biomes=frozenset())
+        self._seen = self._world.reset(int(self.np_random.integers(2**32)), avoided)
         return describe(self._seen, self.text)
 
     def _step(self, action: int) -> tuple[str, float, bool, bool]:
@@ -59,8 +81,12 @@ class Minecraft(TextGame):
         return describe(self._seen, self.text, ACTIONS[action]), 0, self.completed, False
 
     def deviations(self) -> dict[str, Any]:
-        """Engine and text, if they differ from the paper's."""
-        played = {"engine": (PAPER_ENGINE, self.engine), "text": ("paper", self.text)}
+        """Engine, text and start, if they differ from the paper's."""
+        played = {
+            "engine": (PAPER_ENGINE, self.engine),
+            "text": ("paper", self.text),
+            "start": ("anywhere", self._start),
+        }
         return {name: {"paper": paper, "played": ours} for name, (paper, ours) in played.items() if ours != paper}
 
     def versions(self) -> Mapping[str, str]:

@@ -96,11 +96,11 @@ def _connected(runs: list[_Run], shape: tuple[int, ...]) -> list[int]:
             low, high = begin - offset - corners, end - offset + corners
             for its_name, its_begin, its_end, other in by_row.get(earlier, ()):
                 if its_begin < high and low < its_end and its_name == name:
-                    one, two = _first(groups, number), _first(groups, other)
-                    if one < two:
-                        groups[two] = one
+                    group, its_group = _first(groups, number), _first(groups, other)
+                    if group < its_group:
+                        groups[its_group] = group
                     else:
-                        groups[one] = two
+                        groups[group] = its_group
     return [_first(groups, number) for number in range(len(runs))]
 
 

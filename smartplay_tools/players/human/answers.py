@@ -15,7 +15,7 @@ Asked = Literal["call", "action", "words"]
 
 def asked_for(prompt: Prompt) -> Asked:
     """Return what a prompt asks for."""
-    if prompt.purpose == "summary":
+    if prompt.asks_for_summary:
         return "words"
     if prompt.tools:
         return "call"

@@ -105,7 +105,7 @@ class BrowserPlayer:
         game = None if self._conversation is None else self._conversation.episode.game
         return {
             "asks": asked_for(prompt),
-            "purpose": prompt.purpose,
+            "summary": prompt.asks_for_summary,
             "messages": prompt.messages,
             "tools": [
                 {"name": tool.name, "description": tool.description, "parameters": tool.parameters}
@@ -113,7 +113,7 @@ class BrowserPlayer:
             ],
             "actions": Reading(prompt).actions,
             "budget_bars": [
-                {"short": one.short, "share": one.share} for one in budget_bars(prompt, self._conversation)
+                {"short": bar.short, "share": bar.share} for bar in budget_bars(prompt, self._conversation)
             ],
             "pictures": game is not None and game.render_mode == PICTURES,
         }

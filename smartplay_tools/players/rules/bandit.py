@@ -33,9 +33,9 @@ def remember(reading: Reading, cap: int | None) -> tuple[Message, str]:
     """Decide by all pulls that are remembered or visible, and return the memory that covers them."""
     memory = recall(reading)
     kept = {int(machine): tuple(counts) for machine, counts in (memory.facts or {}).get("machines", {}).items()}
-    known = count_pulls(memory.since, kept)
-    facts = {"clock": sum(pulls for pulls, _ in known.values()), "machines": known}
-    return pull(reading, known), line(facts)
+    machines = count_pulls(memory.since, kept)
+    facts = {"clock": sum(pulls for pulls, _ in machines.values()), "machines": machines}
+    return pull(reading, machines), line(facts)
 
 
 def count_pulls(reading: Reading, known: Pulls) -> Pulls:

@@ -36,14 +36,14 @@ class Memory:
 def recall(reading: Reading) -> Memory:
     """Return the memory in a prompt that covers most, and what was seen since."""
     messages = reading.prompt.messages
-    found: tuple[int, int, dict[str, Any]] | None = None
+    newest: tuple[int, int, dict[str, Any]] | None = None
     for at, message in enumerate(messages):
         for text in _texts(message):
-            if (facts := _facts(text)) is not None and (found is None or facts["clock"] >= found[0]):
-                found = facts["clock"], at, facts
-    if found is None:
+            if (facts := _facts(text)) is not None and (newest is None or facts["clock"] >= newest[0]):
+                newest = facts["clock"], at, facts
+    if newest is None:
         return Memory(None, reading)
-    _, at, facts = found
+    _, at, facts = newest
     return Memory(facts, Reading(replace(reading.prompt, messages=messages[at:])))
 
 
@@ -62,7 +62,7 @@ def notes_cap(reading: Reading) -> int | None:
 def summary_cap(reading: Reading) -> int | None:
     """Return how many tokens the summary may have that the prompt asks for, None where it asks for none."""
     last = reading.prompt.messages[-1] if reading.prompt.messages else None
-    if reading.prompt.purpose != "summary" or last is None:
+    if not reading.prompt.asks_for_summary or last is None:
         return None
     match = CAP.search(text_of(last))
     return int(match[1]) if match else None
@@ -85,7 +85,7 @@ def _texts(message: Message) -> list[str]:
         return [text_of(message)]
     if message["role"] != "assistant":
         return []
-    taken = (read(one["function"]["arguments"]).values for one in calls_of(message))
+    taken = (read(tool_call["function"]["arguments"]).values for tool_call in calls_of(message))
     return [text_of(message), *(str(values["text"]) for values in taken if values is not None and "text" in values)]
 
 

@@ -1,5 +1,6 @@
 """Figures of a run. They need the extra `evaluation`; `save_figure` writes PNG, SVG and PDF."""
 
+from smartplay_tools.evaluation.analysis.figures.capability_dots import capability_dots
 from smartplay_tools.evaluation.analysis.figures.curves import (
     effects_of_slack,
     score_against_history,
@@ -8,12 +9,12 @@ from smartplay_tools.evaluation.analysis.figures.curves import (
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
 from smartplay_tools.evaluation.analysis.figures.progress import score_over_steps
 from smartplay_tools.evaluation.analysis.figures.run import run_figures, write_figures
-from smartplay_tools.evaluation.analysis.figures.spider import capability_spider
 from smartplay_tools.evaluation.analysis.figures.strategies import effects_of_strategies
 from smartplay_tools.evaluation.analysis.figures.style import save_figure
+from smartplay_tools.evaluation.analysis.figures.token_parts import tokens_by_part
 
 __all__ = [
-    "capability_spider",
+    "capability_dots",
     "effects_of_slack",
     "effects_of_strategies",
     "frontier",
@@ -22,5 +23,6 @@ __all__ = [
     "score_against_history",
     "score_against_prompt_tokens",
     "score_over_steps",
+    "tokens_by_part",
     "write_figures",
 ]

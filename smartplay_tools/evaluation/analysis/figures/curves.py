@@ -25,7 +25,8 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 )
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
 from smartplay_tools.evaluation.analysis.window_tables import is_cut
-from smartplay_tools.evaluation.analysis.windows import WindowComparison, family, is_widest_but
+from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but
+from smartplay_tools.types import Budget
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,12 +61,12 @@ def effects_of_slack(comparisons: Sequence[WindowComparison]) -> Figure:
     amounts = sorted({c.cell.budget["slack"] for members in lines.values() for c in members})
     for index, (label, members) in enumerate(lines.items()):
         look, beside = Series.number(index), spread(index, len(lines))
-        found = [c for c in members if "score" in c.differences]
-        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in found]
-        draw_estimates(scores, positions, [c.differences["score"] for c in found], look, label)
-        found = [c for c in members if "prefix_share" in c.means]
-        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in found]
-        draw_estimates(shares, positions, [c.means["prefix_share"] for c in found], look, label)
+        measured = [c for c in members if "score" in c.differences]
+        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in measured]
+        draw_estimates(scores, positions, [c.differences["score"] for c in measured], look, label)
+        measured = [c for c in members if "prefix_share" in c.means]
+        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in measured]
+        draw_estimates(shares, positions, [c.means["prefix_share"] for c in measured], look, label)
     scores.axhline(0, color=GREY, linewidth=1)
     scores.set(title="What slack does to the score", ylabel=f"score less that at slack {amounts[0]:g} (points)")
     shares.set(title="What it does to the prompts", ylabel="prompt tokens in a stable prefix (%)", ylim=(0, 1))
@@ -100,7 +101,9 @@ def _score_against(field: str, label: str, comparisons: Sequence[WindowCompariso
         panel.yaxis.set_major_formatter(lambda points, _: f"{points:,g}")
         panel.set_xticks(range(len(steps)), [UNLIMITED[field] if step is None else f"{step:,}" for step in steps])
         from_zero(panel, [low for c in members if (low := c.means["score"].low) is not None] or [0])
-    notes = [sample_note(c.episodes for c in shown), *([CUT_NOTE] if any(map(is_cut, shown)) else [])]
+    others = {Budget(**{name: c.cell.budget[name] for name in WINDOW if name != field}).describe() for c in shown}
+    under = [f"under {others.pop()}"] if len(others) == 1 and len(shown) < len(comparisons) else []
+    notes = [sample_note(c.episodes for c in shown), *under, *([CUT_NOTE] if any(map(is_cut, shown)) else [])]
     legend_below(drawn, note="; ".join(notes))
     return drawn
 

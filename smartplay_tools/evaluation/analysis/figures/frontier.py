@@ -47,8 +47,8 @@ the upper left of a front, so that is tried first."""
 def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens") -> Figure:
     """Draw the mean score of every cell against the price of an episode, with a panel for each game.
 
-    The Pareto front is the stepped line; its cells are filled and, where there is room, named by their window. Bars
-    are 95 % intervals.
+    The Pareto front is the stepped line; its cells are filled and, where there is room, named by their window,
+    or by their player if all windows are the same. Bars are 95 % intervals.
     """
     priced = [c for c in comparisons if price in c.means]
     if not priced:
@@ -79,8 +79,8 @@ def _draw_player(axes: Axes, members: Sequence[WindowComparison], price: Price, 
         shown = [c for c in members if _on_front(c, price) is on_front]
         prices, scores = [c.means[price] for c in shown], [c.means["score"] for c in shown]
         axes.errorbar(
-            [found.mean for found in prices],
-            [found.mean for found in scores],
+            [estimate.mean for estimate in prices],
+            [estimate.mean for estimate in scores],
             xerr=bars(prices),
             yerr=bars(scores),
             fmt=look.marker,
@@ -128,7 +128,7 @@ def _draw_front(axes: Axes, front: Sequence[WindowComparison], price: Price) -> 
 
 
 def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> None:
-    """Label the cells of the front with their windows if the label covers no point, other label or axis."""
+    """Label the cells of the front with their windows or players, where a label covers no point, label or axis."""
     # Of equal points the one with the narrowest window gets the label; the best scores are labelled first.
     front = sorted((c for c in members if _on_front(c, price)), key=lambda c: width(c.cell))
     front = sorted(front, key=lambda c: _point(c, price), reverse=True)
@@ -136,13 +136,14 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
     marks = [text for text in axes.texts if text.get_text() == CUT]
     taken: list[Bbox] = [mark.get_window_extent() for mark in marks]
     inside, named = axes.get_window_extent(), set()
+    has_windows = len({window_name(c.cell) for c in members}) > 1
     for comparison in front:
         if (point := _point(comparison, price)) in named:
             continue
         named.add(point)
         for right, up, side in PLACES:
             label = axes.annotate(
-                window_name(comparison.cell),
+                window_name(comparison.cell) if has_windows else comparison.cell.player,
                 point,
                 (right, up),
                 textcoords="offset points",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,16 +15,14 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     panels,
     sample_note,
 )
-from smartplay_tools.evaluation.analysis.intervals import mean_estimates
+from smartplay_tools.evaluation.analysis.intervals import Sample, mean_estimates
+from smartplay_tools.records.record import Record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 POINTS = 60
 """The most steps at which a curve is drawn, since an interval is estimated at each of them."""
-
-CALL = '{"event": "call"'
-"""The prefix of the lines of calls in a record."""
 
 Walk = Sequence[float]
 """The score of an episode after 0, 1, 2, ... steps."""
@@ -34,13 +31,11 @@ Walk = Sequence[float]
 def walk_of(transcript: str | Path) -> list[float]:
     """Return the score of an episode after every step, from its record."""
     walk = [0.0]
-    with Path(transcript).open(encoding="utf-8") as lines:
-        for line in lines:
-            # Only the calls are parsed, because most of a long record is prompts and replies.
-            data = json.loads(line)["data"] if line.startswith(CALL) and line.endswith("\n") else {}
-            if "score" in data:
-                # If one call takes several steps, its score counts for all of them.
-                walk += [data["score"]] * (data["step"] - (len(walk) - 1))
+    for call in Record.read(transcript).calls:
+        data = call["data"]
+        if "score" in data:
+            # If one call takes several steps, its score counts for all of them.
+            walk += [data["score"]] * (data["step"] - (len(walk) - 1))
     return walk
 
 
@@ -59,14 +54,17 @@ def score_over_steps(walks: Mapping[str, Sequence[Walk]], *, title: str | None =
     steps = sorted({round(longest * point / POINTS) for point in range(POINTS + 1)})
     for index, (name, group) in enumerate(walks.items()):
         look = Series.number(index)
-        found = mean_estimates([[walk[min(step, len(walk) - 1)] for walk in group] for step in steps])
-        means = [estimate.mean for estimate in found]
+        estimates = mean_estimates([Sample([walk[min(step, len(walk) - 1)] for walk in group]) for step in steps])
+        means = [estimate.mean for estimate in estimates]
         axes.plot(
             steps, means, color=look.colour, linestyle=look.line, marker=look.marker, markevery=(index, 8), label=name
         )
-        low, high = ([getattr(estimate, end) for estimate in found] for end in ("low", "high"))
-        if None not in low:
-            axes.fill_between(steps, low, high, color=look.colour, alpha=0.13, linewidth=0)
+        # Where there is no interval, as at the start, where all scores are 0, the band is as wide as a line.
+        low, high = (
+            [each.mean if (end := getattr(each, name)) is None else end for each in estimates]
+            for name in ("low", "high")
+        )
+        axes.fill_between(steps, low, high, color=look.colour, alpha=0.13, linewidth=0)
     axes.set(title=title, xlabel="steps of the game", ylabel="mean score so far (points)", xlim=(0, longest))
     from_zero(axes, [score for group in walks.values() for walk in group for score in walk])
     axes.xaxis.set_major_formatter(lambda steps, _: f"{steps:,.0f}")
@@ -79,9 +77,9 @@ def _merged(walks: Mapping[str, Sequence[Walk]]) -> dict[str, Sequence[Walk]]:
     """Put groups with equal walks under one name."""
     merged: dict[str, Sequence[Walk]] = {}
     for name, group in walks.items():
-        same = next((known for known, other in merged.items() if list(other) == list(group)), None)
+        same = next((label for label, other in merged.items() if list(other) == list(group)), None)
         # The name changes, but not the position in the order.
-        merged = {f"{known} = {name}" if known == same else known: other for known, other in merged.items()}
+        merged = {f"{label} = {name}" if label == same else label: other for label, other in merged.items()}
         if same is None:
             merged[name] = group
     return merged

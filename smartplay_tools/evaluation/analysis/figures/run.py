@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from smartplay_tools.evaluation.analysis.figures.capability_dots import Scores, capability_dots
 from smartplay_tools.evaluation.analysis.figures.curves import (
     effects_of_slack,
     score_against_history,
@@ -13,7 +14,6 @@ from smartplay_tools.evaluation.analysis.figures.curves import (
 )
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
 from smartplay_tools.evaluation.analysis.figures.progress import score_over_steps, walk_of
-from smartplay_tools.evaluation.analysis.figures.spider import Scores, capability_spider
 from smartplay_tools.evaluation.analysis.figures.strategies import ALONG, effects_of_strategies
 from smartplay_tools.evaluation.analysis.figures.style import FORMATS, save_figure
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
@@ -53,16 +53,17 @@ def run_figures(rows: Sequence[Row], *, transcript: Locate | None = None) -> dic
         drawn["score-against-history"] = score_against_history(comparisons)
     if _varies(comparisons, "prompt_tokens"):
         drawn["score-against-prompt-tokens"] = score_against_prompt_tokens(comparisons)
-    if _varies(comparisons, "slack"):
-        drawn["effects-of-slack"] = effects_of_slack(compare_windows(rows, along=("slack",)))
-    if any(_varies(comparisons, field) for field in ALONG):
-        drawn["strategies"] = effects_of_strategies(compare_windows(rows, along=ALONG))
+    if _varies(by_slack := compare_windows(rows, along=("slack",)), "slack"):
+        drawn["effects-of-slack"] = effects_of_slack(by_slack)
+    by_strategy = compare_windows(rows, along=ALONG)
+    if any(_varies(by_strategy, field) for field in ALONG):
+        drawn["strategies"] = effects_of_strategies(by_strategy)
     drawn["frontier"] = frontier(comparisons)
     if any(c.on_cost_front and c.means["cost"].mean > 0 for c in comparisons):
         drawn["frontier-of-cost"] = frontier(comparisons, price="cost")
     cells = by_cell(rows)
     if profiles := _profiles(cells, comparisons):
-        drawn["capabilities"] = capability_spider(profiles)
+        drawn["capabilities"] = capability_dots(profiles)
     if transcript is not None and (walks := _walks(transcript, cells, comparisons)):
         drawn["score-over-steps"] = score_over_steps(walks, title="Crafter-v0")
     return drawn

@@ -1,8 +1,8 @@
-"""What becomes of the past: score against tokens for every strategy, and what each changes, seed by seed."""
+"""What becomes of the past: what every strategy changes, seed by seed, and what it costs, a row for each."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -10,12 +10,9 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     GREY,
     Series,
     bars,
-    draw_estimates,
     figure,
-    legend_below,
     panels,
     sample_note,
-    spread,
 )
 from smartplay_tools.evaluation.analysis.names import series_name, strategy_name
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, family
@@ -29,59 +26,60 @@ ALONG = tuple(STRATEGIES)
 """The fields of the budget in which the cells that are compared differ."""
 
 
+MEASURES = {
+    "score": ("What a strategy does to the score", "score less that of dropping (points)"),
+    "tokens": ("What it costs", "tokens an episode"),
+    "prefix_share": ("What it does to the prompts", "prompt tokens in a stable prefix (%)"),
+}
+"""The panels, from left to right: their titles and the labels of their axes."""
+
+ROW = 0.24
+"""Inches of a row."""
+
+
 @figure
 def effects_of_strategies(comparisons: Sequence[WindowComparison]) -> Figure:
-    """Draw score against tokens, a panel for each game, and beside them paired differences and prefix-stable shares.
+    """Draw a row for every strategy under every window: the paired difference of scores, tokens, stable prefixes.
 
-    A mark is a strategy under one window. `comparisons` are made along the strategies alone:
-    `compare_windows(rows, along=ALONG)`, so that each is compared with plain dropping under the same window. Bars are
-    95 % intervals.
+    `comparisons` are made along the strategies alone: `compare_windows(rows, along=ALONG)`, so that each is compared
+    with plain dropping under the same window. Bars are 95 % intervals.
     """
     windows = _windows(comparisons)
     if not windows:
         raise InvalidArgumentError("There is nothing to draw: the run has no two cells that differ in strategy alone.")
-    shown = [c for members in windows.values() for c in members]
-    games = list(dict.fromkeys(c.cell.game for c in shown))
-    names = list(dict.fromkeys(strategy_name(c.cell) for c in shown))
-    drawn, axes = panels(len(games) + 2)
-    for panel, game in zip(axes, games, strict=False):
+    names = list(dict.fromkeys(strategy_name(c.cell) for members in windows.values() for c in members))
+    rows: list[WindowComparison | None] = []
+    labels = []
+    for window, members in windows.items():
+        rows += [None, *members]  # a row for the name of the window
+        labels += [window.replace("\n", ", "), *(strategy_name(c.cell) for c in members)]
+    drawn, axes = panels(len(MEASURES), columns=len(MEASURES), size=(4.2, ROW * len(rows) + 0.9))
+    for panel, (measure, (title, label)) in zip(axes, MEASURES.items(), strict=True):
         for index, name in enumerate(names):
-            cells = [c for c in shown if c.cell.game == game and strategy_name(c.cell) == name]
-            line = sorted(cells, key=lambda c: c.means["tokens"].mean)
-            tokens = [c.means["tokens"].mean for c in line]
-            draw_estimates(panel, tokens, [c.means["score"] for c in line], Series.number(index), name)
-        panel.set(title=game, xlabel="tokens an episode", ylabel="mean score (points)")
-        panel.xaxis.set_major_formatter(lambda tokens, _: f"{tokens / 1000:,g}k")
-    _draw_by_window(axes[-2], windows, names, "score", paired=True)
-    axes[-2].axhline(0, color=GREY, linewidth=1)
-    axes[-2].set(title="What a strategy does to the score", ylabel="score less that of dropping (points)")
-    _draw_by_window(axes[-1], windows, names, "prefix_share", paired=False)
-    axes[-1].set(title="What it does to the prompts", ylabel="prompt tokens in a stable prefix (%)", ylim=(0, 1))
-    axes[-1].yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f}")
-    legend_below(drawn, columns=3, note=sample_note(c.episodes for c in shown))
+            own = [(at, c) for at, c in enumerate(rows) if c is not None and strategy_name(c.cell) == name]
+            _draw(panel, own, measure, Series.number(index))
+        panel.set(title=title, xlabel=label, ylim=(len(rows) - 0.5, -0.5))
+        panel.set_yticks(range(len(rows)), labels if panel is axes[0] else [])
+    for at, text in enumerate(axes[0].get_yticklabels()):
+        text.set_fontweight("bold" if rows[at] is None else "normal")
+    axes[0].axvline(0, color=GREY, linewidth=1)
+    axes[1].xaxis.set_major_formatter(lambda tokens, _: f"{tokens / 1000:,g}k")
+    axes[1].set_xlim(left=0)
+    axes[2].set_xlim(0, 1)
+    axes[2].xaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f}")
+    drawn.supxlabel(sample_note(c.episodes for c in rows if c is not None), fontsize=9)
     return drawn
 
 
-def _draw_by_window(
-    panel: Axes, windows: Mapping[str, Sequence[WindowComparison]], names: Sequence[str], measure: str, *, paired: bool
-) -> None:
-    """Draw a measure of every strategy, a place for each window."""
-    for index, name in enumerate(names):
-        found = [
-            (place + spread(index, len(names)), (c.differences if paired else c.means)[measure])
-            for place, members in enumerate(windows.values())
-            for c in members
-            if strategy_name(c.cell) == name and measure in (c.differences if paired else c.means)
-        ]
-        if found:
-            positions, estimates = zip(*found, strict=True)
-            # Windows are not a scale, so nothing joins them.
-            look = Series.number(index)
-            means = [one.mean for one in estimates]
-            panel.plot(positions, means, color=look.colour, marker=look.marker, linestyle="")
-            panel.errorbar(positions, means, yerr=bars(estimates), color=look.colour, elinewidth=1.2, fmt="none")
-    panel.set_xlim(-0.5, len(windows) - 0.5)
-    panel.set_xticks(range(len(windows)), list(windows), fontsize=7)
+def _draw(panel: Axes, rows: Sequence[tuple[int, WindowComparison]], measure: str, look: Series) -> None:
+    """Draw a measure of one strategy in its rows; dropping itself has no difference."""
+    estimates = [(at, (c.differences if measure == "score" else c.means).get(measure)) for at, c in rows]
+    there = [(at, estimate) for at, estimate in estimates if estimate is not None]
+    if there:
+        places, values = zip(*there, strict=True)
+        means = [value.mean for value in values]
+        panel.plot(means, places, color=look.colour, marker=look.marker, linestyle="")
+        panel.errorbar(means, places, xerr=bars(values), color=look.colour, elinewidth=1.2, capsize=2, fmt="none")
 
 
 def _windows(comparisons: Sequence[WindowComparison]) -> dict[str, list[WindowComparison]]:

@@ -39,7 +39,7 @@ LEGEND_ROW = 0.22
 CUT_NOTE = f"{CUT}: tool results were cut"
 
 GREY = "#6E6E6E"
-"""The colour of references: the human score, the axes of a spider chart."""
+"""The colour of references: the human score, the paper's models."""
 
 RULES: Any = {
     "figure.dpi": 100,
@@ -114,15 +114,15 @@ def draw_estimates(
     axes: Axes, positions: Sequence[float], estimates: Sequence[MeanEstimate], look: Series, label: str | None
 ) -> None:
     """Draw means as a line with markers, and their intervals, if any, as bars."""
-    means = [found.mean for found in estimates]
+    means = [estimate.mean for estimate in estimates]
     axes.plot(positions, means, color=look.colour, marker=look.marker, linestyle=look.line, label=label)
     axes.errorbar(positions, means, yerr=bars(estimates), color=look.colour, capsize=3, elinewidth=1.2, fmt="none")
 
 
 def bars(estimates: Sequence[MeanEstimate]) -> list[list[float]]:
     """The lengths of intervals below and above their means; 0 if there is no interval."""
-    below = [0.0 if found.low is None else found.mean - found.low for found in estimates]
-    above = [0.0 if found.high is None else found.high - found.mean for found in estimates]
+    below = [0.0 if estimate.low is None else estimate.mean - estimate.low for estimate in estimates]
+    above = [0.0 if estimate.high is None else estimate.high - estimate.mean for estimate in estimates]
     return [below, above]
 
 
@@ -130,7 +130,7 @@ def sample_note(episodes: Iterable[int], *, bars: str = "bars") -> str:
     """Return a note with the number of episodes of the means, and the kind of intervals."""
     counts = sorted(set(episodes))
     many = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    return f"means of n = {many} episodes; {bars}: 95 % bootstrap intervals (BCa)"
+    return f"means of n = {many} episodes; {bars}: 95 % intervals"
 
 
 def mark_cut(axes: Axes, points: Iterable[tuple[float, float]]) -> None:

@@ -25,7 +25,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
 
 NAMES = re.compile(
     r"(submission|environment|manifest)\.json|results\.jsonl|episodes/[0-9a-f]{16}\.jsonl"
@@ -44,6 +44,7 @@ CHUNK = 1 << 16
 _END = b"PK\x05\x06"
 _END_64 = b"PK\x06\x07"
 _END_SIZE = 22
+_LOCATOR_64_SIZE = 20
 _LONGEST_COMMENT = 0xFFFF
 
 
@@ -64,9 +65,11 @@ class Limits:
     record_bytes: int = 64 << 20
     """One record."""
     line_bytes: int = 8 << 20
-    """One line of a record or of the results."""
-    json_bytes: int = 32 << 20
-    """The manifest; metadata and environment may have a thirty-second of it."""
+    """One line of a record."""
+    results_bytes: int = 256 << 20
+    """All rows of the results; one of them may have a thousandth of it."""
+    json_bytes: int = 16 << 20
+    """The manifest; metadata and environment may have a sixteenth of it."""
     seconds: float = 120
     """The check of one record."""
     total_seconds: float = 3 * 3600
@@ -79,8 +82,14 @@ class Limits:
         if name == "manifest.json":
             return self.json_bytes
         if name.endswith(".json"):
-            return self.json_bytes // 32
-        return self.unpacked_bytes if name == "results.jsonl" else self.record_bytes
+            return self.json_bytes // 16
+        return self.results_bytes if name == "results.jsonl" else self.record_bytes
+
+    def most_line(self, name: str) -> int:
+        """Return the bytes that a line of a file of this name may have."""
+        if name.endswith(".json"):
+            return self.json_bytes
+        return self.results_bytes // 1000 if name == "results.jsonl" else self.line_bytes
 
 
 def write_bundle(path: Path, files: Iterable[tuple[str, bytes | Path]]) -> None:
@@ -124,14 +133,13 @@ def unpacked(path: str | Path, limits: Limits | None = None) -> Iterator[Path]:
         except (zipfile.BadZipFile, zlib.error, EOFError, struct.error, NotImplementedError, ValueError) as error:
             if isinstance(error, SmartPlayError):
                 raise
-            raise BundleError(f"The bundle is not a readable zip file: {_said(error)}.") from None
+            why = in_one_line(error)[:200].rstrip(".") or type(error).__name__
+            raise BundleError(f"The bundle is not a readable zip file: {why}.") from None
         except OSError as error:
-            raise InvalidArgumentError(f"{path} cannot be unpacked: {error.strerror or _said(error)}.") from None
+            raise InvalidArgumentError(
+                f"{path} cannot be unpacked: {error.strerror or type(error).__name__}."
+            ) from None
         yield Path(folder)
-
-
-def _said(error: Exception) -> str:
-    return " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__
 
 
 def _check_directory(path: Path, size: int, limits: Limits) -> None:
@@ -139,13 +147,13 @@ def _check_directory(path: Path, size: int, limits: Limits) -> None:
     if size > limits.bundle_bytes:
         raise BundleError(f"The bundle has {size:,} bytes; {limits.bundle_bytes:,} are allowed.")
     with path.open("rb") as file:
-        file.seek(max(0, size - _END_SIZE - _LONGEST_COMMENT))
+        file.seek(max(0, size - _END_SIZE - _LONGEST_COMMENT - _LOCATOR_64_SIZE))
         tail = file.read()
     at = tail.rfind(_END)
     if at < 0 or len(tail) - at < _END_SIZE:
         raise BundleError("The bundle is not a readable zip file: it has no list of files at its end.")
     (listed,) = struct.unpack_from("<L", tail, at + 12)
-    if _END_64 in tail[max(0, at - 20) : at] or listed == 0xFFFFFFFF:
+    if _END_64 in tail[max(0, at - _LOCATOR_64_SIZE) : at] or listed == 0xFFFFFFFF:
         raise BundleError("The bundle is a zip64 file, which no bundle has to be.")
     if listed > limits.directory_bytes:
         raise BundleError(f"The bundle's list of files has {listed:,} bytes; {limits.directory_bytes:,} are allowed.")
@@ -198,7 +206,7 @@ def _copy(name: str, source: Iterable[bytes], target: Path, most: int, limits: L
             first, *others = chunk.split(b"\n")
             longest = max([line + len(first), *map(len, others)])
             line = len(others[-1]) if others else line + len(first)
-            if name.endswith(".jsonl") and longest > limits.line_bytes:
-                raise BundleError(f"{name} in the bundle has a line of more than {limits.line_bytes:,} bytes.")
+            if longest > limits.most_line(name):
+                raise BundleError(f"{name} in the bundle has a line of more than {limits.most_line(name):,} bytes.")
             file.write(chunk)
     return size

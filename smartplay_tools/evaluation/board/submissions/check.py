@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections import Counter
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import metadata
@@ -32,16 +32,23 @@ from smartplay_tools.evaluation.board.submissions.plan import (
 from smartplay_tools.evaluation.board.submissions.records import CheckedRecord, RecordJob, check_record
 from smartplay_tools.evaluation.board.submissions.results import cell_results
 from smartplay_tools.evaluation.board.submissions.seeds import IssuedSeed, read_seeds
-from smartplay_tools.evaluation.board.submissions.workers import Lost, run_limited
+from smartplay_tools.evaluation.board.submissions.workers import run_limited
+from smartplay_tools.records.process_pool import Lost
 from smartplay_tools.records.rows import Row
 
 NOT_PROVED = (
     "Who wrote the replies: that the named model did is the submitter's word.",
     "That the player knew nothing but its prompts, such as the game's program or an earlier play of the same seed.",
-    "That this is the only play: several plays of one seed, of which the best was submitted, leave no trace.",
+    "That this is the only play: several plays of one seed, of which the best was submitted, leave no trace, and "
+    "neither do attempts that were left out.",
+    "That a custom submission is all of its run: cells, and the last trials of a cell, can be left out.",
     "What a provider counted and charged: its usage, and the prices, are as the submitter recorded them.",
+    "With which versions it was played: they are recorded ones, and the replay is played with those of the check.",
 )
 """What the check cannot prove, whatever the bundle holds."""
+
+MOST_OTHER_ROWS = 1_000
+"""Rows of no planned episode, after which the results are not read on."""
 
 
 @dataclass
@@ -76,6 +83,12 @@ class Checked:
     def verified(self) -> bool:
         """Whether everything that can be proved is."""
         return not self.errors
+
+    @property
+    def verdict(self) -> str:
+        """Whether it is verified, in words."""
+        count = len(self.errors)
+        return f"NOT verified: {count:,} {'error' if count == 1 else 'errors'}" if count else "verified"
 
 
 def check_submission(
@@ -136,6 +149,24 @@ def _sha256(path: Path) -> str:
         raise InvalidArgumentError(f"{path} cannot be read: {fault.strerror}.") from None
 
 
+def _number(text: str) -> float:
+    """Read a number of a JSON file as a finite one."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text} is not a number of JSON")
+    return number
+
+
+def _key_of(line: bytes) -> str:
+    """Return the key in a line of the results; empty if there is none."""
+    try:
+        row = json.loads(line)
+    except (ValueError, RecursionError):
+        return ""
+    key = row.get("key") if isinstance(row, dict) else None
+    return key if isinstance(key, str) else ""
+
+
 class _Check:
     """The check of an unpacked bundle, step by step."""
 
@@ -153,29 +184,31 @@ class _Check:
 
     def run(self) -> None:
         """Check everything; findings go to the report."""
-        found = self._checked.findings
+        findings = self._checked.findings
         self._read_metadata()
         try:
             plan = read_plan(self._json("manifest.json"))
         except InvalidArgumentError as fault:
-            found.append(error("plan", str(fault)))
+            findings.append(error("plan", str(fault)))
             return
         checked = check_plan(plan, self._allowed)
-        found += checked.findings
+        findings += checked.findings
         self._checked.seed, self._checked.planned = plan.seed, len(plan.episodes)
         self._check_seed(plan)
         if self._checked.submission is not None:
-            found += check_suite(plan, self._checked.submission.suite, self._checked.submission.submission_type)
-        found += self._check_coverage(plan)
-        self._check_records(plan, checked.replayable)
+            findings += check_suite(plan, self._checked.submission.suite, self._checked.submission.submission_type)
+        findings += self._check_coverage(plan)
+        rows: dict[str, bytes] = {}
+        findings += self._check_rows(plan, rows)
+        self._check_records(plan, checked.replayable, rows)
         if self._checked.submission is not None:
-            found += self._check_results(plan)
+            findings += self._check_results(plan)
 
     def _json(self, name: str) -> Any:
         try:
-            return json.loads((self._folder / name).read_bytes())
+            return json.loads((self._folder / name).read_bytes(), parse_constant=_number, parse_float=_number)
         except (ValueError, RecursionError):
-            raise InvalidArgumentError(f"{name} in the bundle is not JSON.") from None
+            raise InvalidArgumentError(f"{name} in the bundle is not JSON, or holds a number beyond all.") from None
 
     def _read_metadata(self) -> None:
         try:
@@ -191,7 +224,7 @@ class _Check:
             self._checked.findings.append(remark("seed", text))
             return
         submission = self._checked.submission
-        ours = next((one for one in self._issued if one.seed == plan.seed), None)
+        ours = next((issued for issued in self._issued if issued.seed == plan.seed), None)
         if ours is None:
             self._checked.findings.append(error("seed", f"The run's seed, {plan.seed}, was not issued."))
         elif submission is not None and ours.name != submission.model_name:
@@ -203,7 +236,7 @@ class _Check:
             self._checked.issued = ours
 
     def _check_coverage(self, plan: SubmittedPlan) -> Iterator[Finding]:
-        """Hold plan, records and rows against each other."""
+        """Hold plan and records against each other."""
         planned = {episode.key for episode in plan.episodes}
         records = {path.stem for path in (self._folder / "episodes").iterdir()}
         if missing := sorted(planned - records):
@@ -213,30 +246,36 @@ class _Check:
         tried = {path.name.partition(".")[0] for path in (self._folder / "attempts").iterdir()}
         if others := sorted(tried - planned):
             yield error("coverage", f"{len(others)} attempts are at no planned episode: {some(others)}.")
-        lines = Counter(key for key, _ in self._row_lines())
-        if doubled := [key for key, count in lines.items() if count > 1]:
-            yield error("coverage", f"{len(doubled)} episodes have several rows: {some(doubled)}.")
-        if others := [key for key in lines if key not in planned]:
-            yield error("coverage", f"{len(others)} rows are of no planned episode: {some(map(repr, others))}.")
 
-    def _row_lines(self) -> Iterator[tuple[str, bytes]]:
-        """Yield key and line of every row; rows are parsed one by one, so they are never in memory together."""
+    def _check_rows(self, plan: SubmittedPlan, rows: dict[str, bytes]) -> Iterator[Finding]:
+        """Hold plan and rows against each other; `rows` gets the lines of the planned episodes by their keys.
+
+        There may be millions of other lines, so few of them are read.
+        """
+        planned = {episode.key for episode in plan.episodes}
+        doubled, others = set(), []
         with (self._folder / "results.jsonl").open("rb") as lines:
             for number, line in enumerate(lines, start=1):
-                try:
-                    row = json.loads(line)
-                except (ValueError, RecursionError):
-                    row = None
-                key = row.get("key") if isinstance(row, dict) else None
-                yield (key if isinstance(key, str) else f"line {number}, which is not a row"), line
+                key = _key_of(line)
+                if key in rows:
+                    doubled.add(key)
+                elif key in planned:
+                    rows[key] = line
+                else:
+                    others.append(f"line {number}")
+                if len(others) == MOST_OTHER_ROWS:
+                    break
+        if doubled:
+            yield error("coverage", f"{len(doubled)} episodes have several rows: {some(sorted(doubled))}.")
+        if others:
+            count = f"{len(others)} rows" if len(others) < MOST_OTHER_ROWS else f"{MOST_OTHER_ROWS} rows or more"
+            yield error("coverage", f"{count} of results.jsonl are of no planned episode: {some(others)}.")
 
-    def _check_records(self, plan: SubmittedPlan, replayable: set[int]) -> None:
-        rows = {key: line for key, line in self._row_lines() if len(key) == 16}
+    def _check_records(self, plan: SubmittedPlan, replayable: set[int], rows: Mapping[str, bytes]) -> None:
         attempts: dict[str, list[Path]] = {}
-        for path in sorted((self._folder / "attempts").iterdir(), key=lambda one: int(one.name.split(".")[1])):
+        for path in sorted((self._folder / "attempts").iterdir(), key=lambda path: int(path.name.split(".")[1])):
             attempts.setdefault(path.name.partition(".")[0], []).append(path)
         submission = self._checked.submission
-        standard = submission is not None and submission.submission_type == "standard"
         jobs = []
         for episode in plan.episodes:
             record = self._folder / "episodes" / f"{episode.key}.jsonl"
@@ -248,10 +287,10 @@ class _Check:
                         config,
                         episode.trial,
                         rows.get(episode.key),
-                        plan.price(config.player),
+                        plan.prices.get(config.player or ""),
                         tuple(attempts.get(episode.key, ())),
                         self._allowed.tokenizer,
-                        standard,
+                        standard=submission is not None and submission.submission_type == "standard",
                     )
                 )
         answers = {job.record: answer for job, answer in run_limited(check_record, jobs, self._workers, self._limits)}
@@ -265,7 +304,8 @@ class _Check:
             checked.findings.append(error("record", f"The record was not checked: {answer.why}.", job.config.key))
             return
         checked.findings += answer.findings
-        checked.rows += [] if answer.row is None else [answer.row]
+        if answer.row is not None:  # with the cell's options, which the rows of its episodes share
+            checked.rows.append({**answer.row, "player_options": job.config.player_options})
         checked.replies += answer.replies
         checked.prompts += answer.prompts
         checked.calls += answer.calls

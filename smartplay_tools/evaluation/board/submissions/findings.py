@@ -18,7 +18,7 @@ class Finding:
     """An error means that the submission is not verified; a remark is something that a reader should know."""
     kind: str
     """What it is about, in a word: bundle, metadata, plan, seed, suite, coverage, record, row, budget, prompts,
-    privileged, engine, attempts, results."""
+    privileged, engine, end, attempts, results."""
     text: str
     key: str | None = None
     """The episode, if it is about one."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, ValidationError
 
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 
@@ -99,9 +99,9 @@ class Submission(_Part):
     is_new: bool = True
     trajectories_available: Literal[True] = True
     """Always true: the records are part of the bundle."""
-    references: Annotated[list[Reference], Field(max_length=50)] = []
+    references: Annotated[list[Reference], FailFast(), Field(max_length=50)] = []
     suite: Name | None = None
-    results: Annotated[list[CellResult], Field(max_length=MOST_RESULTS)] = []
+    results: Annotated[list[CellResult], FailFast(), Field(max_length=MOST_RESULTS)] = []
     reasoning_effort: Name | None = None
     methodology: Methodology
     model_release: ModelRelease | None = None

@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from functools import cached_property
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, FailFast, Field, ValidationError, field_validator
 
 from smartplay_tools import prompts
 from smartplay_tools.episode.config import CellConfig, EpisodeConfig, Setting
@@ -21,14 +22,14 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_
 from smartplay_tools.evaluation.board.submissions.findings import Finding, error, some
 from smartplay_tools.evaluation.suites import SUITES, Suite
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.prices import Price
-from smartplay_tools.records.seeds import trial_seed
+from smartplay_tools.records.manifest import Manifest, ManifestEpisode, trial_seed
 from smartplay_tools.tokens import DEFAULT_TOKENIZER
+from smartplay_tools.transcript.hashing import canonical_json
 
 ENGINES_HERE = (None, "fast", "crafter", "voxel")
 """Engines that play inside of the process; any other one is a program that would be started."""
 
-PLAIN_OPTIONS = ("text", "split", "sentences")
+PLAIN_OPTIONS = ("text", "split", "sentences", "start")
 """Options of games that are words; another one may be a path or a size."""
 
 TOKENIZERS = (DEFAULT_TOKENIZER, "approximate")
@@ -36,6 +37,12 @@ TOKENIZERS = (DEFAULT_TOKENIZER, "approximate")
 
 MOST_EPISODES = 65_000
 MOST_CELLS = 5_000
+
+MOST_CELL_BYTES = 32 << 10
+"""The JSON of a cell, the player's options included; every record and every row repeats them."""
+
+MOST_PRICE_BYTES = 4 << 10
+"""The JSON of the prices: one, of one player."""
 
 
 @dataclass(frozen=True)
@@ -50,39 +57,41 @@ class Allowed:
     """The tokenizer to count with; the records have to name its vocabulary."""
 
 
-class PlannedEpisode(BaseModel):
-    """An episode in a manifest."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    key: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
-    cell: Annotated[int, Field(ge=0)]
-    trial: Annotated[int, Field(ge=0)]
-    seed: Annotated[int, Field(ge=0, lt=2**31)]
+def _small(cell: CellConfig) -> CellConfig:
+    size = len(canonical_json(cell.to_json()))
+    if size > MOST_CELL_BYTES:
+        raise ValueError(f"a cell, with its player's options, has {size:,} bytes; {MOST_CELL_BYTES:,} are allowed")
+    return cell
 
 
-class SubmittedPlan(BaseModel):
-    """What a manifest says of its run."""
+class SubmittedPlan(Manifest):
+    """The manifest of a whole run, of a size that can be checked."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore", arbitrary_types_allowed=True)
-
-    format: Literal[1]
-    seed: Annotated[int, Field(ge=0)]
-    cells: Annotated[list[CellConfig], Field(min_length=1, max_length=MOST_CELLS)]
-    episodes: Annotated[list[PlannedEpisode], Field(min_length=1, max_length=MOST_EPISODES)]
+    cells: Annotated[
+        tuple[Annotated[CellConfig, AfterValidator(_small)], ...],
+        FailFast(),
+        Field(min_length=1, max_length=MOST_CELLS),
+    ]
+    episodes: Annotated[tuple[ManifestEpisode, ...], FailFast(), Field(min_length=1, max_length=MOST_EPISODES)]
     shard: None
-    prices: dict[str, dict[str, Any]] = {}
+    run_file: None = None
+    spending: None = None
 
-    def config(self, episode: PlannedEpisode) -> EpisodeConfig:
-        """Return the config of an episode."""
-        return self.cells[episode.cell].with_seed(episode.seed)
+    @field_validator("prices", mode="before")
+    @classmethod
+    def _are_few(cls, prices: Any) -> Any:
+        if len(canonical_json(prices)) > MOST_PRICE_BYTES:
+            raise ValueError(f"they have more than {MOST_PRICE_BYTES:,} bytes")
+        return prices
 
-    def price(self, player: str | None) -> Price | None:
-        """Return the price of a player's tokens as the manifest gives it; None where it gives none that can be read."""
-        try:
-            return Price.from_json(self.prices[player or ""])
-        except (KeyError, TypeError, ValueError):
-            return None
+    def config(self, episode: ManifestEpisode) -> EpisodeConfig:
+        """Return the config of an episode, which shares the parts of its cell."""
+        return EpisodeConfig.model_construct(**dict(self.cells[episode.cell]), seed=episode.seed)
+
+    @cached_property
+    def digests(self) -> list[str]:
+        """The digests of the cells."""
+        return [cell.digest for cell in self.cells]
 
 
 def read_plan(manifest: Any) -> SubmittedPlan:
@@ -104,15 +113,15 @@ class CheckedPlan:
 
 def check_plan(plan: SubmittedPlan, allowed: Allowed) -> CheckedPlan:
     """Check cells, keys and seeds of a plan."""
-    found = CheckedPlan()
+    checked = CheckedPlan()
     for number, cell in enumerate(plan.cells):
         faults = list(_unsafe(cell, allowed))
-        found.findings += faults
+        checked.findings += faults
         if not faults:
-            found.replayable.add(number)
-    found.findings += _check_players(plan)
-    found.findings += _check_episodes(plan, found.replayable)
-    return found
+            checked.replayable.add(number)
+    checked.findings += _check_players(plan)
+    checked.findings += _check_episodes(plan, checked.replayable)
+    return checked
 
 
 def _unsafe(cell: CellConfig, allowed: Allowed) -> Iterator[Finding]:
@@ -124,11 +133,11 @@ def _unsafe(cell: CellConfig, allowed: Allowed) -> Iterator[Finding]:
         )
         return
     try:
-        known = Setting.of(GAMES[cell.game])
-    except SmartPlayError as unknown:
-        yield error("engine", str(unknown))
+        registered = Setting.of(GAMES[cell.game])
+    except SmartPlayError as unregistered:
+        yield error("engine", str(unregistered))
         return
-    if Setting.model_validate_json(known.model_dump_json()) != cell.setting:
+    if Setting.model_validate_json(registered.model_dump_json()) != cell.setting:
         yield error("plan", f"{game} was played with other numbers than the benchmark's: {cell.setting!r}.")
     if cell.engine not in (*ENGINES_HERE, *allowed.engines):
         yield error(
@@ -160,26 +169,21 @@ def _check_episodes(plan: SubmittedPlan, replayable: set[int]) -> Iterator[Findi
     keys = Counter(episode.key for episode in plan.episodes)
     if doubled := [key for key, count in keys.items() if count > 1]:
         yield error("plan", f"The manifest lists episodes twice: {some(doubled)}.")
-    trials: dict[int, list[int]] = {number: [] for number in range(len(plan.cells))}
+    episodes: dict[int, list[ManifestEpisode]] = {number: [] for number in range(len(plan.cells))}
     for episode in plan.episodes:
-        if episode.cell not in trials:
-            yield error(
-                "plan", f"The manifest gives an episode the cell {episode.cell}, which it does not list.", episode.key
-            )
-            continue
-        cell = plan.cells[episode.cell]
-        trials[episode.cell].append(episode.trial)
-        if episode.seed != trial_seed(plan.seed, cell.game, episode.trial):
-            yield error(
-                "seed",
-                f"Trial {episode.trial} of {cell.game} has a seed that does not follow from the run's.",
-                episode.key,
-            )
-        if episode.cell in replayable and plan.config(episode).key != episode.key:
-            yield error("plan", "The manifest gives an episode a key that is not its config's.", episode.key)
-    for number, found in trials.items():
-        if sorted(found) != list(range(len(found))) or not found:
-            yield error("plan", f"The trials of cell {number} ({plan.cells[number].game}) are not 0, 1, 2 and so on.")
+        episodes[episode.cell].append(episode)
+    for number, members in episodes.items():
+        cell = plan.cells[number]
+        for episode in members:
+            if episode.seed != trial_seed(plan.seed, cell.game, episode.trial):
+                text = f"Trial {episode.trial} of {cell.game} has a seed that does not follow from the run's."
+                yield error("seed", text, episode.key)
+        if number in replayable:
+            for episode, key in zip(members, cell.episode_keys(episode.seed for episode in members), strict=True):
+                if episode.key != key:
+                    yield error("plan", "The manifest gives an episode a key that is not its config's.", episode.key)
+        if not members or sorted(episode.trial for episode in members) != list(range(len(members))):
+            yield error("plan", f"The trials of cell {number} ({cell.game}) are not 0, 1, 2 and so on.")
 
 
 def check_suite(plan: SubmittedPlan, name: str | None, kind: str) -> Iterator[Finding]:
@@ -189,7 +193,7 @@ def check_suite(plan: SubmittedPlan, name: str | None, kind: str) -> Iterator[Fi
         yield error("suite", f"There is no suite {name!r}; the suites are {', '.join(SUITES)}.")
         return
     if kind == "standard" and (suite is None or not suite.is_fixed):
-        fixed = ", ".join(one.name for one in SUITES.values() if one.is_fixed)
+        fixed = ", ".join(name for name, each in SUITES.items() if each.is_fixed)
         yield error("suite", f"A standard submission is a run of a fixed suite ({fixed}); another one is custom.")
     if suite is not None:
         yield from _check_fixed(plan, suite) if suite.is_fixed else _check_games(plan, suite)
@@ -203,18 +207,14 @@ def _check_games(plan: SubmittedPlan, suite: Suite) -> Iterator[Finding]:
 def _check_fixed(plan: SubmittedPlan, suite: Suite) -> Iterator[Finding]:
     first = plan.cells[0]
     expected = {cell.digest: cell for cell in suite.cells(first.player, first.player_options)}
-    played = Counter(_digest_at(plan, episode.cell) for episode in plan.episodes)
+    played = Counter(plan.digests[episode.cell] for episode in plan.episodes if episode.cell < len(plan.cells))
     for digest, cell in expected.items():
         name = f"{cell.game} with {cell.budget.describe() or 'the default budget'}"
         trials = suite.trials[cell.game]
         if played[digest] != trials:
             yield error("suite", f"{suite.name} has {trials} episodes of {name}; the run has {played[digest]}.")
-    if others := [cell.game for cell in plan.cells if cell.digest not in expected]:
+    if others := [cell.game for cell, digest in zip(plan.cells, plan.digests, strict=True) if digest not in expected]:
         yield error(
             "suite",
             f"{len(others)} cells of the run differ from {suite.name} in rules, budget or engine: {some(others)}.",
         )
-
-
-def _digest_at(plan: SubmittedPlan, number: int) -> str | None:
-    return plan.cells[number].digest if number < len(plan.cells) else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from smartplay_tools.evaluation.board.submissions.bundle import write_bundle
 from smartplay_tools.evaluation.board.submissions.metadata import Submission, read_submission
 from smartplay_tools.evaluation.board.submissions.plan import check_suite, read_plan
 from smartplay_tools.evaluation.board.submissions.results import cell_results
+from smartplay_tools.records.manifest import Manifest
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
 
@@ -36,7 +38,7 @@ def prepare_submission(
     if out.suffix != ".zip":
         raise InvalidArgumentError(f"A bundle is a .zip file; {out} is not named like one.")
     manifest = _part_of(folder, folder.manifest(), player)
-    keys = {episode["key"] for episode in manifest["episodes"]}
+    keys = {episode.key for episode in manifest.episodes}
     rows = [row for row in folder.rows() if row["key"] in keys]
     if missing := len(keys) - len(rows):
         raise InvalidArgumentError(
@@ -44,33 +46,36 @@ def prepare_submission(
             "played it goes on."
         )
     submission = _submission(facts, rows)
-    for finding in check_suite(read_plan(manifest), submission.suite, submission.submission_type):
+    for finding in check_suite(read_plan(manifest.to_json()), submission.suite, submission.submission_type):
         raise InvalidArgumentError(finding.text)
     write_bundle(out, _files(folder, manifest, rows, submission))
     return submission
 
 
-def _part_of(folder: RunFolder, manifest: dict[str, Any], player: str | None) -> dict[str, Any]:
-    """Return the manifest of one player's part of a run."""
-    if manifest["shard"] is not None:
+def _part_of(folder: RunFolder, manifest: Manifest, player: str | None) -> Manifest:
+    """Return the manifest of one player's part of a run, without what only the run itself needs."""
+    if manifest.shard is not None:
         raise InvalidArgumentError(f"{folder.path} holds a shard; merge all shards and submit the whole run.")
-    names = list(dict.fromkeys(cell["player"] for cell in manifest["cells"]))
+    names = list(dict.fromkeys(cell.player or "" for cell in manifest.cells))
     if player is None and len(names) > 1:
         raise InvalidArgumentError(f"The run has the players {', '.join(names)}; name the one that is submitted.")
     player = names[0] if player is None else player
     if player not in names:
         raise InvalidArgumentError(f"The run has no player {player!r}; it has {', '.join(names)}.")
-    kept = [number for number, cell in enumerate(manifest["cells"]) if cell["player"] == player]
+    kept = [number for number, cell in enumerate(manifest.cells) if cell.player == player]
     place = {number: at for at, number in enumerate(kept)}
-    episodes = [{**one, "cell": place[one["cell"]]} for one in manifest["episodes"] if one["cell"] in place]
-    prices = {name: price for name, price in manifest["prices"].items() if name == player}
-    names_kept = ("format", "seed", "shard", "versions")
-    return {
-        **{name: manifest[name] for name in names_kept},
-        "cells": [manifest["cells"][number] for number in kept],
-        "episodes": episodes,
-        "prices": prices,
-    }
+    return manifest.model_copy(
+        update={
+            "cells": tuple(manifest.cells[number] for number in kept),
+            "episodes": tuple(
+                replace(episode, cell=place[episode.cell]) for episode in manifest.episodes if episode.cell in place
+            ),
+            "prices": {name: price for name, price in manifest.prices.items() if name == player},
+            "caps": {},
+            "run_file": None,
+            "spending": None,
+        }
+    )
 
 
 def _submission(facts: Mapping[str, Any], rows: list[Row]) -> Submission:
@@ -80,16 +85,16 @@ def _submission(facts: Mapping[str, Any], rows: list[Row]) -> Submission:
 
 
 def _files(
-    folder: RunFolder, manifest: Mapping[str, Any], rows: list[Row], submission: Submission
+    folder: RunFolder, manifest: Manifest, rows: list[Row], submission: Submission
 ) -> Iterator[tuple[str, bytes | Path]]:
     keys = {row["key"] for row in rows}
     environment = {
         "prepared_with": {**versions(), "python": platform.python_version(), "platform": platform.platform()},
-        "played_with": manifest["versions"],
+        "played_with": manifest.versions,
     }
     yield "submission.json", _json(submission.model_dump(mode="json"))
     yield "environment.json", _json(environment)
-    yield "manifest.json", _json(manifest)
+    yield "manifest.json", _json(manifest.to_json())
     yield "results.jsonl", "".join(json.dumps(row) + "\n" for row in rows).encode("ascii")
     for key in keys:
         yield f"episodes/{key}.jsonl", folder.transcript(key)

@@ -7,25 +7,48 @@ is a finding, not a traceback.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from importlib import metadata
+from itertools import pairwise
 from pathlib import Path
+from typing import Annotated, Any, TypeAlias, get_args
 
-from smartplay_tools import prompts
+from pydantic import Field, TypeAdapter
+
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import SmartPlayError, in_one_line
 from smartplay_tools.evaluation.board.submissions.findings import Finding, error, remark, some
-from smartplay_tools.messages import Message
+from smartplay_tools.evaluation.board.submissions.metadata import Name
+from smartplay_tools.json_text import canonical_text
+from smartplay_tools.messages import Message, calls_of
+from smartplay_tools.records.driver import EXTERNAL_ENDS
 from smartplay_tools.records.prices import Price
-from smartplay_tools.records.record import EXCEPTION, Record
+from smartplay_tools.records.record import EXCEPTION, INTERRUPTED, Record
 from smartplay_tools.records.replays import replay_record
-from smartplay_tools.records.rows import Row, row_of
-from smartplay_tools.transcript.events import HeadEvent
+from smartplay_tools.records.rows import LATER, Row, row_of
 from smartplay_tools.transcript.file import broken_links
-from smartplay_tools.types import TOOL_NAMES
+from smartplay_tools.transcript.hashing import event_line
+from smartplay_tools.types import EndReason, EpisodeResult, Usage
 
 SHOWN_DIFFERENCES = 3
 """Of a record that plays differently; the first is what matters, the others mostly follow from it."""
+
+MOST_FINDINGS = 20
+"""Errors, and remarks, of one record: a hostile one could have any number."""
+
+MOST_COST = 1e6
+"""US dollars of an episode."""
+
+ENDS = frozenset((*get_args(EndReason), EXCEPTION, INTERRUPTED))
+"""How an attempt can end."""
+
+VERSIONS = TypeAdapter(Annotated[dict[Name, Name], Field(max_length=50)])
+"""What the versions in a record look like."""
+
+Say: TypeAlias = Callable[[str, str, str], Finding]
+"""Makes what only a custom submission may have an error or a remark."""
 
 
 @dataclass(frozen=True)
@@ -65,19 +88,26 @@ class CheckedRecord:
 
 def check_record(job: RecordJob) -> CheckedRecord:
     """Check one record; nothing that is in it raises."""
-    found, key = CheckedRecord(), job.config.key
+    checked, key = CheckedRecord(), job.config.key
+    counts: Counter[str] = Counter()
     try:
-        found.findings += _check(job, found)
+        for finding in _check(job, checked):
+            counts[finding.level] += 1
+            checked.findings += [finding] if counts[finding.level] <= MOST_FINDINGS else []
     except SmartPlayError as fault:
-        found.findings.append(error("record", _of_bundle(str(fault), job.record), key))
+        checked.findings.append(error("record", _of_bundle(str(fault), job.record), key))
     except MemoryError:
         raise
     except Exception as fault:  # a hostile record may reach any part of the game with any value
         what = f"{type(fault).__name__}: {in_one_line(fault)}"
-        found.findings.append(error("record", f"The record cannot be replayed: {_of_bundle(what, job.record)}.", key))
-    if any(finding.level == "error" for finding in found.findings):
-        found.row = None
-    return found
+        checked.findings.append(error("record", f"The record cannot be replayed: {_of_bundle(what, job.record)}.", key))
+    for level, count in counts.items():
+        if count > MOST_FINDINGS:
+            text = f"There are {count - MOST_FINDINGS:,} more of these in this record."
+            checked.findings.append((error if level == "error" else remark)("record", text, key))
+    if any(finding.level == "error" for finding in checked.findings):
+        checked.row = None
+    return checked
 
 
 def _of_bundle(text: str, record: Path) -> str:
@@ -85,64 +115,71 @@ def _of_bundle(text: str, record: Path) -> str:
     return text.replace(f"{record.parent.parent}/", "")
 
 
-def _check(job: RecordJob, found: CheckedRecord) -> Iterator[Finding]:
+def _check(job: RecordJob, checked: CheckedRecord) -> Iterator[Finding]:
     key, record = job.config.key, Record.read(job.record, {job.config.player or "": job.price} if job.price else {})
     if record.config != job.config:
         config = record.config
         names = [name for name in type(config).model_fields if getattr(config, name) != getattr(job.config, name)]
         yield error("record", f"The record is of another episode than the manifest says: {some(names)} differ.", key)
         return
-    yield from _check_host(record, key, standard=job.standard)
     played = replay_record(record, tokenizer=job.tokenizer)
     for difference in played.differences[:SHOWN_DIFFERENCES]:
         yield error("record", difference, key)
     if len(played.differences) > SHOWN_DIFFERENCES:
         yield error("record", f"{len(played.differences) - SHOWN_DIFFERENCES} more differences in this record.", key)
-    if not played.complete:
+    if played.result is None:
         yield error("record", "The record breaks off: it does not say how the episode ended.", key)
         return
+    if b"".join(event_line(event) + b"\n" for event in record.events) != record.written:
+        yield error("record", "The record is not written as this library writes it.", key)
+    say = error if job.standard else remark
+    yield from _check_host(record, key, say, has_host_part=played.has_host_part)
     yield from _check_budget(record, key)
-    _count(record, found)
+    _count(record, checked)
     if record.outcome != "finished":
         yield error("record", f"The record is not a finished episode: it ended as {record.end_reason}.", key)
         return
-    found.row = row_of(record, job.trial)
-    yield from _check_row(job.row, found.row, key)
-    yield from _check_attempts(job, record, found)
+    yield from _check_end(record, key, say)
+    checked.row = row_of(record, job.trial)
+    yield from _check_row(job.row, checked.row, key)
+    yield from _check_deviations(record, played.result, checked.row, key)
+    continued: set[str] = set()
+    yield from _check_attempts(job, record, checked, continued)
+    yield from _check_continuations(record, continued, key)
 
 
-def _count(record: Record, found: CheckedRecord) -> None:
-    found.replies = len(_replies(record))
-    found.prompts = len(record.views)
-    found.calls = len(record.calls)
-    found.provider = any(usage["provider"] is not None for usage in record.usages)
-    found.versions = record.versions
+def _count(record: Record, checked: CheckedRecord) -> None:
+    checked.replies = len(_replies(record))
+    checked.prompts = len(record.views)
+    checked.calls = len(record.calls)
+    checked.provider = any(Usage.reported(usage) is not None for usage in record.usages)
+    checked.versions = record.versions
 
 
-def _check_host(record: Record, key: str, *, standard: bool) -> Iterator[Finding]:
-    """What was not left to the library: who saw the game, and what a host put into prompts."""
+def _check_host(record: Record, key: str, say: Say, *, has_host_part: bool) -> Iterator[Finding]:
+    """What was not left to the library: who saw the game, what a host put into prompts, and which calls it played."""
     if record.reveals:
         yield error("privileged", "The player was given the game itself, and so knew what no prompt says.", key)
     if record.pictures:
         yield error("privileged", "The player was shown pictures of the game, which no prompt has.", key)
-    say = error if standard else remark
     if record.config.context == "host":
         yield say("prompts", "The host owned the context, so nothing is known of what the model saw.", key)
-    if record.heads and not record.is_paper:
-        if any(_has_more_than_the_game(head) for head in record.heads):
-            yield say("prompts", "The host added messages or tools of its own to every prompt.", key)
-    elif not record.heads and record.config.context != "host":
+    elif not record.heads:
         yield say("prompts", "The record holds no prompts: the calls were made without a conversation.", key)
+    if has_host_part:
+        yield say("prompts", "The host added messages or tools of its own to every prompt.", key)
     if any(message["by"] == "host" for message in record.messages):
         yield say("prompts", "The host added messages to the conversation.", key)
-    if any("host" in call for call in record.calls):
-        yield say("prompts", "The host edited or refused calls of the model.", key)
+    if any("host" in call for call in record.calls) or (
+        record.heads and not record.is_paper and not _plays_all(record)
+    ):
+        yield say("prompts", "The host edited, refused, moved or left out calls of the model.", key)
 
 
-def _has_more_than_the_game(head: HeadEvent) -> bool:
-    """Whether a head has messages or tools that are not the game's."""
-    tools = [tool["name"] for tool in head["tools"]]
-    return len(head["messages"]) > len(prompts.head()) or len(tools) > len(set(tools) & set(TOOL_NAMES))
+def _plays_all(record: Record) -> bool:
+    """Whether every call of every reply was answered, in the order of the message."""
+    sent = [(message["turn"], at) for message in record.messages for at in range(len(calls_of(message["message"])))]
+    return sent == [(call["turn"], call["position"]) for call in record.calls]
 
 
 def _check_budget(record: Record, key: str) -> Iterator[Finding]:
@@ -160,29 +197,62 @@ def _check_budget(record: Record, key: str) -> Iterator[Finding]:
         yield error("budget", f"The episode took {total} tokens under a cap of {cap}.", key)
 
 
+def _check_end(record: Record, key: str, say: Say) -> Iterator[Finding]:
+    """What a replay takes from the end as it is recorded."""
+    if record.end_reason in EXTERNAL_ENDS:
+        why = f"{record.end_reason}: {record.result.detail}" if record.result.detail else record.end_reason
+        yield say("end", f"The host ended the episode ({why}), not the game, a budget or the player.", key)
+    if record.error is not None or record.traceback is not None:
+        yield error("record", "The record says that a finished episode failed.", key)
+    if record.cost is not None and not 0 <= record.cost <= MOST_COST:
+        yield error("record", f"The episode cost {record.cost:,.0f} US dollars, which cannot be.", key)
+
+
 def _check_row(line: bytes | None, row: Row, key: str) -> Iterator[Finding]:
     if line is None:
         yield error("row", "The results hold no row for this episode.", key)
         return
     submitted = json.loads(line)
-    for name in sorted(row.keys() | submitted.keys()):
-        if row.get(name) != submitted.get(name) or (name in row) != (name in submitted):
-            yield error("row", f"The row says {name} is {submitted.get(name)!r}, the record {row.get(name)!r}.", key)
+    for name in sorted(row.keys() & submitted.keys()):
+        if canonical_text(row[name]) != canonical_text(submitted[name]):
+            yield error("row", f"The row says {name} is {submitted[name]!r}, the record {row[name]!r}.", key)
+    if others := sorted((row.keys() ^ submitted.keys()) - (LATER - submitted.keys())):
+        yield error("row", f"The row has other fields than the record gives: {some(others)}.", key)
 
 
-def _check_attempts(job: RecordJob, finished: Record, found: CheckedRecord) -> Iterator[Finding]:
-    """Check earlier attempts: whether the finished episode continues each of them, or started over."""
+def _check_deviations(record: Record, replayed: EpisodeResult, row: Row, key: str) -> Iterator[Finding]:
+    """Check the deviations, which follow from the config in a way that another version may see differently.
+
+    The row gets those of this version.
+    """
+    listed, row["deviations"] = row["deviations"], replayed.model_dump(mode="json")["deviations"]
+    if listed != row["deviations"]:
+        differs = error if record.versions.get("smartplay-tools") == metadata.version("smartplay-tools") else remark
+        yield differs(
+            "record", f"The record lists the deviations {some(listed)}, the replay {some(row['deviations'])}.", key
+        )
+
+
+def _check_attempts(job: RecordJob, finished: Record, checked: CheckedRecord, continued: set[str]) -> Iterator[Finding]:
+    """Check earlier attempts: whether the finished episode continues each of them, or started over.
+
+    `continued` gets the chain at which each of them stopped.
+    """
     key, played = job.config.key, _replies(finished)
     for path in job.attempts:
         if Record.head(path).start is None:
-            found.attempts.append(EXCEPTION)
+            checked.attempts.append(EXCEPTION)
             continue
         attempt = Record.read(path)
         name = f"attempt {attempt.attempt}"
         if attempt.config != job.config or next(broken_links(attempt.events), None) is not None:
             yield error("attempts", f"The record of {name} was changed, or is of another episode.", key)
             continue
-        found.attempts.append(attempt.end_reason)
+        if attempt.end_reason not in ENDS:
+            yield error("attempts", f"The record of {name} says that it ended as {attempt.end_reason!r}.", key)
+            continue
+        checked.attempts.append(attempt.end_reason)
+        continued.add(next(event["chain"] for event in reversed(attempt.events) if event is not attempt.ending))
         replies = _replies(attempt)
         if attempt.outcome == "finished":
             yield error("attempts", f"The record of {name} is a finished episode, which another one replaced.", key)
@@ -192,6 +262,27 @@ def _check_attempts(job: RecordJob, finished: Record, found: CheckedRecord) -> I
                 f"After {name} ({attempt.end_reason}, {len(replies)} replies) the episode was begun anew.",
                 key,
             )
+
+
+def _check_continuations(record: Record, continued: set[str], key: str) -> Iterator[Finding]:
+    """Check the events that no replay plays, because they are about the record itself, and the versions in them."""
+    if record.exceptions:
+        yield error("record", "An exception stands in the record of a finished episode.", key)
+    before = {event["chain"]: previous["chain"] for previous, event in pairwise(record.events)}
+    for resume in map(dict[str, Any], record.resumes):
+        if resume.keys() != {"event", "versions", "chain"}:
+            yield error("record", f"A resume event has the fields {some(resume)}.", key)
+        if before[resume["chain"]] not in continued:
+            text = "The record says that it continues an attempt, which the bundle does not hold."
+            yield error("attempts", text, key)
+    recorded = [event["versions"] for event in (record.start, *record.resumes) if event is not None]
+    try:
+        for versions in recorded:
+            VERSIONS.validate_python(versions)
+    except ValueError as fault:
+        yield error("record", f"The versions in the record are none: {in_one_line(fault)}.", key)
+    if record.result.versions != recorded[-1]:
+        yield error("record", "The versions at the end of the record are not those that played it.", key)
 
 
 def _replies(record: Record) -> list[Message]:

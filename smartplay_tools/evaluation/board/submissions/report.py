@@ -45,8 +45,7 @@ def report_text(checked: Checked) -> str:
 
 
 def _lines(checked: Checked) -> Iterator[str]:
-    said = "verified" if checked.verified else f"NOT verified: {_count(len(checked.errors), 'error')}"
-    yield f"{printable(checked.bundle)}: {said}"
+    yield f"{printable(checked.bundle)}: {checked.verdict}"
     submission = checked.submission
     if submission is not None:
         suite = f", suite {printable(submission.suite)}" if submission.suite else ""
@@ -80,7 +79,3 @@ def _section(title: str, findings: list[Finding]) -> Iterator[str]:
         yield f"  {finding.kind}: {where}{finding.text}"
     if len(findings) > SHOWN:
         yield f"  and {len(findings) - SHOWN} more; --json lists all."
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"

@@ -40,8 +40,8 @@ def issue_seed(path: str | Path, name: str, *, suite: str | None = None) -> Issu
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(f"{path}.lock"):
-            known = {one.seed for one in read_seeds(path)} if path.exists() else set()
-            seed = next(drawn for drawn in iter(lambda: secrets.randbelow(LARGEST), -1) if drawn not in known)
+            earlier = {issued.seed for issued in read_seeds(path)} if path.exists() else set()
+            seed = next(drawn for drawn in iter(lambda: secrets.randbelow(LARGEST), -1) if drawn not in earlier)
             now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
             issued = IssuedSeed(seed=seed, name=name, suite=suite, issued=now)
             with path.open("a", encoding="ascii", newline="\n") as file:
@@ -61,12 +61,12 @@ def read_seeds(path: str | Path) -> list[IssuedSeed]:
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise InvalidArgumentError(f"The seeds in {path} cannot be read: {error.strerror}.") from None
-    found = []
+    seeds = []
     for number, line in enumerate(lines, start=1):
         try:
-            found.append(IssuedSeed.model_validate_json(line))
+            seeds.append(IssuedSeed.model_validate_json(line))
         except ValidationError:
             raise InvalidArgumentError(
                 f"Line {number} of {path} is not an issued seed; submit seed writes them."
             ) from None
-    return found
+    return seeds

@@ -2,6 +2,7 @@
 
     sources    the episodes, finished or not
     episodes   a transcript for the page: turns, the contents of each prompt, tokens
+    excerpts   some turns of it
     drawings   the states of the game, from playing the record again; `walks` and `textures` for two games
     summary    the tables of the run, `pictures` its figures
     reading    an episode's record checked, drawn and packed, by several processes if there are many
@@ -19,12 +20,12 @@ from typing import TYPE_CHECKING
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_tools.evaluation.pages.report.page import render_report, write_report
+    from smartplay_tools.evaluation.pages.report.page import render_report, write_excerpt, write_report
     from smartplay_tools.evaluation.pages.report.widget import ReplayWidget
 
-__all__ = ["ReplayWidget", "render_report", "write_report"]
+__all__ = ["ReplayWidget", "render_report", "write_excerpt", "write_report"]
 
 if not TYPE_CHECKING:  # a process that reads records needs neither templates nor tables
     __getattr__, __dir__ = lazy_exports(
-        __name__, {"page": ("render_report", "write_report"), "widget": ("ReplayWidget",)}
+        __name__, {"page": ("render_report", "write_excerpt", "write_report"), "widget": ("ReplayWidget",)}
     )

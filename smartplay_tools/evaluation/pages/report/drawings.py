@@ -20,7 +20,7 @@ from smartplay_tools.games.registry import packages_are_imported
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.prompts import GAME_IS_OVER
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.events import CallEvent, Event
+from smartplay_tools.transcript.events import CallEvent
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -47,19 +47,19 @@ class Drawings:
     def __exit__(self, *error: object) -> None:
         self._close()
 
-    def draw(self, config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
+    def draw(self, record: Record) -> dict[str, Any]:
         """Return the drawing of an episode: its `kind`, its `source`, and the state at every step.
 
         Without a drawing `kind` is None and `source` says why.
         """
         try:
-            if GAMES[config.game].family == "minecraft":
+            if GAMES[record.game].family == "minecraft":
                 from smartplay_tools.evaluation.pages.report.walks import (
                     draw_walk,  # the voxel world takes half a second
                 )
 
-                return draw_walk(config, events)
-            return self._replay(config, events)
+                return draw_walk(record)
+            return self._replay(record)
         except _NoDrawingError as error:
             why = str(error)
         except (SmartPlayError, KeyError, TypeError, ValueError) as error:
@@ -67,13 +67,14 @@ class Drawings:
         self._close()
         return {"kind": None, "source": f"No drawing: {why}"}
 
-    def _replay(self, config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
+    def _replay(self, record: Record) -> dict[str, Any]:
+        config = record.config
         game, tools = self._game_of(config)
         game.reset(seed=config.seed)
         states = [game.drawing()]
         if not states[0]:
             return {"kind": None, "source": "This game has no drawing of its own."}
-        acts = [call for call in Record(events).calls if call["data"].get("legal") is True]
+        acts = [call for call in record.calls if call["data"].get("legal") is True]
         actions = []
         for act in acts:
             actions.append(_play_again(game, tools, act))

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata, resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from smartplay_tools.errors import (
     InvalidArgumentError,
@@ -22,6 +22,7 @@ from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.details import deviations_table
 from smartplay_tools.evaluation.analysis.formats import TextTable
+from smartplay_tools.evaluation.analysis.money import cell_costs, costs_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
@@ -31,7 +32,7 @@ from smartplay_tools.evaluation.pages.report.episodes import WORDS
 from smartplay_tools.evaluation.pages.report.pairs import pairs_of
 from smartplay_tools.evaluation.pages.report.pictures import figures
 from smartplay_tools.evaluation.pages.report.reading import pack, reading
-from smartplay_tools.evaluation.pages.report.sources import ShownRun, find_runs
+from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, find_runs
 from smartplay_tools.evaluation.pages.report.summary import (
     failed_row,
     interval,
@@ -42,15 +43,18 @@ from smartplay_tools.evaluation.pages.report.summary import (
 from smartplay_tools.evaluation.pages.report.textures import sheet
 from smartplay_tools.games.registry import importing_packages
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.records.accounts import PARTS
+from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row, unplayed
+from smartplay_tools.records.tariffs import Tariff, charge_records
 from smartplay_tools.types import MISTAKES
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
 SCRIPTS = (
-    *("basics.js", "prompts.js", "charts.js", "window.js", "worlds.js", "drawings.js"),
-    *("episode.js", "turn.js", "player.js", "compare.js", "page.js"),
+    *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "worlds.js", "drawings.js"),
+    *("episode.js", "turn.js", "why.js", "player.js", "compare.js", "page.js"),
 )
 """The page's scripts, in the order of their dependencies."""
 
@@ -65,6 +69,7 @@ def write_report(
     episodes: str | None = None,
     plugins: bool = False,
     workers: int = 1,
+    tariffs: Sequence[Tariff] = (),
 ) -> Path:
     """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
 
@@ -72,16 +77,46 @@ def write_report(
     number, "mistakes", "failed", keys with commas or "all"; a run of more than a thousand needs it. An existing file
     is replaced: a page can be made again, a record cannot. Games of installed packages, which records name, are
     imported for the drawings and figures only with `plugins`. Records are read by up to `workers` processes, where
-    there are so many that it saves time; a script that asks for several needs `if __name__ == "__main__":`.
+    there are so many that it saves time; a script that asks for several needs `if __name__ == "__main__":`. With
+    `tariffs` (`smartplay_tools.records.tariffs_of`) a table says what the episodes cost under each.
     """
-    out = Path(out)
-    if out.suffix != ".html":
+    file = _html_file(out)
+    page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers, tariffs=tariffs)
+    return _write(file, page)
+
+
+def write_excerpt(
+    record: str | Path,
+    out: str | Path,
+    *,
+    turns: tuple[int, int] | None = None,
+    title: str | None = None,
+    plugins: bool = False,
+) -> Path:
+    """Write the page of one episode, or of its turns from the first to the last of `turns`; return the page's path.
+
+    It has neither header nor lists, so that it is small and can be embedded. The other arguments are those of
+    `write_report`.
+    """
+    file, record = _html_file(out), Path(record)
+    if not record.is_file():
+        raise InvalidArgumentError(f"{record} is not the record of an episode; name a file of a run's episodes.")
+    run = ShownRun(record, "", Sources([Source(record.stem, record, turns=turns)]))
+    with importing_packages(plugins):
+        return _write(file, _render([run], title, plugins=plugins, opened="alone"))
+
+
+def _html_file(out: str | Path) -> Path:
+    if Path(out).suffix != ".html":
         raise InvalidArgumentError(f"The page is an HTML file, so its name has to end in .html, unlike {out}.")
-    page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers)
-    out.parent.mkdir(parents=True, exist_ok=True)
+    return Path(out)
+
+
+def _write(file: Path, page: str) -> Path:
+    file.parent.mkdir(parents=True, exist_ok=True)
     # A lone surrogate that a model wrote cannot be encoded in UTF-8; the packed record contains it nevertheless.
-    out.write_text(page, encoding="utf-8", errors="replace", newline="\n")
-    return out
+    file.write_text(page, encoding="utf-8", errors="replace", newline="\n")
+    return file
 
 
 def render_report(
@@ -92,14 +127,34 @@ def render_report(
     plugins: bool = False,
     workers: int = 1,
     open_first: bool = False,
+    tariffs: Sequence[Tariff] = (),
 ) -> str:
     """Return the replay page; with `open_first` it begins with its first episode."""
-    environment = _environment()
     with importing_packages(plugins):
         runs = choose(find_runs([run] if isinstance(run, str | Path) else run), episodes)
-        pages = [_page_of_run(run, workers=workers, plugins=plugins) for run in runs]
-        contents = _contents(pages, title)
-    contents["open"] = runs[0].sources.episodes[0].key if open_first else None
+        opened: Literal["first", "run"] = "first" if open_first else "run"
+        return _render(runs, title, workers=workers, plugins=plugins, opened=opened, tariffs=tariffs)
+
+
+def _render(
+    runs: Sequence[ShownRun],
+    title: str | None,
+    *,
+    workers: int = 1,
+    plugins: bool,
+    opened: Literal["run", "first", "alone"],
+    tariffs: Sequence[Tariff] = (),
+) -> str:
+    """Return the page of runs, which begins with their tables or the first episode, or has that episode alone."""
+    environment = _environment()
+    pages = [
+        # The figures are of all.
+        _page_of_run(run, runs if run is runs[0] else (), tariffs, workers=workers, plugins=plugins)
+        for run in runs
+    ]
+    contents = _contents(pages, title)
+    contents["open"] = None if opened == "run" else runs[0].sources.episodes[0].key
+    contents["alone"] = opened == "alone"
     return environment.get_template("page.html.j2").render(contents)
 
 
@@ -116,7 +171,12 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
     runs = [page.run for page in pages]
     episodes = [episode for page in pages for episode in page.episodes]
     packed = {key: data for page in pages for key, data in page.packed.items()}
-    index = {"words": WORDS, "mistakes": MISTAKES, "episodes": [_listed(episode) for episode in episodes]}
+    index = {
+        "words": WORDS,
+        "mistakes": MISTAKES,
+        "partWords": PARTS,
+        "episodes": [_listed(episode) for episode in episodes],
+    }
     if any(episode["family"] == "crafter" for episode in episodes):
         index["textures"] = sheet()
     scripts = [_static(name) for name in SCRIPTS]
@@ -130,7 +190,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "totals": [{**totals(page.summary), "run": page.run.letter} for page in pages],
         "comparison": list(_comparison(pages)),
         "pairs": list(pairs_of(episodes)) if len(runs) > 1 else [],
-        "tables": [(page.run.letter, table) for page in pages for table in _tables(page.summary, page.rows)],
+        "tables": [(page.run.letter, table) for page in pages for table in _tables(page)],
         "profiles": [
             (page.run.letter, profile)
             for page in pages
@@ -140,11 +200,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "privileged": any(cell.privileged for page in pages for cell in page.summary.cells),
         "left_out": sum(len(page.rows) - sum(cell.episodes for cell in page.summary.cells) for page in pages),
         "episodes": episodes,
-        "figures": [
-            {**figure, "name": f"{page.run.letter} {figure['name']}".strip()}
-            for page in pages
-            for figure in page.figures
-        ],
+        "figures": [figure for page in pages for figure in page.figures],
         "manifests": [(run.letter, run.sources.manifest) for run in runs if run.sources.manifest],
         "warnings": [warning for page in pages for warning in unplayed(page.rows)],
         "chosen": _chosen(runs),
@@ -175,11 +231,14 @@ class _RunPage:
     rows: Sequence[Row]
     summary: RunSummary
     figures: Sequence[Mapping[str, str]]
+    costs: Sequence[TextTable]
 
 
-def _page_of_run(run: ShownRun, *, workers: int, plugins: bool) -> _RunPage:
+def _page_of_run(
+    run: ShownRun, drawing: Sequence[ShownRun], tariffs: Sequence[Tariff], *, workers: int, plugins: bool
+) -> _RunPage:
     with reading(run.sources.episodes, run.letter, workers=workers, plugins=plugins) as read:
-        drawn = list(figures(run.path, run.sources.rows))
+        drawn = list(figures(drawing))
         # Computes the intervals while the others read; the summary below finds them remembered.
         summarize_rows(run.sources.rows, ())
         shown = read()
@@ -190,7 +249,18 @@ def _page_of_run(run: ShownRun, *, workers: int, plugins: bool) -> _RunPage:
     failures: Sequence[Row] | None = run.sources.failures
     if failures is None:
         failures = [failed_row(episode["key"], episode) for episode in episodes if episode["status"] == "failed"]
-    return _RunPage(run, episodes, packed, rows, summarize_rows(rows, failures), drawn)
+    costs = _costs(run, rows, tariffs, workers) if tariffs else ()
+    return _RunPage(run, episodes, packed, rows, summarize_rows(rows, failures), drawn, costs)
+
+
+def _costs(run: ShownRun, rows: Sequence[Row], tariffs: Sequence[Tariff], workers: int) -> Sequence[TextTable]:
+    """The table of what the episodes cost; none if nothing can be said about any of them."""
+    keys = {row["key"] for row in rows}
+    sources = (*run.sources.episodes, *run.sources.left_out)
+    records = {source.key: source.transcript for source in sources if source.key in keys}
+    prices = {name: Price.from_json(price) for name, price in run.sources.manifest.get("prices", {}).items()}
+    cells = cell_costs(rows, charge_records(records, tariffs, prices, processes=workers))
+    return [costs_table(cells, tariffs)] if cells else []
 
 
 def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
@@ -201,13 +271,14 @@ def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
             yield from comparison_tables(compare(rows))
 
 
-def _tables(summary: RunSummary, rows: Sequence[Row]) -> Iterator[TextTable]:
-    """The tables below the results: the cost of windows, and the differences from the paper."""
-    comparisons = compare_windows([row for row in rows if row["game"] in GAMES])
+def _tables(page: _RunPage) -> Iterator[TextTable]:
+    """The tables below the results: the cost of windows, in score and in money, and the differences from the paper."""
+    comparisons = compare_windows([row for row in page.rows if row["game"] in GAMES])
     if any(not comparison.is_full for comparison in comparisons):
         yield windows_table(comparisons)
-    if summary.cells:
-        yield deviations_table(summary.cells)
+    yield from page.costs
+    if page.summary.cells:
+        yield deviations_table(page.summary.cells)
 
 
 def _listed(episode: dict[str, Any]) -> dict[str, Any]:

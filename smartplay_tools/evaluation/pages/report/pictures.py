@@ -12,29 +12,37 @@ from pathlib import Path
 
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.analysis.figures import write_figures
-from smartplay_tools.records.rows import Row
+from smartplay_tools.evaluation.analysis.grouping import by_cell
+from smartplay_tools.evaluation.pages.report.sources import ShownRun
 from smartplay_tools.records.run_folder import RunFolder
 
 FOLDER = "figures"
 """The folder of a run's figures, as SVG."""
 
 
-def figures(run: Path, rows: Sequence[Row]) -> Iterator[dict[str, str]]:
-    """Yield name and image of a run's figures: those in its folder, or else those that can be drawn now of its rows.
+def figures(runs: Sequence[ShownRun]) -> Iterator[dict[str, str]]:
+    """Yield name and image of the figures of runs: those in a run's folder, or else those that can be drawn now.
 
-    There are none without a run, without the extra `evaluation`, or for games that are not known here.
+    Several runs share their figures, so that what is to be compared stands in one. There are none without a run,
+    without the extra `evaluation`, or for games that are not known here.
     """
-    if not (run / "manifest.json").exists():
-        return
-    found = sorted((run / FOLDER).glob("*.svg"))
-    with tempfile.TemporaryDirectory() as drawn:
-        for file in found or _draw(run, rows, Path(drawn)):
+    runs = [run for run in runs if run.sources.manifest]
+    drawn_before = sorted((runs[0].path / FOLDER).glob("*.svg")) if len(runs) == 1 else []
+    with tempfile.TemporaryDirectory() as folder:
+        for file in drawn_before or _draw(runs, Path(folder)):
             image = base64.b64encode(file.read_bytes()).decode("ascii")
             yield {"name": file.stem.replace("-", " "), "image": f"data:image/svg+xml;base64,{image}"}
 
 
-def _draw(run: Path, rows: Sequence[Row], folder: Path) -> list[Path]:
+def _draw(runs: Sequence[ShownRun], folder: Path) -> list[Path]:
+    rows = [row for run in runs for row in run.sources.rows]
+    records = {row["key"]: RunFolder(run.path).transcript for run in runs for row in run.sources.rows}
     try:
-        return write_figures(rows, folder, transcript=RunFolder(run).transcript, formats=["svg"])
+        if len(by_cell(rows)) < sum(len(by_cell(run.sources.rows)) for run in runs):
+            # Two runs have played the same: they are told apart by their letters.
+            rows = [{**row, "player": f"{run.letter} {row['player']}"} for run in runs for row in run.sources.rows]
+            records = {}
+        transcript = (lambda key: records[key](key)) if records else None
+        return write_figures(rows, folder, transcript=transcript, formats=["svg"])
     except SmartPlayError:
         return []

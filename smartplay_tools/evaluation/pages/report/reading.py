@@ -14,17 +14,17 @@ from functools import partial
 from operator import itemgetter
 from typing import Any
 
-from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
-from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError, in_one_line
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import episode_data
+from smartplay_tools.evaluation.pages.report.excerpts import excerpt
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.pages.report.summary import rules
 from smartplay_tools.games.registry import importing_packages
 from smartplay_tools.json_text import encoder
 from smartplay_tools.records.parallel import parallel_map, worth
+from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
-from smartplay_tools.transcript.file import read_transcript
 from smartplay_tools.types import EpisodeResult
 
 WORTH_A_PROCESS = 8_000_000
@@ -57,8 +57,8 @@ def reading(
     that only this process knows is not drawn in any other, so it then reads alone.
     """
     processes = worth(workers, (source.transcript for source in sources), WORTH_A_PROCESS, plugins=plugins)
-    with parallel_map(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes) as found:
-        yield lambda: [episode for _, episodes in sorted(found, key=itemgetter(0)) for episode in episodes]
+    with parallel_map(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes) as chunks:
+        yield lambda: [episode for _, episodes in sorted(chunks, key=itemgetter(0)) for episode in episodes]
 
 
 def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode]:
@@ -67,21 +67,21 @@ def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> lis
 
 
 def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
-    events = read_transcript(source.transcript)
+    record = Record.read(source.transcript)
     try:
-        config = EpisodeConfig.from_event(events[0])
-        start = recorded_facts(events[0], config)
         data = {
-            **episode_data(source.key, start, events, source.facts),
-            "drawing": drawings.draw(config, events),
+            **episode_data(source.key, record, source.facts),
+            "drawing": drawings.draw(record),
             "run": letter,
         }
+        if source.turns is not None:
+            data = excerpt(data, *source.turns)
         if data["result"] is not None:
             EpisodeResult.model_validate(data["result"])
-        row = _row(source.key, start, data["result"], source.facts) if data["status"] == "finished" else None
+        row = _row(source.key, record.facts, data["result"], source.facts) if data["status"] == "finished" else None
         facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
         facts["rules"] = rules(facts)
-    except TranscriptError:
+    except InvalidArgumentError:
         raise
     except (AttributeError, KeyError, TypeError, IndexError, StopIteration, ValueError) as error:
         kind = "" if isinstance(error, SmartPlayError) else f"{type(error).__name__}: "

@@ -29,6 +29,8 @@ class Source:
     facts: dict[str, Any] = field(default_factory=dict)
     row: Row | None = None
     """The row that its run has written, if the episode is finished."""
+    turns: tuple[int, int] | None = None
+    """The first and the last turn that the page plays; None for all."""
 
 
 @dataclass(frozen=True)
@@ -65,14 +67,14 @@ def find_runs(paths: Sequence[str | Path]) -> list[ShownRun]:
         return [ShownRun(Path(paths[0]), "", find_sources(Path(paths[0])))]
     if len({Path(path).resolve() for path in paths}) < len(paths):
         raise InvalidArgumentError("The same run is named twice; name every run once.")
-    found = []
+    runs = []
     for letter, path in zip(LETTERS, map(Path, paths), strict=False):
         sources = find_sources(path)
         lettered = [replace(source, key=f"{letter}.{source.key}") for source in sources.episodes]
-        found.append(ShownRun(path, letter, replace(sources, episodes=lettered)))
-    if len(found) < len(paths):
+        runs.append(ShownRun(path, letter, replace(sources, episodes=lettered)))
+    if len(runs) < len(paths):
         raise InvalidArgumentError(f"A page shows at most {len(LETTERS)} runs, not {len(paths)}.")
-    return found
+    return runs
 
 
 def find_sources(path: Path) -> Sources:
@@ -96,20 +98,20 @@ def _run(folder: RunFolder) -> Sources:
     for file in (*folder.attempts(), *folder.running()):
         attempts_at.setdefault(file.name.partition(".")[0], []).append(file)
     there = folder.finished()
-    found: list[Source] = []
+    sources: list[Source] = []
     waiting = 0
-    for planned in manifest["episodes"]:
-        key = planned["key"]
+    for planned in manifest.episodes:
+        key = planned.key
         finished = [folder.transcript(key)] if key in there else []
         attempts = attempts_at.get(key, [])
         waiting += not finished and not attempts
-        facts = {"trial": planned["trial"]}
+        facts = {"trial": planned.trial}
         # The cost is that of the finished attempt; earlier attempts were charged separately.
-        found += [
+        sources += [
             Source(key, file, {**facts, "cost": row_of.get(key, {}).get("cost")}, row_of.get(key)) for file in finished
         ]
         facts["finished_later"] = bool(finished)
-        found += [Source(file.stem, file, facts) for file in attempts if Record.head(file).start]
-    if not found:
+        sources += [Source(file.stem, file, facts) for file in attempts if Record.head(file).start]
+    if not sources:
         raise InvalidArgumentError(f"{folder.path} has no episode to show yet.")
-    return Sources(found, manifest, folder.failures(), rows=rows, waiting=waiting)
+    return Sources(sources, manifest.to_json(), folder.failures(), rows=rows, waiting=waiting)

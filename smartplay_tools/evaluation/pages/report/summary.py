@@ -8,7 +8,7 @@ from typing import Any
 
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.episode.config import Rules
-from smartplay_tools.evaluation.analysis.intervals import ALL_EQUAL, MeanEstimate
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary, summarize
 from smartplay_tools.games.paper import HUMAN_SCORES, PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
@@ -74,7 +74,7 @@ def _place(normalized: float) -> float:
 
 def interval(estimate: MeanEstimate) -> tuple[float, float] | None:
     """Return the ends of an interval; None if there is none to print."""
-    if estimate.low is None or estimate.high is None or estimate.note == ALL_EQUAL:
+    if estimate.low is None or estimate.high is None:
         return None
     return estimate.low, estimate.high
 

@@ -12,12 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.games.minecraft.game import Minecraft
 from smartplay_tools.games.minecraft.voxel.climate import SPACING, Biome, biomes, climate
 from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.events import Event
 
 FROM_TEXT = "The path is read from the coordinates in the observations."
 WITH_LAND = (
@@ -35,9 +33,9 @@ LONGEST_SIDE = 160
 _COORDINATES = re.compile(r"^Coordinate \((-?[\d.]+),(-?[\d.]+),(-?[\d.]+)\)\. Facing ([a-z-]+)\.", re.MULTILINE)
 
 
-def draw_walk(config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
+def draw_walk(record: Record) -> dict[str, Any]:
     """Return the positions by step and, for the embedded world, the land around them."""
-    positions = _positions(events)
+    config, positions = record.config, _positions(record)
     if not positions:
         return {"kind": None, "source": "No drawing: no observation has coordinates."}
     land: dict[str, Any] = {}
@@ -55,10 +53,9 @@ def draw_walk(config: EpisodeConfig, events: Sequence[Event]) -> dict[str, Any]:
     return {"kind": "minecraft", "source": source, "walk": walk, **land}
 
 
-def _positions(events: Sequence[Event]) -> dict[int, tuple[float, float, float, str]]:
+def _positions(record: Record) -> dict[int, tuple[float, float, float, str]]:
     """Return x, y, z and the heading for each observation that has coordinates."""
     texts: dict[int, str] = {}
-    record = Record(events)
     for head in record.heads:
         if "observation" in head:
             texts[0] = head["observation"]
@@ -66,8 +63,8 @@ def _positions(events: Sequence[Event]) -> dict[int, tuple[float, float, float, 
         if (step := call["data"].get("observation_step")) is not None:
             texts[step] = call["text"]
     # If the host manages the context, a text has past observations first, so the last coordinates count.
-    found = {step: _COORDINATES.findall(text) for step, text in texts.items()}
-    return {step: (float(m[-1][0]), float(m[-1][1]), float(m[-1][2]), m[-1][3]) for step, m in found.items() if m}
+    matches = {step: _COORDINATES.findall(text) for step, text in texts.items()}
+    return {step: (float(m[-1][0]), float(m[-1][1]), float(m[-1][2]), m[-1][3]) for step, m in matches.items() if m}
 
 
 def _land(seed: int, places: Sequence[tuple[float, float]]) -> dict[str, Any]:

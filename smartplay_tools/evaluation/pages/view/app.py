@@ -31,14 +31,14 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp
 
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.pages.report import render_report
 from smartplay_tools.evaluation.pages.view.answers import HEADERS, missing, page, static
 from smartplay_tools.evaluation.pages.view.playing import BrowserPlay, play_routes
 from smartplay_tools.evaluation.pages.view.runs import COLUMNS, Shown
-from smartplay_tools.web import Names, is_bearer, is_from_own_page
+from smartplay_tools.web import Guard, Names, carries, is_from_own_page
 
 PERIOD = 1.0
 """Seconds between two looks at the folders."""
@@ -91,26 +91,17 @@ def view_app(
         key = secrets.token_urlsafe(24)
         routes += play_routes(play, key, is_stopping)
     # A stream that is compressed waits for its compressor, so the middleware leaves event streams as they are.
-    return _Guard(GZipMiddleware(Starlette(routes=routes), minimum_size=10_000), Names(hosts), token, key)
+    app = GZipMiddleware(Starlette(routes=routes), minimum_size=10_000)
+    return Guard(app, _Conditions(token, key).admit, Names(hosts), headers=HEADERS)
 
 
-class _Guard:
-    """What a request is asked before it comes in, and the headers of every answer."""
+class _Conditions:
+    """What a request is asked before it comes in, beside its Host and its Origin."""
 
-    def __init__(self, app: ASGIApp, names: Names, token: str | None, key: str | None) -> None:
-        self._app, self._names, self._token, self._key = app, names, token, key
+    def __init__(self, token: str | None, key: str | None) -> None:
+        self._token, self._key = token, key
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http" and (refusal := self._refusal(Request(scope))) is not None:
-            await refusal(scope, receive, send)
-            return
-        await self._app(scope, receive, send)
-
-    def _refusal(self, request: Request) -> Response | None:
-        if not self._names.knows_host(request.headers.get("host")):
-            return PlainTextResponse("Invalid Host header", 421, HEADERS)
-        if not self._names.knows_origin(request.headers.get("origin")):
-            return PlainTextResponse("Invalid Origin header", 403, HEADERS)
+    async def admit(self, request: Request) -> Response | None:
         return self._entry(request) or self._change(request)
 
     def _change(self, request: Request) -> Response | None:
@@ -123,7 +114,7 @@ class _Guard:
         return PlainTextResponse("Only the page of the play may do this; load it again.", 403, HEADERS)
 
     def _entry(self, request: Request) -> Response | None:
-        if self._token is None or is_bearer(request.headers.get("authorization"), self._token):
+        if self._token is None or carries(request, self._token):
             return None
         if _same(request.cookies.get(COOKIE, ""), self._token):
             return None
@@ -157,10 +148,10 @@ class _Site:
         if run is None:
             return missing("There is no such run.")
         try:
-            found = await run_in_threadpool(run.episodes)
+            rows = await run_in_threadpool(run.episodes)
         except SmartPlayError as error:
             return missing(str(error))
-        return JSONResponse({"columns": COLUMNS, "episodes": found}, headers=HEADERS)
+        return JSONResponse({"columns": COLUMNS, "episodes": rows}, headers=HEADERS)
 
     async def episode(self, request: Request) -> Response:
         """Answer with the replay page of a record."""
@@ -176,7 +167,11 @@ class _Site:
     async def report(self, request: Request) -> Response:
         """Answer with the report page of a run, or of several; it holds some episodes of each, since all open here."""
         asked = request.query_params.getlist("run")
-        runs = [self._runs[int(one)] for one in asked if one.isascii() and one.isdigit() and int(one) < len(self._runs)]
+        runs = [
+            self._runs[int(number)]
+            for number in asked
+            if number.isascii() and number.isdigit() and int(number) < len(self._runs)
+        ]
         if not runs or len(runs) < len(asked):
             return missing("There is no such run.")
         return await self._replay_page([run.path for run in runs], episodes=str(EPISODES * len(runs)))

@@ -28,9 +28,6 @@ LONGEST_WAIT = 15.0
 
 LOOK_SECONDS = 0.05
 
-LARGEST_BODY = 100_000
-"""The most bytes of a request."""
-
 
 class BrowserPlay(Protocol):
     """What a person plays in the browser: `evaluation.runs.browser_play.BrowserPlay`."""
@@ -70,8 +67,8 @@ class _Playing:
 
     async def state(self, request: Request) -> Response:
         """Answer with what is to be shown, when it has changed."""
-        known, waited = request.query_params.get("after", ""), 0.0
-        while known == str(self._play.number) and waited < LONGEST_WAIT and not self._is_stopping():
+        shown, waited = request.query_params.get("after", ""), 0.0
+        while shown == str(self._play.number) and waited < LONGEST_WAIT and not self._is_stopping():
             await asyncio.sleep(LOOK_SECONDS)
             waited += LOOK_SECONDS
         state = await run_in_threadpool(self._play.state)
@@ -107,13 +104,8 @@ class _Playing:
 
 async def _body(request: Request) -> dict[str, Any]:
     """Return the JSON object of a request, which is small."""
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > LARGEST_BODY:
-            raise InvalidArgumentError(f"An answer has at most {LARGEST_BODY:,} bytes.")
     try:
-        given = json.loads(body)
+        given = json.loads(await request.body())
     except (ValueError, RecursionError):
         given = None
     if not isinstance(given, dict):

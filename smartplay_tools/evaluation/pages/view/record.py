@@ -9,7 +9,7 @@ from typing import Any
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.pages.view.runs import RECORD, figures, live_figures
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.snapshot import Result
+from smartplay_tools.records.run_follower import Result
 from smartplay_tools.types import Budget
 
 KEY = "0" * 16
@@ -59,7 +59,7 @@ class SiteRecord:
         if record.start is None:
             return []
         facts = record.facts
-        shown = [facts["game"], facts["player"], Budget(**facts["asked"]).describe(), None, facts["seed"]]
+        shown = [facts["game"], facts["player"], Budget.from_record(facts["asked"]).describe(), None, facts["seed"]]
         if record.ending is None:
             return [[PLAYING, "running", *shown, *[None] * 8]]
         if record.result_data is None:

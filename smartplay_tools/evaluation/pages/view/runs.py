@@ -15,8 +15,8 @@ from typing import Any, Protocol
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.snapshot import Result, RunFollower, RunSnapshot
-from smartplay_tools.types import Budget
+from smartplay_tools.records.run_follower import Result, RunFollower
+from smartplay_tools.records.snapshot import RunSnapshot
 
 COLUMNS = (
     *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
@@ -112,8 +112,8 @@ class SiteRun:
         key, _, attempt = stem.partition(".")
         places = [name, f"attempts/{key}.{attempt}", f"episodes/{key}"] if kind == "running" else [name]
         for place in places:
-            if (found := self.folder.path / f"{place}.jsonl").is_file():
-                return found
+            if (file := self.folder.path / f"{place}.jsonl").is_file():
+                return file
         raise InvalidArgumentError("There is no such record; its attempt may have been paused and continued.")
 
     def _attempts(self) -> list[Path]:
@@ -128,7 +128,7 @@ class SiteRun:
 
     def _list(self) -> list[list[Any]]:
         manifest = self.folder.manifest()
-        budgets = [Budget(**cell.get("budget", {})).describe() for cell in manifest["cells"]]
+        budgets = [cell.budget.describe() for cell in manifest.cells]
         self._follower.count()
         results = self._follower.results
         others: dict[str, list[list[Any]]] = {}
@@ -137,27 +137,27 @@ class SiteRun:
             others.setdefault(lost["key"], []).append([record, _kind(lost["end_reason"]), lost["error"]])
         for running in self.folder.running():
             others.setdefault(running.stem.partition(".")[0], []).append([f"running/{running.stem}", "running", None])
-        found = []
-        for planned in manifest["episodes"]:
-            cell, key = manifest["cells"][planned["cell"]], planned["key"]
-            facts = [cell["game"], cell["player"], budgets[planned["cell"]], planned["trial"], planned["seed"]]
+        rows = []
+        for planned in manifest.episodes:
+            cell, key = manifest.cells[planned.cell], planned.key
+            facts = [cell.game, cell.player, budgets[planned.cell], planned.trial, planned.seed]
             attempts = others.get(key, [])
             if key in results:
-                found.append([f"episodes/{key}", "finished", *facts, *figures(results[key])])
-                attempts = [one for one in attempts if one[1] == "failed"]
+                rows.append([f"episodes/{key}", "finished", *facts, *figures(results[key])])
+                attempts = [attempt for attempt in attempts if attempt[1] == "failed"]
             for record, status, error in attempts:
-                found.append([record, status, *facts, None, None, None, None, None, None, None, error])
+                rows.append([record, status, *facts, None, None, None, None, None, None, None, error])
             if key not in results and not attempts:
-                found.append([None, "waiting", *facts, None, None, None, None, None, None, None, None])
-        return found
+                rows.append([None, "waiting", *facts, None, None, None, None, None, None, None, None])
+        return rows
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:
     try:
-        found = path.stat()
+        stat = path.stat()
     except OSError:
         return None
-    return found.st_mtime_ns, found.st_size
+    return stat.st_mtime_ns, stat.st_size
 
 
 def figures(result: Result) -> list[Any]:
@@ -179,14 +179,14 @@ def _kind(reason: str | None) -> str:
 
 def find_runs(folders: Sequence[str | Path]) -> list[SiteRun]:
     """Return the runs in folders, each a run or one that holds runs; none is an `InvalidArgumentError`."""
-    found: dict[Path, str] = {}
+    names: dict[Path, str] = {}
     for folder in map(Path, folders):
         if not folder.is_dir():
             raise InvalidArgumentError(f"There is no folder {folder}; name a run's folder, or one that holds runs.")
         for depth in range(DEEPEST + 1):
             for manifest in sorted(folder.glob("*/" * depth + "manifest.json")):
                 path = manifest.parent
-                found.setdefault(path.resolve(), str(path.relative_to(folder)) if depth else path.resolve().name)
-    if not found:
+                names.setdefault(path.resolve(), str(path.relative_to(folder)) if depth else path.resolve().name)
+    if not names:
         raise InvalidArgumentError(f"{', '.join(map(str, folders))} holds no run; smartplay-tools eval makes one.")
-    return [SiteRun(path, name) for path, name in found.items()]
+    return [SiteRun(path, name) for path, name in names.items()]

@@ -36,9 +36,6 @@ is running."""
 Again = Callable[[Task], Task]
 """Keeps the record of a task whose worker was lost, and returns the task that continues it."""
 
-POLL_SECONDS = 0.2
-"""Seconds after which an executor with a free worker asks for a task again."""
-
 
 class Executor(Protocol):
     """Runs attempts. Its `stop` and `limits` are accessible to the attempts, wherever they run."""
@@ -76,8 +73,8 @@ WAITING_AT_ONCE = 64
 
 def get_executor(name: str) -> Callable[..., Any]:
     """Return the class of an executor by its name."""
-    found: Callable[..., Any] = EXECUTORS[name]
-    return found
+    executor: Callable[..., Any] = EXECUTORS[name]
+    return executor
 
 
 def default_workers(name: str) -> int:

@@ -16,8 +16,9 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from typing import ClassVar
 
 from smartplay_tools.evaluation.runs.attempt import Task, aplay_attempt, make_player
-from smartplay_tools.evaluation.runs.executors import POLL_SECONDS, Again, Outcome, Take
+from smartplay_tools.evaluation.runs.executors import Again, Outcome, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
+from smartplay_tools.records.process_pool import POLL_SECONDS
 from smartplay_tools.types import AsyncPlayer
 
 GRACE_SECONDS = 10.0
@@ -70,12 +71,13 @@ class AsyncExecutor:
         return {task for task in under_way if task.done()}
 
     async def _play(self, task: Task, closing: AsyncExitStack) -> Outcome:
-        return Outcome(task, await aplay_attempt(task, self.limits, self.stop, await self._player(task, closing)))
+        shared = None if task.player.agent is not None else await self._player(task, closing)
+        return Outcome(task, await aplay_attempt(task, self.limits, self.stop, shared))
 
     async def _player(self, task: Task, closing: AsyncExitStack) -> AsyncPlayer | None:
         """The player that the attempts of a cell share; None if each needs its own."""
         cell = task.planned.cell
-        name = str([cell.player, sorted(cell.player_options.items()), task.secrets])
+        name = str([cell.player, sorted(cell.player_options.items()), task.player.api_key_env])
         if name not in self._shared:
             self._shared[name] = player = _shareable(task)
             if isinstance(player, AbstractAsyncContextManager):

@@ -24,8 +24,9 @@ from typing import Any, ClassVar
 
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation.runs.attempt import StoppedError, Task, Times, play_attempt
-from smartplay_tools.evaluation.runs.executors import POLL_SECONDS, Again, Outcome, Take
+from smartplay_tools.evaluation.runs.executors import Again, Outcome, Take
 from smartplay_tools.evaluation.runs.limits import Caps, Limits, SharedLimits
+from smartplay_tools.records.process_pool import POLL_SECONDS
 from smartplay_tools.transcript.file import append_exception
 
 try:

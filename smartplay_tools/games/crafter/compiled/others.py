@@ -163,16 +163,16 @@ def _nth_thing(world: Any, things: Any, chunk: int, kind: int, n: int) -> int:
     """The number of the n-th thing of a kind in a chunk, in the order of arrival."""
     last = -1
     while True:
-        found = -1
+        earliest = -1
         for i in range(world.thing_count):
             thing = things[i]
             if thing.kind != kind or thing.removed or _CHUNK_OF[thing.at] != chunk or thing.entered <= last:
                 continue
-            if found < 0 or thing.entered < things[found].entered:
-                found = i
+            if earliest < 0 or thing.entered < things[earliest].entered:
+                earliest = i
         if n == 0:
-            return found
-        last = things[found].entered
+            return earliest
+        last = things[earliest].entered
         n -= 1
 
 

@@ -231,12 +231,12 @@ class CompiledWorlds:
             [chunk, [n for n in by_entry if chunk_of[n] == chunk]]
             for chunk in record["visits"][: record["chunk_count"]].tolist()
         ]
-        told = [
+        rows = [
             [kind, *position(at), health, clock, DIRECTIONS.index(heading) if kind == ARROW else 0]
             for at, heading, clock, kind, health, *_ in things.tolist()
         ]
         ground = without_margin(record["ground"]).hex()
-        return [int(record["steps"]), int(record["rewarded_health"]), player, [ground, told, chunks]]
+        return [int(record["steps"]), int(record["rewarded_health"]), player, [ground, rows, chunks]]
 
     def fingerprint(self, number: int) -> bytes:
         """The state of a world's random stream."""

@@ -69,7 +69,7 @@ def _find_program(named: str | None) -> Path:
             f"{VARIABLE} is {named!r}, and there is no Luanti server: set it to the server's program."
         )
     candidates = [Path(folder) / name for folder in _PROGRAM_FOLDERS for name in _PROGRAMS]
-    candidates += [Path(found) for name in _PROGRAMS if (found := shutil.which(name))]
+    candidates += [Path(path) for name in _PROGRAMS if (path := shutil.which(name))]
     if program := next(filter(_is_program, candidates), None):
         return program
     raise InvalidArgumentError(f"There is no Luanti server on this machine: {_REMEDY}")

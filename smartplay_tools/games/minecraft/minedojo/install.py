@@ -64,9 +64,9 @@ def _maker(python: str | None) -> str:
         shown = subprocess.run([python, "-c", _VERSION], capture_output=True, text=True, check=False)
     except OSError as error:
         raise InvalidArgumentError(f"{python} cannot be run: {error.strerror}; name a Python {wanted}.") from None
-    found = ".".join(shown.stdout.split())
-    if found != wanted:
-        raise InvalidArgumentError(f"MineDojo needs Python {wanted}; {python} is {found or 'no Python'}.")
+    version = ".".join(shown.stdout.split())
+    if version != wanted:
+        raise InvalidArgumentError(f"MineDojo needs Python {wanted}; {python} is {version or 'no Python'}.")
     return python
 
 
@@ -74,7 +74,7 @@ def _run(command: Sequence[str], failure: str) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=foreign_environment(os.environ))
     if done.returncode:
         lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
-        said = next((line for line in reversed(lines) if "ERROR" in line), lines[-1] if lines else "")
-        error = EngineError(f"{Path(command[0]).name} {failure} ({said.strip()}).")
+        reason = next((line for line in reversed(lines) if "ERROR" in line), lines[-1] if lines else "")
+        error = EngineError(f"{Path(command[0]).name} {failure} ({reason.strip()}).")
         error.add_note("\n".join(lines))
         raise error

@@ -33,7 +33,7 @@ def _fan(yaw: float, mode: TextMode) -> Fan:
 
 
 class VoxelEngine:
-    """A world of blocks in this process; it needs nothing but NumPy and SciPy."""
+    """A world of blocks in this process; it needs nothing but NumPy."""
 
     default_text: ClassVar[TextMode] = "corrected"
 

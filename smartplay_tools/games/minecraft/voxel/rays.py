@@ -133,13 +133,13 @@ class Fan:
         x += z
         x *= HEIGHT
         x += y
-        found = flat.take(x, mode="clip")
-        free |= found == _AIR
+        blocks = flat.take(x, mode="clip")
+        free |= blocks == _AIR
         # The sum is faster than an assignment where it is free.
         nearest = (reached + free * np.float32(_NEVER)).argmin(axis=0)
         each = np.arange(len(rays))
         distance = np.where(free[nearest, each], np.float32(np.inf), reached[nearest, each])
-        return found[nearest, each], distance, stage.axis[nearest]
+        return blocks[nearest, each], distance, stage.axis[nearest]
 
 
 def hit_boxes(

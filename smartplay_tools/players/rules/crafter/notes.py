@@ -89,9 +89,9 @@ def notes_of(notes: Mapping[str, Any]) -> Notes:
         for column, letter in enumerate(letters, start=x - radius):
             if letter != " ":
                 kinds[column, row] = BITS_OF[letter]
-    known = Map(at=(x, y), facing=notes["facing"], kinds=kinds, visited=[(a, b) for a, b in notes["visited"]])
+    own_map = Map(at=(x, y), facing=notes["facing"], kinds=kinds, visited=[(a, b) for a, b in notes["visited"]])
     home, goal = notes["home"], notes["goal"]
-    return Notes(known, notes["clock"], notes["asleep"], home and Home(*home), goal and tuple(goal))
+    return Notes(own_map, notes["clock"], notes["asleep"], home and Home(*home), goal and tuple(goal))
 
 
 def _letter(kinds: int | None) -> str:
@@ -133,15 +133,15 @@ def _explore(now: Situation, goal: Cell | None) -> tuple[str, Cell | None]:
 def _remember(reading: Reading) -> tuple[Situation, Notes]:
     """The situation by the memory and by what was seen since; without a memory, by what the window shows."""
     memory = recall(reading)
-    seen = [one for one in memory.since.seen if one.text in memory.since.observations]
+    seen = [exchange for exchange in memory.since.seen if exchange.text in memory.since.observations]
     if memory.facts is None or not seen:
         now = player.window(reading)
         return now, Notes(now.map, 0, now.frame.asleep, None)
     notes = notes_of(memory.facts)
     asleep = notes.asleep
-    for one in seen:
-        frame = read_frame(one.text)
-        notes.map.add(one.action, asleep, frame)
+    for exchange in seen:
+        frame = read_frame(exchange.text)
+        notes.map.add(exchange.action, asleep, frame)
         asleep = frame.asleep
     # The clock of a line counts the action that it was written with.
     return Situation(notes.map, frame, seen[-1].action), replace(notes, clock=notes.clock + len(seen) - 1)

@@ -34,15 +34,15 @@ def decide(reading: Reading) -> Message:
 
 def window(reading: Reading) -> Situation:
     """The situation according to the visible observations."""
-    known, before, last = Map(), None, None
+    own_map, before, last = Map(), None, None
     for seen in reading.seen:
         if seen.text not in reading.observations:
             continue
         frame = read_frame(seen.text)
-        known.add(seen.action, before is not None and before.asleep, frame)
+        own_map.add(seen.action, before is not None and before.asleep, frame)
         before, last = frame, seen.action
     assert before is not None
-    return Situation(known, before, last)
+    return Situation(own_map, before, last)
 
 
 # --- The rules, most urgent first ------------------------------------------------------------------------------------

@@ -49,7 +49,7 @@ def _candidates() -> dict[tuple[int, int, int], tuple[Cell, ...]]:
     for x, y in VIEW:
         key = (abs(x) + abs(y), (x > 0) - (x < 0), (y > 0) - (y < 0))
         cells.setdefault(key, []).append((x, y))
-    return {key: tuple(found) for key, found in cells.items()}
+    return {key: tuple(candidates) for key, candidates in cells.items()}
 
 
 CANDIDATES = _candidates()
@@ -143,8 +143,8 @@ class Map:
     def _conflicts(self, at: Cell, possible: list[int]) -> int:
         conflicts = 0
         for (dx, dy), kinds in zip(VIEW, possible, strict=True):
-            known = self.kinds.get((at[0] + dx, at[1] + dy), ANY)
-            conflicts += not known & kinds and not kinds & ~ANY
+            mapped = self.kinds.get((at[0] + dx, at[1] + dy), ANY)
+            conflicts += not mapped & kinds and not kinds & ~ANY
         return conflicts
 
     def _look(self, frame: Frame) -> None:

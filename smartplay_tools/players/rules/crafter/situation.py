@@ -100,8 +100,8 @@ class Situation:
 
     def chance(self, sides: int) -> int:
         """A pseudorandom number below `sides` that depends on the observation, since the player has no random state."""
-        told = f"{sorted(self.frame.nearest.items())}{sorted(self.frame.amounts.items())}"
-        return zlib.crc32(told.encode()) % sides
+        text = f"{sorted(self.frame.nearest.items())}{sorted(self.frame.amounts.items())}"
+        return zlib.crc32(text.encode()) % sides
 
 
 def neighbours(cell: Cell) -> list[Cell]:

@@ -97,7 +97,7 @@ def _pair_fit(claims: Sequence[Claim], parts: tuple[Part, Part]) -> float:
         return ODD**2
     if len(claims) == 1:
         return ODD * max(_fit(claims[0], part) for part in parts)
-    fits = (_fit(one, parts[0]) * _fit(other, parts[1]) for one, other in itertools.permutations(claims, 2))
+    fits = (_fit(claim, parts[0]) * _fit(other, parts[1]) for claim, other in itertools.permutations(claims, 2))
     return max(fits) * ODD ** (len(claims) - 2)
 
 

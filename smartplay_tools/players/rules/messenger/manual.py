@@ -112,7 +112,7 @@ def _movement(line: str) -> str | None:
 def _scores(line: str, lists: Mapping[str, str]) -> dict[str, float]:
     """Count the words of each list: 1 for a word that occurs, 0.5 for one with a typing mistake."""
     words = re.findall(r"[a-z][a-z-]*", line.lower())
-    return {name: sum(_likeness(word, known) for word in words) for name, known in lists.items()}
+    return {name: sum(_likeness(word, listed) for word in words) for name, listed in lists.items()}
 
 
 @functools.lru_cache(maxsize=4096)

@@ -1,13 +1,16 @@
 "use strict";
-// Two episodes side by side, moved through together step by step: games, actions, observations, scores.
+// Episodes side by side, moved through together step by step: games, actions, observations, what each saw, scores.
 
-const compared = { keys: [], episodes: [], step: 0 };
+// The most that stand side by side.
+const MOST_COMPARED = 4;
 
-// The address `#compare=KEY&with=KEY&step=N` shows two episodes; returns whether it does.
+const compared = { keys: [], episodes: [], names: [], common: "", step: 0 };
+
+// The address `#compare=KEY&with=KEY&step=N` shows two episodes, or more with further `with`; returns whether it does.
 async function showComparison(asked) {
-  const keys = [asked.get("compare"), asked.get("with")];
+  const keys = [asked.get("compare"), ...asked.getAll("with")].slice(0, MOST_COMPARED);
   const known = (key) => page.episodes.some((episode) => episode.key === key);
-  $("compare").hidden = !keys.every(known);
+  $("compare").hidden = keys.length < 2 || !keys.every(known);
   if ($("compare").hidden) return false;
   stop();
   if (keys.join("\n") !== compared.keys.join("\n")) {
@@ -15,6 +18,7 @@ async function showComparison(asked) {
     const episodes = await Promise.all(keys.map(openEpisode));
     if (keys !== compared.keys) return true; // somebody has gone on meanwhile
     compared.episodes = episodes.map((episode) => ({ ...episode, steps: stepsOf(episode) }));
+    nameThem();
     describeComparison();
   }
   const wasHidden = !$("run").hidden || !$("player").hidden;
@@ -41,9 +45,8 @@ function lastStep() {
 
 function goToStep(step) {
   compared.step = between(0, step, lastStep());
-  const [one, other] = compared.keys.map(encodeURIComponent);
   try {
-    if (location.protocol !== "about:") history.replaceState(null, "", `#compare=${one}&with=${other}&step=${compared.step}`);
+    if (location.protocol !== "about:") history.replaceState(null, "", `${comparisonOf(compared.keys)}&step=${compared.step}`);
   } catch {
     // Safari refuses more than a hundred of these in half a minute; the address then lags behind.
   }
@@ -51,29 +54,72 @@ function goToStep(step) {
   $("compare-slider").value = compared.step;
   $("compare-place").textContent = `step ${number(compared.step)} of ${number(lastStep())}`;
   $("compare-sides").replaceChildren(...compared.episodes.map(sideOf));
+  renderBands();
   renderScores();
 }
 
-// --- The two of them -------------------------------------------------------------------------------------------------
+// The address of some episodes side by side.
+function comparisonOf(keys) {
+  const [one, ...others] = keys.map(encodeURIComponent);
+  return `#compare=${one}&${others.map((key) => `with=${key}`).join("&")}`;
+}
 
-function nameOf(episode) {
-  const run = episode.run ? `${episode.run} ` : "";
-  return `${run}${episode.player ?? "unnamed"}, ${episode.game}, seed ${episode.seed}`;
+// What each of them could see when it played the step; a click goes to the turn there.
+function renderBands() {
+  document.querySelectorAll("#compare-sides .side-band").forEach((box, at) => {
+    const episode = compared.episodes[at];
+    const turn = turnAt(episode);
+    const view = episode.turns[turn]?.view;
+    if (!view) return;
+    const chart = element("div");
+    box.replaceChildren(chart, element("p", { class: "small" }, `${plural(view.tokens, "token")}. ${sentence(episode, turn)}`));
+    band(chart, episode, turn, (past) => (location.hash = `#episode=${encodeURIComponent(episode.key)}&turn=${past}`));
+    if (view.parts) box.append(partsBar(view.parts, "This prompt"));
+  });
+}
+
+// The turn that played the step that is shown.
+function turnAt({ steps }) {
+  return steps[Math.min(compared.step, steps.length) - 1]?.turn ?? 0;
+}
+
+// --- Them ------------------------------------------------------------------------------------------------------------
+
+// What they have in common, and a name for each of what differs: run, player, budget, game, seed.
+function nameThem() {
+  const { asked } = compared.episodes[0];
+  const varied = Object.keys(asked).filter((name) => areDifferent(compared.episodes.map((episode) => episode.asked[name])));
+  const facts = compared.episodes.map((episode) => [
+    episode.run ?? "",
+    episode.player ?? "unnamed",
+    varied.map((name) => episode.asked[name]).join(", "),
+    episode.game,
+    `seed ${episode.seed}`,
+    episode.trial === null ? "" : `trial ${episode.trial}`,
+  ]);
+  const differs = facts[0].map((_, at) => areDifferent(facts.map((list) => list[at])));
+  const words = (episode, wanted) => facts[episode].filter((fact, at) => fact && differs[at] === wanted).join(", ");
+  compared.common = words(0, false);
+  compared.names = compared.keys.map((key, at) => words(at, true) || key);
+}
+
+function areDifferent(values) {
+  return values.some((value) => value !== values[0]);
 }
 
 function sideOf(episode, at) {
   const step = Math.min(compared.step, episode.steps.length);
   const played = step > 0 ? episode.steps[step - 1] : null;
   const drawn = draw(episode, step, page.textures);
-  const turn = played?.turn ?? 0;
-  const address = `#episode=${encodeURIComponent(episode.key)}&turn=${turn}`;
+  const address = `#episode=${encodeURIComponent(episode.key)}&turn=${turnAt(episode)}`;
   const over = compared.step > episode.steps.length ? ` (it ended at step ${number(episode.steps.length)})` : "";
   return element(
     "section",
-    { class: `card side side${at}`, "aria-label": nameOf(episode) },
-    element("h2", {}, element("a", { href: address }, nameOf(episode))),
+    { class: `card side side${at}`, "aria-label": compared.names[at] },
+    element("h2", {}, element("a", { href: address }, compared.names[at])),
     element("p", { class: "small" }, `after step ${number(step)}, score ${number(played?.call.score ?? 0)}${over}`),
     element("div", { class: "side-game" }, drawn.length ? drawn : caption("There is no picture of this game.")),
+    element("div", { class: "side-band" }),
     played?.said ? element("pre", { class: "speech" }, played.said) : null,
     played ? callLine(played.call.name, played.call.arguments) : null,
     played ? element("pre", { class: "side-answer" }, played.call.text) : caption("Nothing has been played yet."),
@@ -81,18 +127,17 @@ function sideOf(episode, at) {
 }
 
 function describeComparison() {
-  const { episodes } = compared;
-  document.title = `Side by side: ${episodes.map(nameOf).join(" and ")}`;
-  const first = firstDifference();
-  $("compare-lead").textContent = first
-    ? `They part at step ${number(first)}.`
-    : "They play the same actions and see the same observations.";
+  document.title = `Side by side: ${compared.names.join(" and ")}`;
+  const [first, sight] = [firstDifference(), firstDifferenceInSight()];
+  const part = first ? `They part at step ${number(first)}.` : "They play the same actions and see the same observations.";
+  const see = sight ? ` From step ${number(sight)} on their prompts do not reach equally far back.` : "";
+  $("compare-lead").textContent = `${compared.common}. ${part}${see}`;
   $("compare-difference").disabled = !first;
-  const head = element("tr", {}, element("th", {}, ""), ...episodes.map((one) => element("th", { scope: "col" }, nameOf(one))));
-  const rows = factsOf(...episodes).map(([name, ...values]) =>
+  const head = element("tr", {}, element("th", {}, ""), ...compared.names.map((name) => element("th", { scope: "col" }, name)));
+  const rows = factsOf(...compared.episodes).map(([name, ...values]) =>
     element(
       "tr",
-      { class: values[0] === values[1] ? "" : "differs" },
+      { class: areDifferent(values) ? "differs" : "" },
       element("th", { scope: "row" }, name),
       ...values.map((value) => element("td", { class: "rules" }, value)),
     ),
@@ -102,9 +147,17 @@ function describeComparison() {
 
 // The first step at which actions or observations are not the same; null if there is none.
 function firstDifference() {
-  const [one, other] = compared.episodes;
+  return firstStep((episode, at) => `${actionAt(episode, at)}\n${episode.steps[at]?.call.text}`);
+}
+
+// The first step that not all of them played with the same number of observations in sight.
+function firstDifferenceInSight() {
+  return firstStep((episode, at) => episode.turns[episode.steps[at]?.turn]?.view?.shown_steps);
+}
+
+function firstStep(fact) {
   for (let at = 0; at < lastStep(); at += 1) {
-    if (actionAt(one, at) !== actionAt(other, at) || one.steps[at]?.call.text !== other.steps[at]?.call.text) return at + 1;
+    if (areDifferent(compared.episodes.map((episode) => fact(episode, at)))) return at + 1;
   }
   return null;
 }
@@ -116,15 +169,19 @@ function actionAt({ drawing, steps }, at) {
 }
 
 // What was asked for, then what came of it; the rules only where they differ.
-function factsOf(one, other) {
+function factsOf(...episodes) {
   const limit = (value) => (value === null || value === undefined ? "no limit" : String(value));
-  const of = (name, value) => [name, value(one), value(other)];
+  const of = (name, value) => [name, ...episodes.map(value)];
   const figures = [
     of("end", ({ result, status }) => result?.end_reason.replaceAll("_", " ") ?? status),
     of("score", ({ result }) => number(result?.score)),
     of("steps", ({ steps }) => number(steps.length)),
     of("turns", ({ turns }) => number(turns.length)),
     of("prompt tokens", ({ result }) => number(result?.tokens.prompt)),
+    ...page.parts.flatMap((part, at) => {
+      const row = of(`tokens of ${page.partWords[part]}`, (episode) => number(partsInAll(episode)?.[at]));
+      return row.slice(1).every((value) => value === "0" || value === "–") ? [] : [row];
+    }),
     of("reply tokens", ({ result }) => number(result?.tokens.reply)),
     of("mistakes", (episode) => number(mistakes(episode).length)),
     of("cost", ({ cost }) => (cost === null || cost === undefined ? "–" : `$${number(cost, 4)}`)),
@@ -132,12 +189,12 @@ function factsOf(one, other) {
   const rules = ["game", "seed", "player", "engine", "manual", "batch", "protocol", "context", "tokenizer"].map((name) =>
     of(name, (episode) => limit(episode[name])),
   );
-  const budget = Object.keys(one.limits).filter((name) => one.limits[name] !== other.limits[name]);
+  const budget = Object.keys(episodes[0].limits).filter((name) => areDifferent(episodes.map(({ limits }) => limits[name])));
   const limits = of("budget", (episode) => budget.map((name) => episode.limits[name]).join(", "));
-  const versions = Object.keys({ ...one.result?.versions, ...other.result?.versions }).map((name) =>
+  const versions = Object.keys(Object.assign({}, ...episodes.map(({ result }) => result?.versions))).map((name) =>
     of(`version of ${name}`, ({ result }) => result?.versions[name] ?? "–"),
   );
-  return [...figures, ...[...rules, limits, ...versions].filter(([, a, b]) => a !== b)];
+  return [...figures, ...[...rules, limits, ...versions].filter(([, ...values]) => areDifferent(values))];
 }
 
 // --- Scores ----------------------------------------------------------------------------------------------------------
@@ -158,7 +215,7 @@ function renderScores() {
   const drawn = picture(
     width,
     height,
-    `Scores by step: ${compared.episodes.map(nameOf).join(", and ")}`,
+    `Scores by step: ${compared.names.join(", and ")}`,
     marks.map((mark) => [
       shape("line", { class: "grid", x1: EDGE.left, x2: width - EDGE.right, y1: y(mark), y2: y(mark) }),
       label(EDGE.left - 8, y(mark) + 4, number(mark), { class: "tick", "text-anchor": "end" }),
@@ -176,9 +233,7 @@ function renderScores() {
   box.onclick = (event) => goToStep(x.turn(event.clientX - box.getBoundingClientRect().left));
   box.replaceChildren(drawn);
   $("compare-legend").replaceChildren(
-    ...compared.episodes.map((episode, at) =>
-      element("li", {}, element("span", { class: `stroke side${at}` }), nameOf(episode)),
-    ),
+    ...compared.names.map((name, at) => element("li", {}, element("span", { class: `stroke side${at}` }), name)),
   );
 }
 
@@ -196,17 +251,18 @@ function connectComparison() {
     "compare-last": () => goToStep(lastStep()),
     "compare-difference": () => goToStep(firstDifference()),
     "compare-picked": () => {
-      const [one, other] = picked().map(encodeURIComponent);
-      location.hash = `#compare=${one}&with=${other}`;
+      location.hash = comparisonOf(picked());
     },
   };
   for (const [id, action] of Object.entries(buttons)) $(id).addEventListener("click", action);
   $("compare-slider").addEventListener("input", () => goToStep(Number($("compare-slider").value)));
   for (const box of document.querySelectorAll("#episodes .pick"))
     box.addEventListener("change", () => {
-      $("compare-picked").disabled = picked().length !== 2;
+      const count = picked().length;
+      $("compare-picked").disabled = count < 2 || count > MOST_COMPARED;
+      $("compare-picked").title = count > MOST_COMPARED ? `At most ${MOST_COMPARED} are compared.` : "";
     });
-  window.addEventListener("resize", () => $("compare").hidden || renderScores());
+  window.addEventListener("resize", () => $("compare").hidden || [renderBands(), renderScores()]);
 }
 
 const COMPARISON_KEYS = {

@@ -82,7 +82,7 @@ function caption(words, bad = false) {
 // A strip of small marks, one for each round, newest on the right.
 function strip(rounds, lanes, name) {
   const shown = rounds.slice(-50);
-  const [left, each, high] = [64, 8, 17];
+  const [left, each, high] = [72, 8, 17];
   const marks = shown.map(({ lane, good, neutral }, at) => {
     const place = { cx: left + at * each + 5, cy: 12 + lane * high, r: 3.3 };
     return shape("circle", { class: neutral ? "mark neutral" : good ? "mark good" : "mark poor", ...place });

@@ -8,27 +8,25 @@ function describeEpisode(episode) {
     element("span", { class: "by" }, `played by ${episode.player ?? "an unnamed player"}`),
   );
   document.title = `${episode.game}, ${episode.player ?? "unnamed"}, seed ${episode.seed}`;
-  const end = result ? result.end_reason.replaceAll("_", " ") : (episode.error ?? "the record stops before the end");
-  const wrong = result && page.mistakes.reduce((sum, name) => sum + result[name], 0);
+  const end = result ? result.end_reason.replaceAll("_", " ") : (episode.error ?? "no end is recorded yet");
+  const so = result ?? soFar(episode);
   const chips = [
     [episode.status, end, `status ${episode.status}`],
     [
       "score",
-      result
-        ? number(result.score) +
-          (result.normalized_score === null ? "" : ` (${percent(result.normalized_score)} of a human's)`)
-        : "–",
+      number(so.score) +
+        (so.normalized_score === null ? "" : ` (${percent(so.normalized_score)} of a human's)`),
     ],
     [
       "steps",
-      result
-        ? `${number(result.steps)} of ${number(episode.rollout)}`
-        : `${number(episode.facts.at(-1)?.step ?? 0)} of ${number(episode.rollout)}`,
+      `${number(so.steps)} of ${number(episode.rollout)}`,
     ],
-    ["turns", number(episode.turns.length)],
-    ["prompt tokens", result ? number(result.tokens.prompt) : "–"],
-    ["prefix-stable", result?.tokens.prompt ? percent(result.tokens.prefix / result.tokens.prompt) : "–"],
-    ["mistakes", number(wrong)],
+    episode.excerpt
+      ? ["turns", `${range(episode.excerpt.first, episode.excerpt.last)} of ${number(episode.excerpt.count)}`]
+      : ["turns", number(episode.turns.length)],
+    ["prompt tokens", number(so.tokens.prompt)],
+    ["prefix-stable", so.tokens.prompt ? percent(so.tokens.prefix / so.tokens.prompt) : "–"],
+    ["mistakes", number(result ? page.mistakes.reduce((sum, name) => sum + result[name], 0) : mistakes(episode).length)],
     ["seed", String(episode.seed)],
     ...(episode.trial === null ? [] : [["trial", number(episode.trial)]]),
     ...(episode.cost === null ? [] : [["cost", `$${number(episode.cost, 4)}`]]),
@@ -40,6 +38,15 @@ function describeEpisode(episode) {
   );
   describeRules(episode);
   drawMistakes(episode);
+}
+
+// The figures of an episode that has no result yet, as its turns add up to them.
+function soFar(episode) {
+  const { score = 0, step = 0 } = episode.facts.at(-1) ?? {};
+  const views = episode.turns.flatMap(({ request, view }) => [request, view]).filter(Boolean);
+  const sum = (name) => views.reduce((total, view) => total + view[name], 0);
+  const tokens = { prompt: sum("tokens"), prefix: sum("prefix_tokens") };
+  return { score, normalized_score: null, steps: step, tokens };
 }
 
 function describeRules(episode) {
@@ -83,9 +90,9 @@ function describeRules(episode) {
 // Marks under the slider where something went wrong.
 function drawMistakes(episode) {
   const wrong = mistakes(episode);
-  const count = Math.max(1, episode.turns.length - 1);
+  const count = Math.max(1, lastTurn() - firstTurn());
   const marks = wrong.map((turn) =>
-    shape("rect", { class: "mistake", x: (1000 * turn) / count - 1.5, y: 0, width: 3, height: 8 }),
+    shape("rect", { class: "mistake", x: (1000 * (turn - firstTurn())) / count - 1.5, y: 0, width: 3, height: 8 }),
   );
   const strip = picture(1000, 8, wrong.length ? `Mistakes in ${plural(wrong.length, "turn")}` : "No mistakes", marks);
   strip.setAttribute("preserveAspectRatio", "none");
@@ -94,7 +101,7 @@ function drawMistakes(episode) {
 }
 
 function mistakes(episode) {
-  return episode.turns.flatMap((turn, at) => (isMistaken(turn) ? [at] : []));
+  return episode.turns.flatMap((turn, at) => (at >= (episode.excerpt?.first ?? 0) && isMistaken(turn) ? [at] : []));
 }
 
 function isMistaken(turn) {

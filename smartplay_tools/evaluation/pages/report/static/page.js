@@ -1,10 +1,11 @@
 "use strict";
 // The page: which part of it is shown, the keys, the table of episodes, light and dark.
 
-const page = { words: null, episodes: [], mistakes: [], textures: null };
+const page = { words: null, episodes: [], mistakes: [], parts: [], partWords: {}, textures: null };
 
 async function start() {
   Object.assign(page, await unpack("index"));
+  page.parts = Object.keys(page.partWords);
   if (page.textures) await loadSheet(page.textures);
   connect();
   await route();
@@ -45,8 +46,14 @@ function connect() {
   document.addEventListener("keydown", onKey);
   $("slider").addEventListener("input", () => goTo(Number($("slider").value)));
   $("prompt").addEventListener("toggle", () => renderPrompt());
+  $("beside").addEventListener("input", () => {
+    shown.beside = ($("beside").valueAsNumber || 0) - shown.turn;
+    renderPrompt();
+  });
+  $("why").addEventListener("toggle", renderWhy);
+  $("why-turn").addEventListener("input", () => askAbout($("why-turn").valueAsNumber || 0));
   const buttons = {
-    first: () => goTo(0),
+    first: () => goTo(firstTurn()),
     previous: () => goTo(shown.turn - 1),
     play,
     next: () => goTo(shown.turn + 1),
@@ -54,6 +61,8 @@ function connect() {
     "next-mistake": () => goToMistake(1),
     "episode-before": () => goToEpisode(-1),
     "episode-after": () => goToEpisode(1),
+    "copy-link": () => copy($("copy-link"), location.href),
+    "copy-turn": () => copy($("copy-turn"), turnAsMarkdown(shown)),
     theme: toggleTheme,
     help: () => $("keys").showModal(),
     "close-keys": () => $("keys").close(),
@@ -77,16 +86,22 @@ function again() {
 const KEYS = {
   ArrowLeft: (event) => goTo(shown.turn - (event.shiftKey ? 10 : 1)),
   ArrowRight: (event) => goTo(shown.turn + (event.shiftKey ? 10 : 1)),
-  Home: () => goTo(0),
+  Home: () => goTo(firstTurn()),
   End: () => goTo(lastTurn()),
   " ": () => play(),
   m: () => goToMistake(1),
   M: () => goToMistake(-1),
-  p: () => $("prompt").toggleAttribute("open"),
+  p: togglePrompt,
+  w: () => askAbout(shown.asked_about),
   n: () => goToEpisode(1),
   b: () => goToEpisode(-1),
   Escape: () => (location.hash = ""),
 };
+
+// Open the prompt where it can be seen, or close it.
+function togglePrompt() {
+  if ($("prompt").toggleAttribute("open")) $("prompt").scrollIntoView({ block: "start" });
+}
 
 function onKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open) return;

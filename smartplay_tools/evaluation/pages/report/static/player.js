@@ -1,7 +1,7 @@
 "use strict";
 // The player: one episode, turn by turn. `shown` is what stands on the page; everything else follows from it.
 
-const shown = { episode: null, asked: null, turn: 0, step: null, timer: null };
+const shown = { episode: null, asked: null, turn: 0, step: null, timer: null, asked_about: null, beside: null };
 
 async function showEpisode(key, turn) {
   stop();
@@ -10,6 +10,7 @@ async function showEpisode(key, turn) {
     const episode = await openEpisode(key);
     if (shown.asked !== key) return; // somebody has gone on meanwhile
     shown.episode = episode;
+    shown.asked_about = shown.beside = null;
     const tokens = shown.episode.turns.map(({ view }) => view?.tokens ?? 0);
     shown.episode.mostTokens = extent([0, ...tokens])[1];
     describeEpisode(shown.episode);
@@ -19,13 +20,18 @@ async function showEpisode(key, turn) {
   goTo(turn ?? 0);
 }
 
+// An excerpt begins at one of the turns that it holds; those before it are there because prompts show them.
+function firstTurn() {
+  return shown.episode.excerpt?.first ?? 0;
+}
+
 function lastTurn() {
   return Math.max(0, shown.episode.turns.length - 1);
 }
 
 // Go to a turn; `step` shows the game after one of its calls instead of after all of them.
 function goTo(turn, step = null) {
-  shown.turn = between(0, turn, lastTurn());
+  shown.turn = between(firstTurn(), turn, lastTurn());
   shown.step = step;
   try {
     // Inside of a notebook the page has no address of its own.
@@ -39,6 +45,7 @@ function goTo(turn, step = null) {
 function render() {
   const { episode, turn } = shown;
   const facts = episode.facts[turn] ?? { step: 0 };
+  $("slider").min = firstTurn();
   $("slider").max = lastTurn();
   $("slider").value = turn;
   const place = `turn ${number(turn)} of ${number(lastTurn())}, step ${number(facts.step)}`;
@@ -74,7 +81,9 @@ function renderContext() {
     return;
   }
   $("gauge").replaceChildren(...gauge(episode, turn));
-  band($("band"), episode, turn, goTo);
+  band($("band"), episode, turn, askAbout);
+  const drawn = new Set(["head", ...visibility(episode, turn).states, summaryIn(episode, view) ? "summary" : ""]);
+  for (const item of $("states").children) item.hidden = !drawn.has(item.firstElementChild.classList.item(1));
   $("sentence").textContent = sentence(episode, turn);
   const allowed =
     view.max_tokens === null
@@ -83,6 +92,7 @@ function renderContext() {
   const [cap, used] = [episode.budget.episode_tokens, episode.facts[turn].spent];
   const spent = cap === null ? "" : ` Spent after this turn: ${number(used)} of ${number(cap)} tokens.`;
   $("allowed").textContent = allowed + spent;
+  renderWhy();
   renderPrompt();
 }
 
@@ -97,16 +107,12 @@ function renderCurves() {
   $("cap-note").hidden = episode.budget.prompt_tokens === null;
   $("token-chart").hidden = $("map-chart").hidden = tokens.every((value) => value === null);
   if ($("token-chart").hidden) return;
-  clickable(
-    $("tokens"),
-    curve($("tokens"), {
-      name: "Tokens of the prompt",
-      values: tokens,
-      cap: episode.budget.prompt_tokens,
-      kind: "tokens",
-      turn,
-    }),
-  );
+  const all = partsInAll(episode);
+  const cap = episode.budget.prompt_tokens;
+  const plain = { name: "Tokens of the prompt", values: tokens, cap, kind: "tokens", turn };
+  clickable($("tokens"), all ? stack($("tokens"), episode, turn) : curve($("tokens"), plain));
+  $("parts").hidden = !all;
+  if (all) $("parts").replaceChildren(partsBar(all, "All prompts together"), partsTable(episode, turn));
   clickable($("map"), windowMap($("map"), episode, turn));
 }
 
@@ -114,7 +120,7 @@ function renderCurves() {
 
 function play() {
   if (shown.timer) return stop();
-  if (shown.turn >= lastTurn()) goTo(0);
+  if (shown.turn >= lastTurn()) goTo(firstTurn());
   $("play").textContent = "⏸";
   $("play").setAttribute("aria-label", "Pause");
   shown.timer = setInterval(() => (shown.turn < lastTurn() ? goTo(shown.turn + 1) : stop()), Number($("pace").value));

@@ -39,7 +39,8 @@ function saidIn(turn, episode) {
     ];
   const said = textOf(message);
   const calls = (message.tool_calls ?? []).map(({ function: { name, arguments: sent } }) => callLine(name, sent));
-  const cost = usage ? costOf(usage) : null;
+  const took = turn.seconds === undefined ? "" : `, in ${number(turn.seconds, turn.seconds < 10 ? 1 : 0)} s`;
+  const cost = usage ? costOf(usage) + took : null;
   return [
     thoughtsOf(message),
     said ? element("pre", { class: "speech" }, said) : null,
@@ -122,15 +123,56 @@ function answer({ call, message, by }, turn) {
   );
 }
 
-// The prompt word for word; made only when somebody has opened it.
+// --- Copying ---------------------------------------------------------------------------------------------------------
+
+// The turn as Markdown: what was said, called and answered. A fence is longer than any in the text.
+function turnAsMarkdown({ episode, turn }) {
+  const { message, items } = episode.turns[turn];
+  const fenced = (text) => {
+    const longest = Math.max(2, ...[...text.matchAll(/`+/g)].map(([ticks]) => ticks.length));
+    const fence = "`".repeat(longest + 1);
+    return `${fence}\n${text}\n${fence}`;
+  };
+  const calls = (message?.tool_calls ?? []).map(({ function: { name, arguments: sent } }) => fenced(`${name} ${sent}`));
+  const answers = items.map((item) => fenced(item.call?.text ?? textOf(item.message)));
+  const parts = [
+    `### ${episode.game}, ${episode.player ?? "unnamed"}, seed ${episode.seed}, turn ${turn}`,
+    textOf(message ?? {}).replace(/^/gm, "> "),
+    ...calls,
+    ...(answers.length ? ["It got back:", ...answers] : []),
+  ];
+  return `${parts.filter((part) => part.trim() && part !== "> ").join("\n\n")}\n`;
+}
+
+// Copy a text and say so on the button for a moment.
+async function copy(button, text) {
+  const words = button.textContent;
+  try {
+    await navigator.clipboard.writeText(text);
+    button.textContent = "copied";
+  } catch {
+    button.textContent = "not allowed here";
+  }
+  setTimeout(() => (button.textContent = words), 1200);
+}
+
+// --- The prompt ------------------------------------------------------------------------------------------------------
+
+// The prompt word for word, beside another; made only when somebody has opened it.
 function renderPrompt(everything = false) {
   if (!$("prompt").open) return;
   const { episode, turn } = shown;
+  const other = between(0, turn + (shown.beside ?? -1), lastTurn());
+  $("beside").max = lastTurn();
+  $("beside").value = other;
   const parts = promptParts(episode, page.words, turn) ?? [];
-  const before = turn > 0 ? (sentMessages(episode, page.words, turn - 1) ?? []) : [];
-  const differs = parts.findIndex(({ message }, at) => JSON.stringify(message) !== JSON.stringify(before[at]));
-  const same = differs === -1 ? parts.length : differs;
-  const cards = parts.map((part, at) => () => messageCard(part, at >= same));
+  const changes = difference(parts, promptParts(episode, page.words, other) ?? []);
+  const count = (change) => changes.filter((part) => part.change === change).length;
+  $("difference").textContent =
+    other === turn ? "" : `${plural(count("new"), "message")} here alone, ${plural(count("gone"), "message")} there alone.`;
+  // What is not in this prompt is shown when somebody has asked for another one beside it.
+  const listed = shown.beside === null ? changes.filter((part) => part.change !== "gone") : changes;
+  const cards = listed.map((part) => () => messageCard(part));
   const hidden = everything || cards.length <= LONG_PROMPT ? 0 : cards.length - LONG_PROMPT;
   const more = element(
     "button",
@@ -165,11 +207,33 @@ function askedBefore(episode, turn) {
     "details",
     { class: "message summary" },
     element("summary", {}, `Before this prompt a summary was asked for: ${outcome}`),
-    ...[said, ...asked.map((part) => messageCard(part, false))].filter(Boolean),
+    ...[said, ...asked.map((part) => messageCard(part))].filter(Boolean),
   );
 }
 
-function messageCard({ message, turn, marked, what }, fresh) {
+// The messages of two prompts in one list: those of both, those that are `new` in the first, those that are `gone`.
+// Messages keep their order from prompt to prompt, so each is looked for behind the one that was met before.
+function difference(parts, others) {
+  const [mine, theirs] = [parts, others].map((list) => list.map(({ message }) => JSON.stringify(message)));
+  const here = new Set(mine);
+  const list = [];
+  let at = 0;
+  const gone = (to) => {
+    for (; at < to; at += 1) if (!here.has(theirs[at])) list.push({ ...others[at], change: "gone" });
+  };
+  parts.forEach((part, place) => {
+    const met = theirs.indexOf(mine[place], at);
+    if (met !== -1) gone(met);
+    if (met !== -1) at += 1;
+    list.push(met === -1 ? { ...part, change: "new" } : part);
+  });
+  gone(theirs.length);
+  return list;
+}
+
+const CHANGES = { new: "new", gone: "not in this prompt" };
+
+function messageCard({ message, turn, marked, what, change }) {
   const from = turn === undefined ? "" : ` of turn ${number(turn)}`;
   const title = element(
     "h4",
@@ -177,7 +241,7 @@ function messageCard({ message, turn, marked, what }, fresh) {
     `${message.role}${message.name ? ` (${message.name})` : ""}${from}`,
     what ? element("span", { class: `tag ${what}` }, what) : null,
     marked ? element("span", { class: "tag marked" }, "marked") : null,
-    fresh ? element("span", { class: "tag fresh" }, "new") : null,
+    change ? element("span", { class: `tag ${change}` }, CHANGES[change]) : null,
   );
   const calls = (message.tool_calls ?? []).map(({ function: { name, arguments: sent } }) =>
     element("p", { class: "call" }, element("b", {}, name), ` ${sent}`),
@@ -185,7 +249,7 @@ function messageCard({ message, turn, marked, what }, fresh) {
   const said = textOf(message);
   return element(
     "article",
-    { class: `message ${message.role}${marked ? " is-marked" : ""}` },
+    { class: `message ${message.role}${marked ? " is-marked" : ""} ${change ?? ""}` },
     title,
     thoughtsOf(message),
     said || !calls.length ? element("pre", {}, said) : null,

@@ -78,66 +78,92 @@ function gauge(episode, number) {
 const BAND = { height: 46, head: 104, summary: 84, past: 132, reply: 64, label: 30 };
 const LONG_PAST = 30;
 
-// The band: a cell for each turn so far. A long past that was dropped is one cell, so that what was seen has room.
-function band(box, episode, number, go) {
+// The band: a cell for each turn so far, as wide as its tokens. A long past that was dropped is one cell, so that what
+// was seen has room. A click on a turn asks about it.
+function band(box, episode, number, ask) {
   const { unit, states } = visibility(episode, number);
   const width = Math.max(320, box.clientWidth);
+  const narrow = Math.min(1, width / 640);
   const dropped = states.findIndex((state) => state !== "dropped");
   const past = dropped > LONG_PAST ? dropped - Math.floor(LONG_PAST / 3) : 0;
   const view = episode.turns[number].view;
   const summary = summaryIn(episode, view);
-  const told = BAND.head + (summary ? BAND.summary : 0);
-  const left = told + (past ? BAND.past : 0);
-  const each = (width - left - BAND.reply) / Math.max(1, states.length - past);
-  const place = (at) => left + (at - past) * each;
+  const [head, brief, gone, reply] = [BAND.head, BAND.summary, BAND.past, BAND.reply].map((size) => Math.max(46, size * narrow));
+  const before = head + (summary ? brief : 0);
+  const left = before + (past ? gone : 0);
+  const place = places(episode, states, past, left, width - left - reply);
   const manual = hasManual(episode, number);
   const under = { class: "tick", "text-anchor": "middle" };
   const drawn = picture(
     width,
     BAND.height,
     sentence(episode, number),
-    block("head", 0, BAND.head - 6, manual ? "head + manual" : "head"),
-    summary ? block("summary", BAND.head, BAND.summary - 6, "summary") : null,
-    past ? block("dropped", told, BAND.past - 6, `${unit}s ${range(0, past - 1)}`) : null,
-    states.length ? null : label(told + 8, 22, "nothing has been said yet", { class: "tick" }),
-    cells(states.slice(past), past, place, each, unit),
-    block("reply", width - BAND.reply + 6, BAND.reply - 6, "reply"),
-    numbers(past, states.length, each).map((at) => label(place(at) + each / 2, 43, at, under)),
+    block("head", 0, head - 6, manual ? "head + manual" : "head"),
+    summary ? block("summary", head, brief - 6, "summary") : null,
+    past ? block("dropped", before, gone - 6, `${unit}s ${range(0, past - 1)}`) : null,
+    states.length ? null : label(before + 8, 22, "nothing has been said yet", { class: "tick" }),
+    cells(states, past, place, unit),
+    block("reply", width - reply + 6, reply - 6, "reply"),
+    numbers(past, states.length, place).map((at) => label((place(at) + place(at + 1)) / 2, 43, at, under)),
   );
   if (unit === "turn") {
     drawn.classList.add("clickable");
     drawn.addEventListener("click", (event) => {
       const x = ((event.clientX - drawn.getBoundingClientRect().left) * width) / drawn.clientWidth;
-      const at = past + Math.floor((x - left) / each);
-      if (at >= past && at < states.length) go(at);
+      const at = states.findIndex((_, turn) => turn >= past && x < place(turn + 1));
+      if (x >= left && at !== -1) ask(at);
+      else if (past && x >= before && x < left) ask(past - 1);
     });
   }
   box.replaceChildren(drawn);
 }
 
+// Where each cell begins: they share the width as they share the tokens, or evenly where those are not known.
+function places(episode, states, past, left, width) {
+  const size = (state, at) => episode.turns[at].size?.[state === "marked" || state === "notes" ? 1 : 0] ?? 1;
+  const isCounted = episode.departures !== null;
+  const ends = [0];
+  states.forEach((state, at) => ends.push(ends[at] + (at < past ? 0 : isCounted ? size(state, at) : 1)));
+  return (at) => left + (ends[at] / Math.max(1, ends.at(-1))) * width;
+}
+
+const LETTER = 7.2;
+
+// A block with words in it, if they fit; a pointer that rests on it says them anyway.
 function block(kind, x, width, words) {
   const middle = { class: `inside ${kind}`, "text-anchor": "middle" };
+  const rect = { class: `block ${kind}`, x, y: 4, width, height: 26, rx: 3 };
   return [
-    shape("rect", { class: `block ${kind}`, x, y: 4, width, height: 26, rx: 3 }),
-    label(x + width / 2, 21, words, middle),
+    shape("rect", rect, shape("title", {}, words)),
+    words.length * LETTER < width ? label(x + width / 2, 21, words, middle) : null,
   ];
 }
 
 // Cells of their own where they are wide enough to be told apart, else one for each run of equal neighbours.
-function cells(states, from, place, each, unit) {
+function cells(states, from, place, unit) {
+  const each = (place(states.length) - place(from)) / Math.max(1, states.length - from);
   const gap = each > 6 ? 1.5 : 0;
-  const pieces = gap ? states.map((state, at) => [state, at, at]) : runs(states);
+  const shownStates = states.slice(from);
+  const pieces = gap ? shownStates.map((state, at) => [state, at, at]) : runs(shownStates);
   return pieces.map(([state, first, last]) => {
-    const width = Math.max(0.5, (last - first + 1) * each - gap);
+    const x = place(from + first);
+    const width = Math.max(0.5, place(from + last + 1) - x - gap);
     const title = shape("title", {}, `${unit} ${range(from + first, from + last)}: ${state}`);
-    return shape("rect", { class: `cell ${state}`, x: place(from + first), y: 4, width, height: 26, rx: gap }, title);
+    return shape("rect", { class: `cell ${state}`, x, y: 4, width, height: 26, rx: gap }, title);
   });
 }
 
 // The turns whose numbers stand under the band: as many as there is room for, at round distances.
-function numbers(from, to, each) {
+function numbers(from, to, place) {
+  const each = (place(to) - place(from)) / Math.max(1, to - from);
   const every = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000].find((step) => step * each > BAND.label) ?? 5000;
-  return Array.from({ length: to - from }, (_, at) => from + at).filter((at) => at % every === 0);
+  let end = -Infinity;
+  return Array.from({ length: to - from }, (_, at) => from + at).filter((at) => {
+    const middle = (place(at) + place(at + 1)) / 2;
+    if (at % every || middle - end < BAND.label * 0.7) return false;
+    end = middle;
+    return true;
+  });
 }
 
 // Whether the manual stood in the head of a prompt.
@@ -146,14 +172,16 @@ function hasManual(episode, number) {
   return episode.manual === "pinned" || (number > 0 && episode.facts[number - 1].manual !== null);
 }
 
-// The whole episode at a glance: a column for each prompt, a row for each turn, filled where that turn was seen.
-// The picture is painted once for a width and a theme; what moves is the line over it.
+// Forgetting at a glance: a column for each prompt, in it every earlier turn by how many turns ago it was, the latest at
+// the bottom, filled where that turn was seen. The scale is logarithmic, so that a window keeps its height however long
+// the episode is. The picture is painted once for a width and a theme; what moves is the line over it.
 function windowMap(canvas, episode, turn) {
   const [width, height, sharp] = [Math.max(320, canvas.parentElement.clientWidth), 150, window.devicePixelRatio || 1];
   const style = getComputedStyle(canvas);
-  const paints = ["dropped", "seen", "marked", "notes"].map((name) => style.getPropertyValue(`--${name}`));
+  const colours = ["dropped", "seen", "marked", "notes", "summary", "soft"];
+  const paints = Object.fromEntries(colours.map((name) => [name, style.getPropertyValue(`--${name}`)]));
   const x = turnScale(width, episode.turns.length);
-  const made = [width, sharp, ...paints].join();
+  const made = [width, sharp, ...Object.values(paints)].join();
   if (episode.map?.made !== made) {
     episode.map = { made, canvas: element("canvas", { width: width * sharp, height: height * sharp }) };
     paintMap(episode, episode.map.canvas.getContext("2d"), x, height, sharp, paints);
@@ -164,32 +192,43 @@ function windowMap(canvas, episode, turn) {
   pen.fillStyle = style.getPropertyValue("--ink");
   pen.fillRect((x.middle(turn) - 0.75) * sharp, 0, 1.5 * sharp, height * sharp);
   const unit = episode.protocol === "paper" ? "observation" : "turn";
-  const name = `What each prompt could see: a column for each prompt, a row for each earlier ${unit}`;
+  const name = `What each prompt could see: a column for each prompt; upwards, how many ${unit}s ago`;
   canvas.setAttribute("aria-label", `${name}. ${episode.turns[turn]?.view ? sentence(episode, turn) : ""}`);
   return x;
 }
 
-function paintMap(episode, pen, x, height, sharp, [dropped, seen, marked, notes]) {
-  const [top, bottom] = [4, height - 4];
+function paintMap(episode, pen, x, height, sharp, paints) {
+  const [top, bottom] = [8, height - 4];
   const paper = episode.protocol === "paper";
-  const each = (bottom - top) / Math.max(1, paper ? episode.observations.length : episode.turns.length);
+  const most = Math.max(2, paper ? episode.observations.length : episode.turns.length);
+  const y = (age) => bottom - (Math.log(age) / Math.log(most)) * (bottom - top);
   // Whole pixels, so that neighbours neither overlap nor leave a seam.
-  const box = (at, first, last) => {
+  const box = (at, youngest, oldest) => {
     const [left, right] = [x.start(at), x.start(at + 1)].map((edge) => Math.round(edge * sharp));
-    const [high, low] = [last + 1, first].map((unit) => Math.round((bottom - unit * each) * sharp));
+    const [high, low] = [oldest + 1, youngest].map((age) => Math.round(y(Math.min(age, most)) * sharp));
     const gap = x.each > 8 ? Math.round(sharp) : 0;
     pen.fillRect(left, high, Math.max(right - left - gap, 1), Math.max(low - high, 1));
   };
+  let summaries = 0;
   episode.turns.forEach(({ view }, at) => {
     if (!view) return;
-    const units = paper ? view.step : at;
-    pen.fillStyle = dropped;
-    if (units) box(at, 0, units - 1);
-    pen.fillStyle = seen;
-    for (const [first, last] of paper ? [[view.first, view.step]] : view.turns) box(at, first, last);
-    pen.fillStyle = marked;
-    for (const [turn] of paper ? [] : markedResults(episode, view)) box(at, turn, turn);
-    pen.fillStyle = notes;
-    if (Number.isInteger(view.notes)) box(at, view.notes, view.notes);
+    const now = paper ? view.step + 1 : at;
+    const fill = (kind, first, last) => {
+      pen.fillStyle = paints[kind];
+      box(at, now - last, now - first);
+    };
+    if (now > (paper ? 1 : 0)) fill("dropped", 0, now - 1);
+    for (const [first, last] of paper ? [[view.first, view.step]] : view.turns) fill("seen", first, last);
+    for (const [turn] of paper ? [] : markedResults(episode, view)) fill("marked", turn, turn);
+    if (Number.isInteger(view.notes)) fill("notes", view.notes, view.notes);
+    if ((view.summary ?? 0) > summaries) {
+      pen.fillStyle = paints.summary;
+      pen.fillRect(Math.round(x.start(at) * sharp), 0, Math.max(2, x.each) * sharp, 5 * sharp);
+    }
+    summaries = view.summary ?? 0;
   });
+  pen.fillStyle = paints.soft;
+  pen.font = `${11 * sharp}px system-ui, sans-serif`;
+  pen.textAlign = "right";
+  for (let age = 1; age <= most; age *= 10) pen.fillText(number(age), (EDGE.left - 8) * sharp, (y(age) + 1) * sharp);
 }

@@ -45,7 +45,7 @@ function showPrompt(asked) {
   const tools = new Set(asked.tools.map((tool) => tool.name));
   const calls = asked.asks === "call";
   $("messages").replaceChildren(...asked.messages.map(messageCard));
-  $("question").textContent = asked.purpose === "summary" ? "Write a summary of the turns that leave" : QUESTIONS[asked.asks];
+  $("question").textContent = asked.summary ? "Write a summary of the turns that leave" : QUESTIONS[asked.asks];
   $("actions").replaceChildren(...(asked.asks === "words" ? [] : asked.actions.map(actionButton)));
   $("words").hidden = $("send").hidden = asked.asks !== "words";
   $("observe").hidden = !calls;

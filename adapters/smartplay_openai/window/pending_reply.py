@@ -34,7 +34,7 @@ class Slot:
 
 
 @dataclass
-class Said:
+class PendingReply:
     """A reply as the host gets it."""
 
     message: Message

@@ -17,7 +17,7 @@ NOT_IGNORED = {"model", "messages", "input", "tools", "stream", "stream_options"
 
 
 @dataclass(frozen=True)
-class Asked:
+class CompletionRequest:
     """What a request says.
 
     `results` are the tool results in it by call id, `body` its text, in which call ids are looked for wherever a
@@ -34,13 +34,13 @@ class Asked:
         return call_id in self.body
 
 
-def read_request(interface: Interface, body: Mapping[str, Any]) -> Asked:
+def read_completion(interface: Interface, body: Mapping[str, Any]) -> CompletionRequest:
     """Read a request; one that OpenAI would refuse raises `RequestError`."""
     prompt = interface.read(body)
     results = {
         message.get("tool_call_id", ""): text_of(message) for message in prompt.messages if message["role"] == "tool"
     }
-    return Asked(prompt.tools, results, json.dumps(body), _ignored(prompt.messages, body))
+    return CompletionRequest(prompt.tools, results, json.dumps(body), _ignored(prompt.messages, body))
 
 
 def _ignored(messages: Sequence[Mapping[str, Any]], body: Mapping[str, Any]) -> str:
@@ -49,6 +49,6 @@ def _ignored(messages: Sequence[Mapping[str, Any]], body: Mapping[str, Any]) -> 
     for message in messages:
         if message["role"] in ("system", "developer", "user"):
             characters[message["role"]] += len(text_of(message))
-    told = [f"{role} messages ({count:,} characters)" for role, count in characters.items()]
+    texts = [f"{role} messages ({count:,} characters)" for role, count in characters.items()]
     fields = sorted(field for field, value in body.items() if field not in NOT_IGNORED and value is not None)
-    return ", ".join([*told, *fields])
+    return ", ".join([*texts, *fields])

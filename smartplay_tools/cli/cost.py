@@ -1,0 +1,82 @@
+"""The command `cost`, and the option `--cache` of other commands: what runs cost under the rules of caches."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+
+from smartplay_tools.cli import options
+from smartplay_tools.cli.formats import FormatOption, print_tables
+from smartplay_tools.cli.options import Format
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.analysis.formats import TextTable
+from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs, cost_rows, cost_tables, costs_table
+from smartplay_tools.records.charges import PLACES, Place
+from smartplay_tools.records.prices import Price
+from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.records.tariffs import Tariff, charge_records, tariffs_of
+
+
+def cost(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of runs.", show_default=False)],
+    cache: options.Caches = None,
+    caches: options.CachesFile = None,
+    marks: Annotated[
+        str, typer.Option(help="Where prompts are marked, for rules that need it: stable, end, both or none.")
+    ] = ",".join(PLACES),
+    price: Annotated[
+        str | None, typer.Option(metavar="IN,OUT[,CACHED[,WRITTEN]]", help="USD per million tokens, for all rules.")
+    ] = None,
+    form: FormatOption = Format.TEXT,
+    as_json: options.Json = False,
+) -> None:
+    """Show what runs would have cost under the rules of providers' caches, computed from their records.
+
+    Example: smartplay-tools cost runs/sweep --cache anthropic-512 --cache openai:gpt-5.5
+    """
+    places = () if marks == "none" else tuple(options.names(marks))
+    given = None if price is None else Price.parse(price)
+    tariffs = tariffs_of(cache or [], caches=caches, price=given, marks=cast("tuple[Place, ...]", places))
+    cells = read_costs(folders, tariffs, caches)
+    rows = cost_rows(cells, tariffs)
+    print_tables(Format.JSON if as_json else form, cost_tables(cells, tariffs), rows, rows)
+
+
+def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff], caches: Path | None) -> list[CellCost]:
+    """Return what the cells of runs cost; `InvalidArgumentError` if nothing can be said about any of them."""
+    cells: list[CellCost] = []
+    for folder in folders:
+        run = RunFolder(folder)
+        rows = run.rows()
+        records = {row["key"]: run.transcript(row["key"]) for row in rows}
+        charged = charge_records(records, tariffs, run.manifest().prices, caches=caches, processes=os.cpu_count() or 1)
+        cells += cell_costs(rows, charged, run=str(folder) if len(folders) > 1 else "")
+    if not cells:
+        names = ", ".join(map(str, folders))
+        raise InvalidArgumentError(
+            f"{names} has no finished episode with prompts and usage on record, so nothing can be said about its cost."
+        )
+    return cells
+
+
+def check_columns(cache: list[str] | None, caches: Path | None, form: Format) -> None:
+    """Raise an `InvalidArgumentError` if rules are asked for that are not known, or in a format without tables."""
+    if not cache:
+        return
+    tariffs_of(cache, caches=caches)
+    if form in (Format.JSON, Format.CSV):
+        raise InvalidArgumentError(
+            f"--cache adds a table, which {form.upper()} has not; its numbers: smartplay-tools cost --format {form}."
+        )
+
+
+def cost_columns(folders: Sequence[Path], cache: list[str] | None, caches: Path | None) -> list[TextTable]:
+    """Return the table with a column for each rule that is asked for; nothing if none is."""
+    if not cache:
+        return []
+    tariffs = tariffs_of(cache, caches=caches)
+    return [costs_table(read_costs(folders, tariffs, caches), tariffs)]

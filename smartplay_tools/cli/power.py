@@ -1,0 +1,38 @@
+"""The command `power`: how many trials a difference takes to be seen, judged from the runs that there are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from smartplay_tools.cli.formats import FormatOption, print_tables
+from smartplay_tools.cli.options import Format
+from smartplay_tools.evaluation.analysis.comparison import compare
+from smartplay_tools.evaluation.analysis.decisions import Margin
+from smartplay_tools.evaluation.analysis.planning import Planned, as_rows, plan_comparisons, planning_table
+from smartplay_tools.evaluation.analysis.tables import plain
+from smartplay_tools.records.run_folder import RunFolder
+
+
+def power(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR...", help="Folders of runs; the first is the reference.", show_default=False),
+    ],
+    difference: Annotated[
+        str, typer.Option(metavar="D", help="The difference to be seen, in points or (0.1h) human scores.")
+    ],
+    reference: Annotated[
+        str | None, typer.Option(help="Player of the first run that all others are compared with.", show_default=False)
+    ] = None,
+    form: FormatOption = Format.TEXT,
+) -> None:
+    """Say how many trials it takes to see a difference, from the spread of the pairs in these runs.
+
+    Example: smartplay-tools power runs/before runs/after --difference 2
+    """
+    rows = {str(folder): RunFolder(folder).rows() for folder in folders}
+    planned: list[Planned] = plan_comparisons(compare(rows, reference=reference), Margin.parse(difference))
+    print_tables(form, [planning_table(planned)], as_rows(planned), plain(planned))

@@ -1,0 +1,129 @@
+"""HostChat: an episode in the chat of a host that keeps the messages itself.
+
+A LangGraph graph, an agent framework's runner or a client of the window endpoint has a list of all messages, to which
+it adds results and words of its own. An adapter brings what is new there into canonical form; what each of these means
+for the episode's session is decided here, in the order of the calls.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from smartplay_tools.conversation.session import NOT_RUN, AgentSession
+from smartplay_tools.episode.episode import Episode
+from smartplay_tools.messages import Message, text_of
+from smartplay_tools.types import ToolResult, ToolSpec
+
+
+class HostChat:
+    """The session of an episode, and what the host's list of messages means for it.
+
+    Arguments:
+        episode: a fresh episode whose context is "window"; or, to go on with an episode from its record, the session
+            of `smartplay_tools.resume(record, session=True)`.
+        player: the player's name, for the record.
+        not_run: the answer to a call that the host has left open.
+    """
+
+    def __init__(self, episode: Episode | AgentSession, *, player: str, not_run: str = NOT_RUN) -> None:
+        self.session = episode if isinstance(episode, AgentSession) else None
+        """The session; None before the first prompt."""
+        self.episode = episode.episode if isinstance(episode, AgentSession) else episode
+        self._player, self._not_run = player, not_run
+        self._first: list[Message] | None = None
+        """The host's messages before the first reply, without its system texts."""
+
+    def begin(
+        self,
+        first: Iterable[Message] = (),
+        *,
+        system: Sequence[Message] = (),
+        foreign_tools: Sequence[ToolSpec] = (),
+    ) -> AgentSession:
+        """Begin the session with the host's system texts, the messages that it has so far, and its other tools."""
+        self._first = list(first)
+        self.session = AgentSession(
+            self.episode,
+            player=self._player,
+            head=[*system, *self._first],
+            foreign_tools=foreign_tools,
+            summaries=True,
+        )
+        return self.session
+
+    def change(self, *, system: Sequence[Message] = (), foreign_tools: Sequence[ToolSpec] = ()) -> None:
+        """Take over system texts and tools, which hosts change during a run."""
+        session = self._begun
+        if session.awaits_reply:
+            return  # a prompt that was made stays as it is, however often it is sent
+        if self._first is None:
+            recorded = list(session.host_head)
+            self._first = recorded[[message["role"] for message in recorded[: len(system)]].count("system") :]
+        session.change_head([*system, *self._first], foreign_tools)
+
+    def settle(
+        self, messages: Iterable[Message], *, play: Mapping[str, Any] = MappingProxyType({})
+    ) -> dict[str, ToolResult]:
+        """Decide the open calls of the latest reply, in their order; return what they are answered with, by call id.
+
+        A call whose id is in `play` is played, with the arguments given there unless they are None. A result among the
+        messages is the host's answer; to one of the game's own calls it is a refusal. Of the other calls, the game
+        answers those that no host can run, because their tool does not exist or their arguments are not an object, and
+        the rest was not run. Results of foreign tools are the host's own and not returned.
+        """
+        session = self._begun
+        turn, answers = session.latest_turn, dict[str, ToolResult]()
+        if turn is None or session.awaits_reply:
+            return answers
+        results = {message["tool_call_id"]: message for message in messages if message["role"] == "tool"}
+        foreign = {tool.name for tool in session.foreign_tools}
+        runnable = foreign | {tool.name for tool in self.episode.tools}
+        with self.episode.lock:
+            answered = {item.position for item in turn.items}
+            for position, call in enumerate(turn.calls):
+                if position in answered:
+                    continue
+                if call.id in play:
+                    answers[call.id] = session.answer(call.id, play[call.id])
+                elif call.id in results and call.name in foreign:
+                    session.add(results[call.id])
+                elif call.id in results:
+                    answers[call.id] = session.refuse(call.id, text_of(results[call.id]))
+                elif call.name in foreign:
+                    session.add({"role": "tool", "tool_call_id": call.id, "content": self._not_run})
+                    answers[call.id] = ToolResult(self._not_run, is_error=True)
+                elif call.name not in runnable or call.arguments.values is None:
+                    answers[call.id] = session.answer(call.id)
+                else:
+                    answers[call.id] = session.refuse(call.id, self._not_run)
+        return answers
+
+    def hear(self, messages: Iterable[Message]) -> None:
+        """Add the host's user messages since the latest reply; those that the session has already are left out."""
+        if not self._begun.awaits_reply:
+            for message in self.unheard(messages):
+                self._begun.add(message)
+
+    def unheard(self, messages: Iterable[Message]) -> list[Message]:
+        """Return the user messages among these that the session has not received since the latest reply."""
+        turn = self._begun.latest_turn
+        items = () if turn is None else turn.items if turn.calls else turn.items[1:]  # the first is this library's
+        heard = Counter(text_of(item.message) for item in items if item.message["role"] == "user")
+        new = []
+        for message in messages:
+            if message["role"] != "user":
+                continue
+            text = text_of(message)
+            if heard[text]:
+                heard[text] -= 1
+            else:
+                new.append(message)
+        return new
+
+    @property
+    def _begun(self) -> AgentSession:
+        assert self.session is not None, "the session begins with the first prompt"
+        return self.session

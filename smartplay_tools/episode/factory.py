@@ -1,0 +1,61 @@
+"""EpisodeFactory: the episodes of one game that a training framework asks for, seed by seed."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from smartplay_tools.episode.config import EpisodeConfig
+from smartplay_tools.episode.episode import Episode
+from smartplay_tools.episode.rewards import RewardName, reward_of
+from smartplay_tools.games.specs import GameSpec
+from smartplay_tools.types import Budget
+
+
+class EpisodeFactory:
+    """Makes episodes that differ only in their seeds, and rewards them.
+
+    A mistake in the arguments is reported here, before anything is played.
+
+    Arguments:
+        game: the id of a setting, or a `GameSpec` of your own.
+        budget: what the model sees and may spend.
+        reward: "normalized", 1 is the human's score; "score"; or "return", the sum of the game's rewards.
+        records: a folder for the record of every episode.
+        options: `Episode`'s other arguments.
+    """
+
+    def __init__(
+        self,
+        game: str | GameSpec,
+        *,
+        budget: Budget | None = None,
+        reward: RewardName = "normalized",
+        records: str | Path | None = None,
+        **options: Any,
+    ) -> None:
+        self._new = partial(Episode, game, budget=budget, **options)
+        self._reward: RewardName = reward
+        self._records = None if records is None else Path(records)
+        with self.sample() as sample:
+            reward_of(sample, reward)
+            self._config, self.game, self.tools = sample.config, sample.spec.id, sample.tools
+
+    def sample(self) -> Episode:
+        """Return an episode that is not recorded, to look at."""
+        return self._new(seed=0)
+
+    def config(self, seed: int) -> EpisodeConfig:
+        """Return the config of a seed's episode, for frameworks that carry tasks as data."""
+        return self._config.model_copy(update={"seed": seed})
+
+    def episode(self, seed: int, name: str | None = None) -> Episode:
+        """Return the episode of a seed; its record is `SEED.NAME.jsonl`, by default with a random name."""
+        record = None if self._records is None else self._records / f"{seed}.{name or uuid4().hex}.jsonl"
+        return self._new(seed=seed, transcript=record)
+
+    def reward(self, episode: Episode) -> float:
+        """Return the reward of an episode so far."""
+        return reward_of(episode, self._reward)

@@ -1,0 +1,194 @@
+"""One number for what a window costs: the area under the curve of score against the cap on prompts.
+
+Caps lie on a logarithmic axis, "no cap" at the largest prompt of any episode that had none, and the curve is joined by
+straight lines. Scores are relative: 0 is the random player's on the same seeds, 1 that of full context. An area of 1 is
+thus a player whom no cap costs anything, and 0 one that plays at random under every cap; it is not clipped to that
+range. A cap that is too small for one of the compared strategies, but not for all, counts as the random score there, so
+that all are measured over one range of caps. The area depends on that grid by 0.01 to 0.02, so only areas over the same
+grid are compared.
+
+The interval is a jackknife over seeds: everything of a seed is left out together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smartplay_tools.evaluation.analysis.distributions import t_quantile
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
+from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Values, mean_estimate
+from smartplay_tools.evaluation.analysis.names import strategy_name
+from smartplay_tools.evaluation.analysis.windows import family
+from smartplay_tools.records.rows import Row
+
+FEWEST_CAPS = 4
+RANDOM = "random"
+
+
+@dataclass(frozen=True)
+class Area:
+    """The area of one player with one strategy in one game; without one, `reason` says why."""
+
+    game: str
+    name: str
+    """The player and its strategy."""
+    caps: tuple[int | None, ...]
+    """Ascending; None stands for no cap."""
+    infeasible: tuple[int, ...]
+    """Caps that are too small for this strategy."""
+    is_cut: bool
+    """Whether some caps cut tool results, so that the area is not one of memory alone."""
+    seeds: int
+    area: float | None = None
+    low: float | None = None
+    high: float | None = None
+    difference: tuple[float, float, float] | None = None
+    """To the first strategy of the game, with its interval."""
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """The scores of a family by seed: under every cap, at random and in full context."""
+
+    name: str
+    cells: dict[int | None, list[Row]]
+
+    def scores(self, cap: int | None) -> dict[int, float]:
+        return {row["seed"]: row["score"] for row in self.cells.get(cap, [])}
+
+
+def areas(rows: Sequence[Row]) -> list[Area]:
+    """Return the areas of all players and strategies that were played under caps on prompts.
+
+    A family of one cap is not a curve and has no entry. `random` has to be among the players.
+    """
+    groups = by_cell(row for row in rows if row["end_reason"] != "run_budget")
+    games: dict[str, dict[str, list[tuple[PlayedCell, list[Row]]]]] = {}
+    for cell, members in groups:
+        games.setdefault(cell.game, {}).setdefault(family(cell, ("prompt_tokens",)), []).append((cell, members))
+    result: list[Area] = []
+    for game, families in games.items():
+        random = {row["seed"]: row["score"] for cell, members in groups for row in members if _is_random(cell, game)}
+        curves = [
+            _Curve(
+                f"{members[0][0].player}, {strategy_name(members[0][0])}",
+                {cell.budget["prompt_tokens"]: own for cell, own in members},
+            )
+            for members in families.values()
+            if len(members) > 1 and members[0][0].player != RANDOM
+        ]
+        if curves:
+            result += _areas_of(game, curves, random)
+    return result
+
+
+def _is_random(cell: PlayedCell, game: str) -> bool:
+    return cell.game == game and cell.player == RANDOM
+
+
+def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float]) -> list[Area]:
+    caps = sorted({cap for curve in curves for cap in curve.cells if cap is not None})
+    grid = (*caps, None)
+    peaks = [row.get("peak_prompt_tokens") or 0 for curve in curves for row in curve.cells.get(None, [])]
+    lacking = None
+    if len(grid) < FEWEST_CAPS:
+        lacking = f"fewer than {FEWEST_CAPS} caps, no cap included"
+    elif not random:
+        lacking = "random was not played"
+    elif not all(None in curve.cells for curve in curves):
+        lacking = "full context (no cap on prompts) was not played"
+    elif not max(peaks, default=0) > caps[-1]:
+        lacking = "no prompt without a cap is known to be larger than the largest cap"
+    seeds = sorted(set(random).intersection(*(curve.scores(cap) for curve in curves for cap in curve.cells)))
+    if lacking is None and len(seeds) < 2:
+        lacking = "fewer than two seeds were played everywhere"
+    curve_areas: list[Area] = []
+    first: tuple[Values, Values] | None = None
+    for curve in curves:
+        infeasible = tuple(cap for cap in caps if cap not in curve.cells)
+        facts = (game, curve.name, grid, infeasible, _is_cut(curve), len(seeds))
+        if lacking is not None:
+            curve_areas.append(Area(*facts, reason=lacking))
+            continue
+        chance = np.array([random[seed] for seed in seeds], dtype=float)
+        played = [curve.scores(cap) if cap in curve.cells else random for cap in grid]
+        scores = np.array([[own[seed] for own in played] for seed in seeds], dtype=float)
+        gain = mean_estimate((scores[:, -1] - chance).tolist())
+        if gain.low is None or gain.high is None or gain.low <= 0 <= gain.high:
+            curve_areas.append(Area(*facts, reason="full context is not shown to differ from random"))
+            continue
+        whole, without = _with_jackknife(scores, chance, [math.log(cap) for cap in (*caps, max(peaks))])
+        difference = None if first is None else _interval(whole - first[0], without - first[1])
+        first = (whole, without) if first is None else first
+        curve_areas.append(Area(*facts, *_interval(whole, without), difference=difference))
+    return curve_areas
+
+
+def _with_jackknife(scores: Values, chance: Values, places: Sequence[float]) -> tuple[Values, Values]:
+    """The area of [seed, cap], and those without each of the seeds."""
+    x = np.asarray(places)
+    weights = np.zeros(len(x))
+    weights[:-1] += np.diff(x) / 2
+    weights[1:] += np.diff(x) / 2
+    under, full = scores @ (weights / (x[-1] - x[0])), scores[:, -1]
+
+    def ratio(*sums: Values) -> Values:
+        return (sums[0] - sums[1]) / (sums[2] - sums[1])
+
+    totals = [values.sum() for values in (under, chance, full)]
+    left = [total - values for total, values in zip(totals, (under, chance, full), strict=True)]
+    return ratio(*totals), ratio(*left)
+
+
+def _interval(whole: Values, without: Values) -> tuple[float, float, float]:
+    n = len(without)
+    error = math.sqrt((n - 1) / n * float(((without - without.mean()) ** 2).sum()))
+    half = t_quantile((1 - CONFIDENCE) / 2, n - 1) * error
+    return float(whole), float(whole) - half, float(whole) + half
+
+
+def _is_cut(curve: _Curve) -> bool:
+    shares = []
+    for rows in curve.cells.values():
+        calls = sum(row["tool_calls"] for row in rows)
+        shares.append(sum(row["cut_results"] for row in rows) / calls if calls else 0.0)
+    return max(shares) >= MANY_CUTS
+
+
+NOTES = (
+    "area under score against log of the cap on prompts: 1 is full context under every cap, 0 is random",
+    "[ ]: 95 %, jackknife over seeds; +-: to the game's first line; compare areas over the same caps only",
+)
+
+
+def areas_table(found: Sequence[Area]) -> TextTable:
+    """Return the table of areas, with a section for each game."""
+    rows: list[tuple[str, ...]] = []
+    for game in dict.fromkeys(each.game for each in found):
+        own = [each for each in found if each.game == game]
+        rows.append((f"{game}, caps {', '.join('none' if cap is None else f'{cap:,}' for cap in own[0].caps)}",))
+        rows += [_row(each) for each in own]
+    columns = (Column("player and strategy", words=True), *map(Column, ("seeds", "area", "+-")))
+    reasons = dict.fromkeys(f"-: {each.reason}" for each in found if each.reason)
+    low = dict.fromkeys(
+        f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as random"
+        for each in found
+        if each.infeasible
+    )
+    cut = [f"{CUT}: some caps cut tool results"] if any(each.is_cut for each in found) else []
+    return TextTable("areas under the curve", columns, tuple(rows), (*NOTES, *reasons, *low, *cut))
+
+
+def _row(each: Area) -> tuple[str, ...]:
+    mark = CUT * each.is_cut
+    if each.area is None:
+        return f"  {each.name}{mark}", f"{each.seeds}", "-", "-"
+    compared = "" if each.difference is None else "{:+.3f} [{:+.3f}, {:+.3f}]".format(*each.difference)
+    return f"  {each.name}{mark}", f"{each.seeds}", f"{each.area:.3f} [{each.low:.3f}, {each.high:.3f}]", compared

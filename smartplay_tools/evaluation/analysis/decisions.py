@@ -1,0 +1,139 @@
+"""What a difference between two sides shows, in one word, and how many pairs a difference needs to be seen.
+
+The words are "different" if the 95 % interval excludes 0; else "equivalent" if the 90 % interval lies within the
+margin (two one-sided tests at 5 %); else "undecided". An interval that contains 0 is never a sign that nothing differs,
+so what is undecided stands beside the smallest difference that this number of pairs would probably have shown (MDE).
+There is no default margin: how much does not matter is a decision about the game.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.analysis.distributions import beyond, chi_squared_quantile, crossing, t_power
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, Method, Sample, mean_estimate, mean_estimates
+from smartplay_tools.games.specs import get_spec
+
+POWERS = (0.8, 0.9)
+FEWEST_PAIRS = 10
+"""With fewer, the standard deviation is a guess."""
+
+TWO_ONE_SIDED = Method(confidence=0.90)
+MOST_PAIRS = 1_000_000
+
+Word = Literal["different", "equivalent", "undecided", "different, but less"]
+
+
+@dataclass(frozen=True)
+class Margin:
+    """A difference in points of the score, or in shares of what lies between the lowest and the human score."""
+
+    number: float
+    of_human: bool = False
+
+    @classmethod
+    def parse(cls, text: str) -> Margin:
+        """Return the margin that "0.5" or "0.1h" means."""
+        if (match := re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)(h?)", text)) is None or not float(match[1]):
+            raise InvalidArgumentError(f"{text!r} is not a difference; write points as 0.5, or human scores as 0.1h.")
+        return cls(float(match[1]), of_human=bool(match[2]))
+
+    def points(self, game: str) -> float:
+        """Return the margin in points of a game."""
+        if not self.of_human:
+            return self.number
+        spec = get_spec(game)
+        if spec.human_score is None or spec.min_score is None:
+            raise InvalidArgumentError(f"{game} has no human score; give the difference in points.")
+        return self.number * (spec.human_score - spec.min_score)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the pairs of a comparison show."""
+
+    word: Word
+    margin: float
+    mde: float | None
+    """The smallest difference that as many pairs show with a power of 80 %; None if they show no spread."""
+
+
+def decide(differences: Sample, margin: float, estimate: MeanEstimate | None = None) -> Verdict:
+    """Judge the differences of pairs; `estimate` is their usual one, if it is known already."""
+    usual = mean_estimate(differences.values, differences.bounds) if estimate is None else estimate
+    # What equal pairs exclude, they exclude with 95 % on either side.
+    narrower = usual if usual.all_equal else mean_estimates([differences], TWO_ONE_SIDED)[0]
+    excludes_0 = usual.low is not None and usual.high is not None and not usual.low <= 0 <= usual.high
+    within = narrower.low is not None and narrower.high is not None and -margin < narrower.low <= narrower.high < margin
+    word: Word = "different" if excludes_0 else "equivalent" if within else "undecided"
+    if excludes_0 and within:
+        word = "different, but less"
+    return Verdict(word, margin, mde(usual.sd, usual.episodes) if usual.sd and usual.episodes > 1 else None)
+
+
+def mde(sd: float, n: int, power: float = POWERS[0]) -> float:
+    """Return the difference that `n` pairs with this standard deviation show with this power (two-sided, 5 %)."""
+    return sd * _effect_seen(n, power)
+
+
+@functools.cache
+def _effect_seen(n: int, power: float) -> float:
+    """The difference that `n` pairs show, in standard deviations: the same for all comparisons of that many pairs."""
+
+    def missing(effect: float) -> float:
+        return power - t_power(effect, n)
+
+    return crossing(missing, 0.0, beyond(missing), 40)
+
+
+def pairs_needed(difference: float, sd: float, power: float) -> int:
+    """Return how many pairs show a difference with this power."""
+    low, high = 2, 4
+    while t_power(difference / sd, high) < power:
+        low, high = high, high * 2
+        if high > MOST_PAIRS:
+            raise InvalidArgumentError(f"To see a difference of {difference:g} takes more than {MOST_PAIRS:,} pairs.")
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if t_power(difference / sd, middle) >= power else (middle, high)
+    return high
+
+
+@dataclass(frozen=True)
+class Needed:
+    """The pairs that a difference needs, judged from a pilot."""
+
+    difference: float
+    sd: float
+    """Of the pilot's differences."""
+    pairs: int
+    """Of the pilot."""
+    mde: tuple[float, ...]
+    """What the pilot's number of pairs shows, for each of `POWERS`."""
+    needed: tuple[int, ...]
+    """Pairs in all, for each of `POWERS`."""
+    at_most: tuple[int, ...]
+    """The same if the pilot's standard deviation was small by chance: from its upper 80 % limit."""
+
+
+def plan_pairs(estimate: MeanEstimate, difference: float) -> Needed | str:
+    """Plan the pairs that show a difference, from those of a pilot; return the reason if they tell too little."""
+    n, sd = estimate.episodes, estimate.sd
+    if n < FEWEST_PAIRS:
+        return f"{n} pairs are too few to judge from; play {FEWEST_PAIRS}"
+    if estimate.all_equal or not sd:
+        return f"{estimate.note}, so there is no spread to judge from"
+    upper = sd * math.sqrt((n - 1) / chi_squared_quantile(0.2, n - 1))
+    return Needed(
+        difference,
+        sd,
+        n,
+        tuple(mde(sd, n, power) for power in POWERS),
+        tuple(pairs_needed(difference, sd, power) for power in POWERS),
+        tuple(pairs_needed(difference, upper, power) for power in POWERS),
+    )

@@ -1,0 +1,114 @@
+"""The distributions that intervals and plans need: Student's t, central and not, chi-squared and the binomial.
+
+Written out, because SciPy takes 140 MB and nothing else of the package needs it; tests compare all of them with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from statistics import NormalDist
+
+import numpy as np
+
+NORMAL = NormalDist()
+"""The standard normal distribution."""
+
+
+def crossing(falling: Callable[[float], float], low: float, high: float, steps: int = 60) -> float:
+    """Return where a falling function passes 0 between `low` and `high`."""
+    for _ in range(steps):
+        middle = (low + high) / 2
+        low, high = (middle, high) if falling(middle) > 0 else (low, middle)
+    return (low + high) / 2
+
+
+def beyond(falling: Callable[[float], float]) -> float:
+    """Return a power of 2 at which a falling function is not positive any more."""
+    high = 1.0
+    while falling(high) > 0:
+        high *= 2
+    return high
+
+
+def t_tail(t: float, df: float) -> float:
+    """The probability that Student's t with `df` degrees of freedom is above `t`, which is at least 0."""
+    return 0.5 * _incomplete_beta(df / 2, 0.5, df / (df + t * t))
+
+
+@lru_cache(maxsize=4096)
+def t_quantile(tail: float, df: float) -> float:
+    """The value that Student's t exceeds with probability `tail`, at most 0.5."""
+
+    def excess(t: float) -> float:
+        return t_tail(t, df) - tail
+
+    return crossing(excess, 0.0, beyond(excess), 80)
+
+
+def chi_squared_quantile(probability: float, df: float) -> float:
+    """The value below which chi-squared with `df` degrees of freedom is with this probability."""
+
+    def shortfall(x: float) -> float:
+        return probability - _incomplete_gamma(df / 2, x / 2)
+
+    return crossing(shortfall, 0.0, beyond(shortfall), 80)
+
+
+def binomial_at_most(successes: int, n: int, share: float) -> float:
+    """The probability of at most this number of successes in `n` trials."""
+    if successes < 0 or successes >= n:
+        return float(successes >= n)
+    return _incomplete_beta(n - successes, successes + 1, 1 - share)
+
+
+def t_power(effect: float, n: int, alpha: float = 0.05) -> float:
+    """The power of the two-sided t test of `n` differences whose mean is `effect` standard deviations.
+
+    The noncentral t is integrated over the ratio of the sample's standard deviation to the population's.
+    """
+    df, shift = n - 1, effect * math.sqrt(n)
+    critical = t_quantile(alpha / 2, df)
+    ratios = np.linspace(1e-6, 1 + 8 / math.sqrt(2 * df), 4001)
+    logs = (df - 1) * np.log(ratios) - df * ratios * ratios / 2
+    density = np.exp(logs - logs.max())
+    beyond_either = np.array([NORMAL.cdf(shift - critical * r) + NORMAL.cdf(-shift - critical * r) for r in ratios])
+    return float(density @ beyond_either / density.sum())
+
+
+def _incomplete_beta(a: float, b: float, x: float) -> float:
+    """The regularised incomplete beta function, by its continued fraction (Lentz)."""
+    if x <= 0 or x >= 1:
+        return float(x >= 1)
+    if x > (a + 1) / (a + b + 2):
+        return 1 - _incomplete_beta(b, a, 1 - x)
+    logs = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
+    value, above, below = 1.0, 1.0, 0.0
+    for i in range(10_000):
+        m = i // 2
+        if i == 0:
+            term = 1.0
+        elif i % 2 == 0:
+            term = m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m))
+        else:
+            term = -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1))
+        below = 1 / (1 + term * below)
+        above = 1 + term / above
+        value *= above * below
+        if abs(1 - above * below) < 1e-15:
+            break
+    return math.exp(logs) / a * (value - 1)
+
+
+def _incomplete_gamma(a: float, x: float) -> float:
+    """The regularised lower incomplete gamma function, by its series."""
+    if x <= 0:
+        return 0.0
+    term = total = 1 / a
+    k = a
+    while term > total * 1e-16:
+        k += 1
+        term *= x / k
+        total += term
+    return math.exp(a * math.log(x) - x - math.lgamma(a)) * total

@@ -1,0 +1,80 @@
+"""The nine capabilities as dots: several players beside the paper's models and the human, a row for each capability.
+
+All are scored on the same settings: those of the paper for which every player has a normalised score.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.analysis.capabilities import Weights, capability_scores
+from smartplay_tools.evaluation.analysis.figures.style import (
+    GREY,
+    Series,
+    bars,
+    figure,
+    legend_below,
+    panels,
+    sample_note,
+    spread,
+)
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
+from smartplay_tools.games.paper import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Scores = Mapping[str, Sequence[float | None]]
+"""Normalised scores of a player's episodes, by game."""
+
+
+@figure
+def capability_dots(players: Mapping[str, Scores], *, weights: Weights = "paper") -> Figure:
+    """Draw capability scores (1 is the human's) of players, and as small dots those of the paper's models."""
+    settings = _common_settings(players)
+    drawn, (axes,) = panels(1, size=(8.6, 5.0))
+    places = range(len(CAPABILITIES))
+    models = [result for result in PAPER_RESULTS if result.player != "human"]
+    for at, model in enumerate(models):
+        means = [score.mean for score in _profile({game: [model.normalized[game]] for game in settings}, weights)]
+        label = f"the paper's {len(models)} models" if at == 0 else None
+        axes.plot(means, places, color=GREY, marker="o", markersize=4, alpha=0.45, linestyle="", label=label)
+    for index, (name, scores) in enumerate(players.items()):
+        look, beside = Series.number(index), spread(index, len(players))
+        profile = _profile({game: scores[game] for game in settings}, weights)
+        rows = [place + beside for place in places]
+        means = [score.mean for score in profile]
+        axes.plot(means, rows, color=look.colour, marker=look.marker, linestyle="", label=name)
+        axes.errorbar(means, rows, xerr=bars(profile), color=look.colour, elinewidth=1.2, capsize=2, fmt="none")
+    axes.axvline(1, color=GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
+    axes.set_yticks(places, CAPABILITIES)
+    axes.invert_yaxis()
+    of = f"Capability scores over {len(settings)} of the paper's {len(PAPER_SETTINGS)} settings"
+    axes.set(title=of, xlabel="score as a share of the human's")
+    legend_below(drawn, note=sample_note(sum(len(scores[game]) for game in settings) for scores in players.values()))
+    return drawn
+
+
+def _common_settings(players: Mapping[str, Scores]) -> list[str]:
+    if not players:
+        raise InvalidArgumentError("A figure of capabilities needs at least one player.")
+    normalized = [
+        {game for game, scores in games.items() if any(score is not None for score in scores)}
+        for games in players.values()
+    ]
+    settings = [game for game in PAPER_SETTINGS if all(game in played for played in normalized)]
+    if not settings:
+        raise InvalidArgumentError(
+            "A figure of capabilities needs a setting that all its players played and that has a human score: "
+            f"{', '.join(PAPER_SETTINGS)}."
+        )
+    return settings
+
+
+def _profile(scores: Scores, weights: Weights) -> list[MeanEstimate]:
+    profile = capability_scores(scores, weights=weights).scores
+    if missing := [score.capability for score in profile if score.estimate is None]:
+        raise InvalidArgumentError(f"These settings give no score for {', '.join(missing)}; use the paper's weights.")
+    return [score.estimate for score in profile if score.estimate is not None]

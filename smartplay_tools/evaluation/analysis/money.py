@@ -1,0 +1,224 @@
+"""What cells cost under the rules of caches: an episode, a point of score, and which window is cheapest where.
+
+The figures are models, made from records (`records.charges`). Beside them stands the bill, where a provider reported
+its own count of tokens and its price is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+from typing import Any
+
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
+from smartplay_tools.evaluation.analysis.intervals import mean_estimate
+from smartplay_tools.evaluation.analysis.names import window_name
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, fixed, percent
+from smartplay_tools.evaluation.analysis.window_tables import family_title
+from smartplay_tools.evaluation.analysis.windows import family
+from smartplay_tools.quantities import short
+from smartplay_tools.records.charges import Charge
+from smartplay_tools.records.rows import Row
+from smartplay_tools.records.tariffs import Charged, Tariff
+
+LEAST = "*"
+"""The mark of the least cost of a column among the windows of a player at a game."""
+
+UNIT = "costs are of an episode, in uncached tokens of the input, replies included; in USD where the column is a model"
+AREA = "area: the mean score while money is spent, up to the cost of the player's dearest episode at the game"
+MODEL = "a model of a bill, computed from the prompts on record; docs/context-cost.md has the definition"
+
+
+@dataclass(frozen=True)
+class CellCost:
+    """What an episode of a cell costs, as means over its episodes."""
+
+    cell: PlayedCell
+    title: str
+    """What it has in common with the other windows of its player at its game."""
+    window: str
+    episodes: int
+    uncounted: int
+    """Episodes without prompts on record, which are in no mean."""
+    score: float
+    tokens: float
+    """Budget tokens of prompts and replies."""
+    costs: tuple[float, ...]
+    """One for each tariff."""
+    shares: tuple[tuple[float, float], ...]
+    """The shares of prompt tokens that are read and written, for each tariff."""
+    early: tuple[float, ...]
+    """The mean score while money is spent, up to the cost of the dearest episode of the player at the game."""
+    bill: float | None
+    """US dollars, from the provider's own count of tokens; None if it reported none, or has no known price."""
+    billed: float | None
+    """US dollars of the same episodes under the rule of their model; None if none is known."""
+
+
+def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, run: str = "") -> list[CellCost]:
+    """Return what every cell of a run costs; `charged` has its episodes by key, `run` is the run's name, if needed."""
+    played = [
+        (cell, members, [(row, charge) for row in members if (charge := charged.get(row["key"])) is not None])
+        for cell, members in by_cell(rows)
+    ]
+    played = [(cell, members, pairs) for cell, members, pairs in played if pairs]
+    dearest: dict[str, list[float]] = {}
+    for cell, _, pairs in played:
+        for _, each in pairs:
+            most = dearest.setdefault(family(cell), [0.0] * len(each.charges))
+            dearest[family(cell)] = [max(pair) for pair in zip(most, (c.cost for c in each.charges), strict=True)]
+    costs = []
+    for cell, members, pairs in played:
+        by_tariff = list(zip(*(each.charges for _, each in pairs), strict=True))
+        scores = [row["score"] for row, _ in pairs]
+        bills = [(row["cost"], each.own) for row, each in pairs if row["cost"] and row["tokens"]["provider"]]
+        own = [each.cost for _, each in bills if each is not None]
+        costs.append(
+            CellCost(
+                cell=cell,
+                title=", ".join(filter(None, [run, family_title(cell)])),
+                window=window_name(cell) or "the default",
+                episodes=len(pairs),
+                uncounted=len(members) - len(pairs),
+                score=fmean(scores),
+                tokens=fmean(row["tokens"]["prompt"] + row["tokens"]["reply"] for row, _ in pairs),
+                costs=tuple(fmean(charge.cost for charge in charges) for charges in by_tariff),
+                shares=tuple(map(_shares, by_tariff)),
+                early=tuple(
+                    fmean(_early(charge, score, most) for charge, score in zip(charges, scores, strict=True))
+                    for charges, most in zip(by_tariff, dearest[family(cell)], strict=True)
+                ),
+                bill=fmean(bill for bill, _ in bills) if bills else None,
+                billed=fmean(own) if own and len(own) == len(bills) else None,
+            )
+        )
+    return costs
+
+
+def cost_tables(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[TextTable]:
+    """Return the tables of costs: which window is cheapest under each tariff, and everything about every cell."""
+    return [*flip_table(cells, tariffs), rules_table(cells, tariffs)]
+
+
+def costs_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTable:
+    """Return what an episode of every cell costs, with a column for each tariff, and its bill, if there is one."""
+    billed = any(cell.bill is not None for cell in cells)
+    rows: list[tuple[str, ...]] = []
+    for title, members in _families(cells):
+        decimals = decimals_of([mean_estimate([cell.score]) for cell in members])
+        least = [min(cell.costs[at] for cell in members) for at in range(len(tariffs))]
+        rows.append((title,))
+        for cell in members:
+            marked = [
+                _amount(cost, tariff) + LEAST * (cost == lowest and len(members) > 1)
+                for cost, tariff, lowest in zip(cell.costs, tariffs, least, strict=True)
+            ]
+            facts = (f"{cell.episodes}", fixed(cell.score, decimals), short(cell.tokens))
+            rows.append((f"  {cell.window}", *facts, *(_bill(cell) if billed else ()), *marked))
+    headings = ["n", "score", "tokens", *(["bill", "modelled", "+-"] if billed else []), *(t.label for t in tariffs)]
+    notes = [UNIT, MODEL, f"{LEAST}: the cheapest window of the player at the game"]
+    if billed:
+        notes.append("bill: USD by the provider's count; modelled: under the rule of the model; +-: their difference")
+    return TextTable("what an episode costs", _columns("window", headings), tuple(rows), (*notes, *_left_out(cells)))
+
+
+def rules_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTable:
+    """Return what every cell costs with a line for each tariff: an episode, a point of score, what is read and written.
+
+    Nothing stands for a point where the mean score is not above 0.
+    """
+    rows: list[tuple[str, ...]] = []
+    for cell in cells:
+        rows.append((f"{cell.title}, {cell.window}: score {cell.score:.4g}, {short(cell.tokens)} tokens",))
+        figures = zip(tariffs, cell.costs, cell.early, cell.shares, strict=True)
+        for tariff, cost, early, (read, written) in figures:
+            point = _amount(cost / cell.score, tariff) if cell.score > 0 else NOTHING
+            shares = percent(read), percent(written)
+            rows.append((f"  {tariff.label}", _amount(cost, tariff), point, f"{early:.4g}", *shares))
+        if cell.bill is not None:
+            bill, modelled, difference = _bill(cell)
+            rows.append((f"  bill; {modelled} under the model's rule ({difference})", bill, *[NOTHING] * 4))
+    columns = _columns("rule", ("an episode", "a point", "area", "read", "written"))
+    notes = [UNIT, MODEL, AREA, "read, written: of the tokens of prompts"]
+    return TextTable("what an episode and a point of score cost", columns, tuple(rows), (*notes, *_left_out(cells)))
+
+
+def flip_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[TextTable]:
+    """Return which window is cheapest under each tariff; nothing if no player has several at a game."""
+    rows: list[tuple[str, ...]] = []
+    for title, members in _families(cells):
+        if len(members) < 2:
+            continue
+        rows.append((title,))
+        for at, tariff in enumerate(tariffs):
+            costs = [cell.costs[at] for cell in members]
+            first, last = members[costs.index(min(costs))], members[costs.index(max(costs))]
+            figures = (_amount(first.costs[at], tariff), last.window, _amount(last.costs[at], tariff))
+            rows.append((f"  {tariff.label}", first.window, *figures))
+    words = Column("cheapest", words=True), Column("cost"), Column("dearest", words=True), Column("cost")
+    return [TextTable("which window is cheapest", (Column("rule", words=True), *words), tuple(rows))] if rows else []
+
+
+def cost_rows(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[dict[str, Any]]:
+    """Return a flat row for every cell and tariff, with numbers in full precision."""
+    return [
+        {
+            "game": cell.cell.game,
+            "player": cell.cell.player,
+            "cell": cell.title,
+            "window": cell.window,
+            "episodes": cell.episodes,
+            "score": cell.score,
+            "tokens": cell.tokens,
+            "rule": tariff.rule.name,
+            "tariff": tariff.label,
+            "marks": "+".join(tariff.marks) if isinstance(tariff.rule.marks, int) else "auto",
+            "unit": "tokens" if tariff.price is None else "USD",
+            "cost": cost,
+            "area": early,
+            "read_share": read,
+            "written_share": written,
+            "cost_per_point": cost / cell.score if cell.score > 0 else None,
+            "bill": cell.bill,
+            "modelled_bill": cell.billed,
+        }
+        for cell in cells
+        for cost, early, (read, written), tariff in zip(cell.costs, cell.early, cell.shares, tariffs, strict=True)
+    ]
+
+
+def _families(cells: Sequence[CellCost]) -> list[tuple[str, list[CellCost]]]:
+    families: dict[tuple[str, str], list[CellCost]] = {}
+    for cell in cells:
+        families.setdefault((cell.title, family(cell.cell)), []).append(cell)
+    return [(title, members) for (title, _), members in families.items()]
+
+
+def _columns(first: str, headings: Iterable[str]) -> tuple[Column, ...]:
+    return Column(first, words=True), *map(Column, headings)
+
+
+def _amount(cost: float, tariff: Tariff) -> str:
+    return short(cost) if tariff.price is None else dollars(cost)
+
+
+def _left_out(cells: Sequence[CellCost]) -> list[str]:
+    uncounted = sum(cell.uncounted for cell in cells)
+    return [f"{uncounted} episodes have no prompts or no usage on record and are left out"] if uncounted else []
+
+
+def _early(charge: Charge, score: float, money: float) -> float:
+    """The mean score of an episode while this much money is spent; its last score stays."""
+    return (charge.area + score * (money - charge.cost)) / money if money else score
+
+
+def _shares(charges: Sequence[Charge]) -> tuple[float, float]:
+    prompt = sum(charge.prompt for charge in charges) or 1
+    return sum(charge.hit for charge in charges) / prompt, sum(charge.written for charge in charges) / prompt
+
+
+def _bill(cell: CellCost) -> tuple[str, str, str]:
+    difference = None if cell.bill is None or cell.billed is None else cell.billed - cell.bill
+    return dollars(cell.bill), dollars(cell.billed), NOTHING if difference is None else f"{difference:+.2g}"

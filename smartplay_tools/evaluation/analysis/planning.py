@@ -1,0 +1,82 @@
+"""The trials that comparisons take: a plan for each pairing of a comparison, and its table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from smartplay_tools.evaluation.analysis.comparison import Comparison, Side
+from smartplay_tools.evaluation.analysis.comparison_tables import side_names
+from smartplay_tools.evaluation.analysis.decisions import POWERS, Margin, Needed, plan_pairs
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+
+NOTES = (
+    "a | b: to see a difference in 8 or in 9 of 10 such comparisons (two-sided, 5 %)",
+    "trials: of each side in all, and how many more; at most: if sd is small by chance (its upper 80 % limit)",
+    "MDE: the smallest difference that the pairs there are show as often",
+)
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What a pairing needs, or why that cannot be said."""
+
+    game: str
+    name: str
+    side: Side
+    reference: Side
+    pairs: int
+    needed: Needed | None
+    reason: str | None
+
+
+def plan_comparisons(comparison: Comparison, difference: Margin) -> list[Planned]:
+    """Plan every pairing of a comparison, so that it shows a difference."""
+    names = side_names(comparison)
+    planned = []
+    for each in comparison.pairings:
+        plan = plan_pairs(each.differences["score"], difference.points(each.game)) if each.pairs else "no pairs"
+        needed, reason = (None, plan) if isinstance(plan, str) else (plan, None)
+        name = f"{names[each.side]} against {names[each.reference]}"
+        planned.append(Planned(each.game, name, each.side, each.reference, each.pairs, needed, reason))
+    return planned
+
+
+def planning_table(planned: Sequence[Planned]) -> TextTable:
+    """Return the table of trials, with a section for each game."""
+    rows: list[tuple[str, ...]] = []
+    for game in dict.fromkeys(each.game for each in planned):
+        rows.append((game,))
+        rows += [_row(each) for each in planned if each.game == game]
+    columns = (
+        Column("", words=True),
+        *map(Column, ("pairs", "sd", "D", "MDE", "trials", "more", "at most")),
+    )
+    reasons = dict.fromkeys(f"-: {each.reason}" for each in planned if each.reason)
+    return TextTable("trials to see a difference of D", columns, tuple(rows), (*NOTES, *reasons))
+
+
+def _row(each: Planned) -> tuple[str, ...]:
+    if each.needed is None:
+        return (f"  {each.name}", f"{each.pairs}", *["-"] * 6)
+    needed = each.needed
+    mdes = " | ".join(f"{value:.3g}" for value in needed.mde)
+    more = [max(0, trials - needed.pairs) for trials in needed.needed]
+    counts = (" | ".join(f"{value:,}" for value in values) for values in (needed.needed, more, needed.at_most))
+    return f"  {each.name}", f"{each.pairs}", f"{needed.sd:.3g}", f"{needed.difference:g}", mdes, *counts
+
+
+def as_rows(planned: Sequence[Planned]) -> list[dict[str, Any]]:
+    """Return a flat row for every pairing."""
+    rows = []
+    for each in planned:
+        row: dict[str, Any] = {"game": each.game, "comparison": each.name, "pairs": each.pairs, "reason": each.reason}
+        needed = each.needed
+        row |= {"difference": needed and needed.difference, "sd": needed and needed.sd}
+        for at, power in enumerate(POWERS):
+            row |= {
+                f"{name}_{power:.0%}": needed and getattr(needed, name)[at] for name in ("mde", "needed", "at_most")
+            }
+        rows.append(row)
+    return rows

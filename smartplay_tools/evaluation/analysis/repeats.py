@@ -1,0 +1,187 @@
+"""What a player does when it plays the same world again: the variance within worlds, and how often it succeeds.
+
+A run with `repeats` plays every world several times with other random numbers of the player. The spread within a world
+is the player's own, the spread between worlds is the game's. Worlds are the sample: an interval of a mean is that of
+the worlds' means (`pairs`), since repeats of one world are not independent, and shares such as pass^k are resampled by
+world.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from smartplay_tools.evaluation.analysis.distributions import t_quantile
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, RESAMPLES, SEED, Values
+from smartplay_tools.evaluation.analysis.numbers import NOTHING
+from smartplay_tools.records.rows import Row
+
+Succeeds = Callable[[Row], bool]
+Share = tuple[float, float, float]
+"""A figure and the ends of its 95 % interval."""
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """A cell whose worlds were played several times."""
+
+    cell: PlayedCell
+    worlds: int
+    repeats: int
+    """The fewest of any world; further ones are left out."""
+    within: float
+    """The variance of scores within a world."""
+    between: float
+    """The variance of worlds' true means."""
+    icc: Share | None
+    """The share of the variance that is between worlds; None without any."""
+    noise_floor: float
+    """The difference that two runs of this player on these worlds show by chance (95 %)."""
+    flips: float | None
+    """How often two repeats of a world differ in success."""
+    passes: tuple[tuple[int, Share, Share], ...]
+    """k, pass@k (one of k succeeds) and pass^k (all k succeed)."""
+
+
+def repeated(rows: Sequence[Row], succeeds: Succeeds | None = None) -> list[Repeats]:
+    """Return the figures of all cells that have repeats.
+
+    `succeeds` says which episodes succeed; without it, those that completed, in cells where any did.
+    """
+    figures = (_repeats(cell, members, succeeds) for cell, members in by_cell(rows))
+    return [each for each in figures if each is not None]
+
+
+def _repeats(cell: PlayedCell, rows: Sequence[Row], succeeds: Succeeds | None) -> Repeats | None:
+    worlds: dict[int, list[Row]] = {}
+    for row in rows:
+        worlds.setdefault(row["seed"], []).append(row)
+    repeats = min(map(len, worlds.values()))
+    if repeats < 2 or len(worlds) < 2:
+        return None
+    played = [sorted(members, key=lambda row: row["trial"])[:repeats] for members in worlds.values()]
+    scores = np.array([[row["score"] for row in members] for members in played], dtype=float)
+    if succeeds is None and any(row["completed"] for row in rows):
+        succeeds = _completed
+    within, between = variances(scores)
+    counts = None if succeeds is None else np.array([sum(map(succeeds, members)) for members in played])
+    share = icc(scores)
+    return Repeats(
+        cell,
+        len(played),
+        repeats,
+        within,
+        between,
+        None if share is None else _by_worlds(scores, lambda drawn: icc(drawn) or 0.0),
+        noise_floor(within, len(played), repeats),
+        None if counts is None else flips(counts, repeats),
+        () if counts is None else tuple(_passes(counts, repeats)),
+    )
+
+
+def _completed(row: Row) -> bool:
+    return bool(row["completed"])
+
+
+def variances(scores: Values) -> tuple[float, float]:
+    """Return the variance of [world, repeat] within worlds, and that between them."""
+    within = float(scores.var(axis=1, ddof=1).mean())
+    return within, max(0.0, float(scores.mean(axis=1).var(ddof=1)) - within / scores.shape[1])
+
+
+def icc(scores: Values) -> float | None:
+    """Return the share of the variance that is between worlds; None without any variance."""
+    within, between = variances(scores)
+    return between / (between + within) if between + within else None
+
+
+def noise_floor(within: float, worlds: int, repeats: int) -> float:
+    """Return the paired difference that two runs of one player stay below in 95 of 100 cases."""
+    df = worlds * (repeats - 1)
+    return t_quantile((1 - CONFIDENCE) / 2, df) * math.sqrt(2 * within / (worlds * repeats))
+
+
+def flips(successes: Values, repeats: int) -> float:
+    """Return the chance that two repeats of a world disagree."""
+    return float(np.mean(2 * successes * (repeats - successes) / (repeats * (repeats - 1))))
+
+
+def pass_at(successes: int, repeats: int, k: int) -> float:
+    """The chance that at least one of k of the repeats is among the successes."""
+    return 1 - math.comb(repeats - successes, k) / math.comb(repeats, k)
+
+
+def pass_all(successes: int, repeats: int, k: int) -> float:
+    """The chance that all of k of the repeats are among the successes."""
+    return math.comb(successes, k) / math.comb(repeats, k)
+
+
+def _passes(counts: Values, repeats: int) -> list[tuple[int, Share, Share]]:
+    rows = []
+    for k in sorted({1, 3, repeats} & set(range(1, repeats + 1))):
+        at, every = (np.array([chance(int(c), repeats, k) for c in counts]) for chance in (pass_at, pass_all))
+        rows.append((k, _by_worlds(at, _mean), _by_worlds(every, _mean)))
+    return rows
+
+
+def _mean(values: Values) -> float:
+    return float(values.mean())
+
+
+def _by_worlds(values: Values, figure: Callable[[Values], float]) -> Share:
+    """A figure with the interval of a bootstrap of worlds, each with all of its repeats."""
+    generator = np.random.default_rng(SEED)
+    drawn = [figure(values[generator.integers(len(values), size=len(values))]) for _ in range(RESAMPLES // 5)]
+    low, high = np.quantile(drawn, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return figure(values), float(low), float(high)
+
+
+NOTES = (
+    "sd: of scores, within a world (the player's own) and between worlds; ICC: the share between worlds",
+    "floor: a difference of two runs below it is what the player has with itself",
+    "flip: two repeats of a world disagree; pass@k: one of k repeats succeeds; pass^k: all of them",
+)
+
+
+def repeats_table(figures: Sequence[Repeats]) -> TextTable:
+    """Return the table of cells with repeats."""
+    rows: list[tuple[str, ...]] = []
+    for game in dict.fromkeys(each.cell.game for each in figures):
+        rows.append((game,))
+        rows += [_row(each) for each in figures if each.cell.game == game]
+    headings = ("worlds x", "sd within", "between", "ICC", "floor", "flip", "pass@k", "pass^k")
+    equal = [each.cell.player for each in figures if not each.within]
+    notes = [f"{', '.join(dict.fromkeys(equal))}: all repeats are equal, so more trials say more"] if equal else []
+    columns = (Column("game and player", words=True), *map(Column, headings))
+    return TextTable("repeats", columns, tuple(rows), (*NOTES, *notes))
+
+
+def _row(each: Repeats) -> tuple[str, ...]:
+    at = " ".join(f"{share[0]:.2f}" for _, share, _ in each.passes) or NOTHING
+    every = " ".join(f"{share[0]:.2f}" for _, _, share in each.passes) or NOTHING
+    return (
+        f"  {each.cell.player}",
+        f"{each.worlds} x {each.repeats}",
+        f"{math.sqrt(each.within):.3g}",
+        f"{math.sqrt(each.between):.3g}",
+        NOTHING if each.icc is None else f"{each.icc[0]:.2f}",
+        f"{each.noise_floor:.2g}",
+        NOTHING if each.flips is None else f"{each.flips:.2f}",
+        at,
+        every,
+    )
+
+
+def as_json(each: Repeats) -> dict[str, Any]:
+    """Return the figures of a cell as plain data."""
+    shares = {f"{name}{k}": share for k, at, every in each.passes for name, share in (("pass@", at), ("pass^", every))}
+    facts = {
+        name: getattr(each, name) for name in ("worlds", "repeats", "within", "between", "icc", "noise_floor", "flips")
+    }
+    return {"game": each.cell.game, "player": each.cell.player, **facts, **shares}

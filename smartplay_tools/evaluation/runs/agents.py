@@ -1,0 +1,116 @@
+"""Agents, which play episodes in their own way: a run hands them an episode, and its record says what came of it.
+
+An agent brings the model that it asks, or has it asked by an endpoint. So a run cannot reserve what a call may cost,
+and has no caps.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+
+from smartplay_tools.errors import SmartPlayError
+
+if TYPE_CHECKING:
+    from smartplay_tools.conversation.session import AgentSession
+    from smartplay_tools.episode.episode import Episode
+    from smartplay_tools.evaluation.runs.attempt import Stop
+
+LOOK_SECONDS = 0.1
+"""Seconds between two looks whether an episode is over or the run stops."""
+
+AgentFunction: TypeAlias = Callable[["Episode"], Any]
+"""Plays an episode, which is its argument `episode`, through any adapter of this package; may be asynchronous."""
+
+
+class AgentFailedError(SmartPlayError):
+    """An agent has failed, or has not played at all."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """An episode that is handed over to an agent."""
+
+    key: str
+    episode: Episode
+    session: AgentSession | None
+    """The session of a record that is continued; None at the beginning of an episode."""
+    stop: Stop
+    """The agent returns when this is set."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the agent is to return: the episode has its result, or the run stops."""
+        return self.episode.result is not None or self.stop.is_set()
+
+    async def wait_for_others(self) -> None:
+        """Wait until others have played the episode."""
+        while not self.is_over:
+            await asyncio.sleep(LOOK_SECONDS)
+
+    async def wait_for(self, playing: asyncio.Future[Any]) -> None:
+        """Wait until what plays is done or the run stops."""
+        while not playing.done() and not self.stop.is_set():
+            await asyncio.wait([playing], timeout=LOOK_SECONDS)
+
+    def leave(self, why: str) -> None:
+        """End the episode because its agent does not go on; one that never asked its model has not played."""
+        if self.is_over:
+            return
+        if not self.episode.stats.turns and not self.episode.stats.tool_calls:
+            raise AgentFailedError(f"{why} It has not asked its model.")
+        self.episode.end("host", detail=why)
+
+
+@runtime_checkable
+class Agent(Protocol):
+    """A program that plays episodes in its own way, while the model that it uses sees the game's window."""
+
+    goes_on: bool
+    """Whether an episode is continued from the record of an earlier attempt; otherwise it starts over."""
+
+    async def play(self, held: Held) -> None:
+        """Play an episode; return when it is over or the run stops. What is raised fails the attempt."""
+        ...
+
+
+class FunctionAgent:
+    """An agent that is a function, which is called in a thread of its own or, if it is asynchronous, awaited."""
+
+    goes_on = False
+
+    def __init__(self, function: AgentFunction) -> None:
+        self._function = function
+
+    async def play(self, held: Held) -> None:
+        """Call the function with the episode; when the run stops, the episode is closed under it."""
+        threads = ThreadPoolExecutor(1, "agent")
+        playing: asyncio.Future[Any] = (
+            asyncio.ensure_future(self._function(held.episode))
+            if inspect.iscoroutinefunction(self._function)
+            else asyncio.get_running_loop().run_in_executor(threads, self._function, held.episode)
+        )
+        try:
+            await held.wait_for(playing)
+            if held.stop.is_set():
+                held.episode.close()
+                await asyncio.wait([playing])
+                return
+            playing.result()
+            if held.episode.end_reason == "closed":
+                raise AgentFailedError("The agent has closed its episode; leave that to the run.")
+            held.leave("The agent has ended.")
+        finally:
+            threads.shutdown(wait=False)
+
+
+def is_agent(function: Callable[..., Any]) -> bool:
+    """Return whether a function plays an episode, as its argument says, and does not make a player."""
+    try:
+        return [*inspect.signature(function).parameters] == ["episode"]
+    except (TypeError, ValueError):
+        return False

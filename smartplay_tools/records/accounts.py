@@ -1,0 +1,229 @@
+"""Accounts: where the tokens of an episode's prompts went, and why turns left them, counted again from its record.
+
+Budget tokens of messages add up, so a prompt is the sum of its parts to the token, and what a turn would have needed is
+known for prompts that it was not in. Only records of conversations that were counted with a tokenizer of this package
+have accounts: any other name in a record could ask for a download.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from smartplay_tools.context.strategies import Strategies
+from smartplay_tools.context.token_index import TokenIndex
+from smartplay_tools.context.turns import Turn
+from smartplay_tools.context.view import with_manual
+from smartplay_tools.messages import reasoning_of, text_of
+from smartplay_tools.records.record import Record
+from smartplay_tools.tokens import DEFAULT_TOKENIZER, PRIMING
+from smartplay_tools.tokens.counter import shared_counter
+from smartplay_tools.transcript.events import HeadEvent, ViewEvent, concerns_summary
+from smartplay_tools.types import NOTES_TOOL, ResolvedBudget, ToolSpec
+
+PARTS = {
+    "task": "task and tools",
+    "manual": "manual",
+    "summary": "summary",
+    "notes": "notes",
+    "words": "its own words",
+    "calls": "its own calls",
+    "observations": "observations",
+    "masked": "markers of masked observations",
+    "other": "other results",
+}
+"""The parts of a prompt and their names, in the order in which they are counted and drawn. The manual is a part once it
+was read; the summary includes the request for one; notes are the calls that take them."""
+
+_OBSERVATIONS, _MASKED, _OTHER = map(list(PARTS).index, ("observations", "masked", "other"))
+
+COUNTED_WITH = (DEFAULT_TOKENIZER, "approximate")
+"""The tokenizers that count without a file of somebody else's."""
+
+Tokens = list[int]
+"""A number of tokens for each of `PARTS`."""
+
+Reason = Literal["history", "full", "block", "pin"]
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A turn that a prompt no longer showed."""
+
+    turn: int
+    prompt: int
+    """The turn whose prompt was the first without it."""
+    reason: Reason
+    """It was older than the history; it did not fit; slack gave up more at once than had to go; its pin was gone."""
+    needs: int
+    """The tokens that it would have taken."""
+    age: int
+    """How many observations its newest one was behind the current one."""
+    free: int | None = None
+    """If it did not fit: the tokens that were free. Without slack only."""
+    keeps: int | None = None
+    """The history or the cap on prompts, as `reason` says, with which it would have stayed in this prompt."""
+
+
+class Accounts:
+    """The accounts of one record."""
+
+    def __init__(self, record: Record) -> None:
+        self._record = record
+        self._counter = shared_counter(record.config.tokenizer)
+        self._budget = ResolvedBudget(**record.budget)
+        strategies = Strategies(self._budget, self._counter)
+        self._drops, self._form = strategies.ageing.drops, strategies.summaries
+        self._index = TokenIndex(self._counter)
+        self._whole = [[0] * len(PARTS)]
+        self._hidden = [[0] * len(PARTS)]
+        """The parts of the turns before each, unmasked and with every observation masked."""
+        self._said: list[Tokens] = []
+        """The parts of each turn's reply."""
+        for turn in record.turns:
+            self._index.append(turn)
+            self._said.append(self._parts_of_reply(turn))
+            self._whole.append(_plus(self._whole[-1], self._parts_of(turn, 0)))
+            self._hidden.append(_plus(self._hidden[-1], self._parts_of(turn, turn.step + 1)))
+        self._heads: dict[tuple[int, str | None], tuple[int, int]] = {}
+
+    @classmethod
+    def of(cls, record: Record) -> Accounts | None:
+        """Return the accounts of a record; None if it has none."""
+        if record.is_paper or not record.views or record.config.tokenizer not in COUNTED_WITH:
+            return None
+        return cls(record)
+
+    def sizes(self) -> Iterator[tuple[int, int]]:
+        """Yield the tokens of each turn, unmasked and with every observation masked."""
+        for at in range(len(self._index.turns)):
+            yield self._index.whole(at, at + 1), self._index.masked(at, at + 1)
+
+    def parts(self, view: ViewEvent) -> Tokens:
+        """Return the tokens of the parts of a prompt."""
+        is_request = concerns_summary(view)
+        seen = view["turn"] - is_request
+        manual = self._index.turns[seen - 1].manual if seen else None
+        total = dict.fromkeys(PARTS, 0)
+        total["task"], total["manual"] = self._head(self._record.head_of[view["turn"]], manual)
+        total["summary"] = self._summary(view) + (self._form.question_tokens if self._form and is_request else 0)
+        tokens = list(total.values())
+        oldest, notes = _oldest(view, self._index.turns), view.get("notes")
+        for first, last in view["turns"]:
+            if first == last == notes:
+                tokens = _plus(tokens, _minus(self._hidden[last + 1], self._hidden[first]))
+                continue
+            edge = min(max(self._index.first_from(oldest), first), last + 1)
+            tokens = _plus(tokens, _minus(self._hidden[edge], self._hidden[first]))
+            if edge <= last:
+                tokens = _plus(tokens, self._parts_of(self._index.turns[edge], oldest))
+                tokens = _plus(tokens, _minus(self._whole[last + 1], self._whole[edge + 1]))
+        return tokens
+
+    def departures(self) -> Iterator[Departure]:
+        """Yield every turn that left, in the order of the prompts."""
+        before: ViewEvent | None = None
+        for view in self._record.views:
+            if not concerns_summary(view):
+                if before is not None:
+                    yield from self._left(before, view)
+                before = view
+
+    def _left(self, before: ViewEvent, view: ViewEvent) -> Iterator[Departure]:
+        """Yield the turns that one prompt showed and the next one did not."""
+        shown = set(_numbers(view["turns"]))
+        gone = [turn for turn in _numbers(before["turns"]) if turn not in shown]
+        if not gone:
+            return
+        turns, budget, cap = self._index.turns, self._budget, self._budget.prompt_tokens
+        step = turns[view["turn"] - 1].step
+        run = before["turns"][-1][0]
+        """The first turn of the run that moved on; turns before it were pinned."""
+        history = budget.history if self._drops else None
+        oldest = _oldest(view, turns)
+        still = view["tokens"] - self._summary(view) + self._summary(before)
+        needs = {turn: turns[turn].tokens(self._counter) - self._index.saved(turns[turn], oldest) for turn in gone}
+        unmoved = still + sum(needs.values()) + (self._form.question_tokens if self._form else 0)
+        room = None if cap is None else cap - view["tokens"]
+        for turn in reversed(gone):
+            age = step - turns[turn].step
+            facts = (turn, view["turn"])
+            if turn < run:
+                yield Departure(*facts, "pin", needs[turn], age)
+            elif history is not None and age > history:
+                yield Departure(*facts, "history", needs[turn], age, keeps=age)
+            elif budget.slack == 0 and cap is not None and room is not None:
+                yield Departure(*facts, "full", needs[turn], age, free=room, keeps=cap + needs[turn] - room)
+            elif cap is not None and unmoved > cap:
+                yield Departure(*facts, "full", needs[turn], age, keeps=unmoved)
+            else:
+                yield Departure(*facts, "block", needs[turn], age)
+            if room is not None:
+                room -= needs[turn]
+
+    def _summary(self, view: ViewEvent) -> int:
+        """The tokens of the summary that a prompt showed."""
+        if self._form is None or not (number := view.get("summary", 0)):
+            return 0
+        text = self._record.summaries[number - 1]["text"]
+        return self._form.show(text).tokens if text else 0
+
+    def _head(self, head: HeadEvent, manual: str | None) -> tuple[int, int]:
+        """The tokens of head, tools and priming, and those that the manual adds."""
+        key = (self._record.heads.index(head), manual)
+        if key not in self._heads:
+            messages = head["messages"]
+            plain = self._counter.messages(messages)
+            more = 0 if manual is None else self._counter.messages(with_manual(messages, manual)) - plain
+            tools = self._counter.tools([ToolSpec(**tool) for tool in head["tools"]])
+            self._heads[key] = (plain + tools + PRIMING, more)
+        return self._heads[key]
+
+    def _parts_of(self, turn: Turn, oldest: int) -> Tokens:
+        """The parts of a turn whose observations before `oldest` are masked."""
+        tokens, count = self._said[turn.number].copy(), self._counter.message
+        for item in turn.items:
+            if item.observation_step is None:
+                tokens[_OTHER] += count(item.message)
+            elif item.observation_step < oldest:
+                tokens[_MASKED] += count(item.masked)
+            else:
+                tokens[_OBSERVATIONS] += count(item.message)
+        return tokens
+
+    def _parts_of_reply(self, turn: Turn) -> Tokens:
+        total, count = dict.fromkeys(PARTS, 0), self._counter.message
+        words = {name: value for name, value in turn.assistant.items() if name != "tool_calls"}
+        frame = count(words)
+        total["words" if text_of(words) or reasoning_of(words) else "calls"] = frame
+        arguments = [call.arguments.canonical for call in turn.calls]
+        total["calls"] += count(turn.assistant, arguments) - frame
+        for call in turn.calls:
+            if call.name == NOTES_TOOL:
+                notes = {**words, "tool_calls": [{"function": {"name": call.name, "arguments": ""}}]}
+                tokens = count(notes, [call.arguments.canonical]) - frame
+                total["notes"] += tokens
+                total["calls"] -= tokens
+        return list(total.values())
+
+
+def _oldest(view: ViewEvent, turns: Sequence[Turn]) -> int:
+    """The observation before which a prompt masked every other."""
+    if "oldest" in view:
+        return view["oldest"]
+    steps = (turns[turn].items[item].observation_step for turn, item in view.get("masked", []))
+    return max((step for step in steps if step is not None), default=-1) + 1
+
+
+def _numbers(ranges: Iterable[Sequence[int]]) -> Iterator[int]:
+    for first, last in ranges:
+        yield from range(first, last + 1)
+
+
+def _plus(tokens: Tokens, more: Tokens) -> Tokens:
+    return [a + b for a, b in zip(tokens, more, strict=True)]
+
+
+def _minus(tokens: Tokens, fewer: Tokens) -> Tokens:
+    return [a - b for a, b in zip(tokens, fewer, strict=True)]

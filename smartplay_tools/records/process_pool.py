@@ -1,0 +1,199 @@
+"""Worker processes that do one job at a time: one that dies or crosses a limit is replaced, and only its job is lost.
+
+A thread cannot be stopped, and `concurrent.futures` gives up all its processes when one of them dies. So each worker is
+a process with a pipe. It is spawned, never forked, so that it begins with a clean interpreter on every system, whatever
+threads its parent has.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from types import TracebackType
+from typing import Any, Generic, Self, TypeVar
+
+J = TypeVar("J")
+A = TypeVar("A")
+
+POLL_SECONDS = 0.2
+"""Seconds after which a pool with a free worker asks for a job again."""
+
+END_SECONDS = 5.0
+"""What an idle worker may take to end before it is killed."""
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A job without an answer: its worker died or crossed a limit."""
+
+    why: str
+
+
+class ProcessPool(Generic[J, A]):
+    """At most `workers` processes that do `work` on jobs; all three must be picklable.
+
+    A worker calls `begin` before anything else. It is ended if a job takes more than `seconds`.
+    """
+
+    def __init__(
+        self,
+        work: Callable[[J], A],
+        workers: int,
+        *,
+        begin: Callable[[], None] | None = None,
+        seconds: float = math.inf,
+    ) -> None:
+        self._work, self._begin, self._workers, self._seconds = work, begin, workers, seconds
+        self._crew: list[_Worker[J, A]] = []
+        self.has_begun = False
+        """Whether any worker could begin."""
+
+    def run(self, take: Callable[[], J | None]) -> Iterator[tuple[J, A | Lost]]:
+        """Do jobs while `take` returns them, and yield each with its answer as it is done. May be called again.
+
+        What the work raises is raised here.
+        """
+        done: list[tuple[J, A | Lost]] = []
+        while True:
+            while len(self._busy) < self._workers and (job := take()) is not None:
+                self._idle().give(job)
+            if done:  # whoever gets them takes time, in which the workers have their next jobs
+                yield from done
+                done = []
+            elif self._busy:
+                done = self._answers()
+            else:
+                return
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for worker in self._crew:
+            worker.dismiss()
+        for worker in self._crew:
+            worker.end(END_SECONDS)
+        self._crew.clear()
+
+    @property
+    def _busy(self) -> list[_Worker[J, A]]:
+        return [worker for worker in self._crew if worker.job is not None]
+
+    def _idle(self) -> _Worker[J, A]:
+        for worker in self._crew:
+            if worker.job is None:
+                return worker
+        self._crew.append(_Worker(self._work, self._begin))
+        return self._crew[-1]
+
+    def _answers(self) -> list[tuple[J, A | Lost]]:
+        """Wait for answers, a limit, or the time to take jobs again; a lost worker leaves the crew."""
+        busy, done = self._busy, list[tuple[J, A | Lost]]()
+        until = min(worker.given for worker in busy) + self._seconds
+        timeout = min(POLL_SECONDS, max(0.0, until - time.monotonic()))
+        ready = wait([worker.connection for worker in busy], timeout)
+        for worker in busy:
+            job, why = worker.job, None
+            assert job is not None
+            if worker.connection in ready:
+                try:
+                    answer, error = worker.connection.recv()
+                except (EOFError, OSError):
+                    worker.process.join(1)
+                    why = f"its process ended with code {worker.process.exitcode}"
+                else:
+                    if error is not None:
+                        raise error
+                    if worker.has_begun:
+                        worker.job = None
+                        done.append((job, answer))
+                    worker.has_begun = self.has_begun = True
+            elif time.monotonic() - worker.given > self._seconds:
+                why = f"it took more than {self._seconds:g} seconds"
+            if why is not None:
+                done.append((job, Lost(why)))
+                worker.end()
+                self._crew.remove(worker)
+        return done
+
+
+class _Worker(Generic[J, A]):
+    """A process, its pipe, and the job that it has."""
+
+    def __init__(self, work: Callable[[J], A], begin: Callable[[], None] | None) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(theirs, work, begin))
+        self.process.start()
+        theirs.close()
+        self.has_begun = False
+        self.job: J | None = None
+        self.given = 0.0
+
+    def give(self, job: J) -> None:
+        self.job, self.given = job, time.monotonic()
+        with suppress(BrokenPipeError, ConnectionResetError):  # it has died, which is seen when its answer is read
+            self.connection.send(job)
+
+    def dismiss(self) -> None:
+        """Let the process end, at once if it has a job."""
+        self.connection.close()
+        if self.job is not None:
+            self.process.kill()
+
+    def end(self, seconds: float = 0.0) -> None:
+        """Wait for the process to end, and kill it when the time is over."""
+        self.process.join(seconds)
+        self.process.kill()
+        self.process.join()
+        self.connection.close()
+
+
+def _serve(connection: Connection, work: Callable[[Any], Any], begin: Callable[[], None] | None) -> None:
+    """Answer jobs until the pipe is closed."""
+    # Ctrl-C and SIGTERM go to whole groups of processes; only the parent handles them.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    if begin is not None:
+        begin()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    connection.send((None, None))
+    while True:
+        try:
+            job = connection.recv()
+        except EOFError:
+            return
+        try:
+            connection.send((work(job), None))
+        except Exception as error:
+            connection.send((None, _portable(error)))
+
+
+def _portable(error: Exception) -> Exception:
+    """The error as another process can raise it, with its traceback as a note."""
+    error.add_note(traceback.format_exc())
+    try:
+        copy: Exception = pickle.loads(pickle.dumps(error))
+    except Exception:  # it is made from something else than its message
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return copy
+
+
+def _end_with_parent() -> None:
+    """End this worker when its parent has been killed, because it would otherwise never end."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)

@@ -1,0 +1,146 @@
+"""An independent judge of what prompts cost where they are cached: each request is compared with all before.
+
+It is given plain data and imports nothing of the package: requests are sequences of labelled tokens, the tokens of
+tools and messages that are equal have equal labels. The definition that it is written from is `docs/context-cost.md`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from tests.counting import Count, message_tokens, plain_text, reasoning_text, tools_tokens
+
+Json = dict[str, Any]
+Tokens = list[tuple[str, int]]
+
+
+@dataclass
+class Asked:
+    """A request: its tokens without priming, and what is known of each message in it."""
+
+    tokens: Tokens
+    ends: list[int]
+    blocks: list[int]
+    head: int
+    stable: int
+    whole: int
+    purpose: str
+    at: float | None
+    with_reply: Tokens
+
+
+def unit(value: Any, length: int) -> Tokens:
+    label = json.dumps(value, sort_keys=True)
+    return [(label, number) for number in range(length)]
+
+
+def asked(sent: Sequence[Json], replies: Sequence[Json], times: Sequence[float | None], n: Count) -> list[Asked]:
+    """The requests of prompts, each with tools, messages and purpose, and their replies."""
+    requests: list[Asked] = []
+    for number, (prompt, reply, at) in enumerate(zip(sent, replies, times, strict=True)):
+        messages, before = prompt["messages"], sent[number - 1]["messages"] if number else []
+        tokens = unit(prompt["tools"], tools_tokens(prompt["tools"], n))
+        ends, blocks = [len(tokens)], [0]
+        for message in messages:
+            tokens = tokens + unit(message, message_tokens(message, n))
+            ends.append(len(tokens))
+            blocks.append(blocks[-1] + message_blocks(message))
+        leading = 0
+        while leading < len(messages) and messages[leading]["role"] in ("system", "developer"):
+            leading += 1
+        stable = 0
+        while stable < min(len(messages), len(before)) and messages[stable] == before[stable]:
+            stable += 1
+        with_reply = tokens + unit(reply, message_tokens(reply, n))
+        requests.append(
+            Asked(tokens, ends, blocks, ends[leading], stable, len(tokens) + 3, prompt["purpose"], at, with_reply)
+        )
+    return requests
+
+
+def message_blocks(message: Json) -> int:
+    blocks = len(message.get("tool_calls") or [])
+    blocks += 1 if plain_text(message["content"]) else 0
+    blocks += 1 if reasoning_text(message) else 0
+    return blocks or 1
+
+
+def common(first: Tokens, second: Tokens) -> int:
+    length = 0
+    while length < min(len(first), len(second)) and first[length] == second[length]:
+        length += 1
+    return length
+
+
+def judge(requests: Sequence[Asked], rule: Json, marks: Sequence[str], ratio: Fraction) -> list[tuple[int, int, int]]:
+    """Prompt, hit and written tokens of each request."""
+
+    def scaled(tokens: int) -> int:
+        return int(tokens * ratio)
+
+    def down(tokens: int) -> int:
+        tokens -= tokens % rule["block"]
+        return 0 if tokens < rule["minimum"] else tokens
+
+    knows_times = all(request.at is not None for request in requests)
+
+    def too_old(now: Any, then: Any) -> bool:
+        return knows_times and rule["life"] is not None and now - then > rule["life"]
+
+    charged = []
+    entries: list[Json] = []
+    for number, request in enumerate(requests):
+        ends = []
+        longest, read = 0, None
+        if rule["marks"] == "auto":
+            for earlier in requests[:number]:
+                if too_old(request.at, earlier.at):
+                    continue
+                held = earlier.with_reply if rule["replies"] else earlier.tokens
+                if rule["tool_choice"] and earlier.purpose != request.purpose:
+                    held = held[: earlier.head]
+                longest = max(longest, common(request.tokens, held))
+            last = request.whole
+        else:
+            wanted = {"stable": request.stable, "end": len(request.ends) - 1}
+            ends = sorted({wanted[place] for place in marks} - {0})
+            ends = ends[-rule["marks"] :] if rule["marks"] else []
+            for entry in entries:
+                size = len(entry["tokens"])
+                if too_old(request.at, entry["used"]) or entry["tokens"] != request.tokens[:size]:
+                    continue
+                if rule["tool_choice"] and size > entry["head"] and entry["purpose"] != request.purpose:
+                    continue
+                at = request.ends.index(size)
+                near = (request.blocks[end] - request.blocks[at] for end in ends if end >= at)
+                if any(rule["lookback"] is None or blocks <= rule["lookback"] for blocks in near) and size > longest:
+                    longest, read = size, entry
+            last = request.ends[ends[-1]] if ends else 0
+        whole = scaled(request.whole)
+        hit = down(min(scaled(longest), whole - 1))
+        written = 0 if rule["write"] is None else max(0, down(scaled(last)) - hit)
+        charged.append((whole, hit, written))
+        if read is not None:
+            read["used"] = request.at
+        kept = [request.tokens[: request.ends[end]] for end in ends]
+        if rule["marks"] != "auto" and rule["replies"]:
+            kept.append(request.with_reply)
+        for tokens in kept:
+            if scaled(len(tokens)) >= rule["minimum"]:
+                same = [
+                    entry
+                    for entry in entries
+                    if entry["tokens"] == tokens
+                    and (len(tokens) <= request.head or entry["purpose"] == request.purpose)
+                ]
+                for entry in same:
+                    entry["used"] = request.at
+                if not same:
+                    entries.append(
+                        {"tokens": tokens, "purpose": request.purpose, "head": request.head, "used": request.at}
+                    )
+    return charged

@@ -1,0 +1,116 @@
+"""Agents in a run: functions that play an episode through any adapter, with everything that a run gives to players."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+from smartplay_tools.evaluation.runs import Run
+from smartplay_tools.records.run_folder import RunFolder
+
+HANOI = "Hanoi3Disk-v0"
+BUDGET = sp.Budget(prompt_tokens=700)
+
+
+def through_a_session(episode: sp.Episode) -> None:
+    player, session = sp.get_player("rule"), sp.AgentSession(episode, player="rule")
+    while (reply := session.ask(player.reply)) is not None:
+        for call in session.receive(reply.message, reply.usage):
+            session.answer(call.id)
+
+
+async def on_the_loop(episode: sp.Episode) -> None:
+    await sp.aplay(episode, sp.get_player("rule"))
+
+
+def evaluate(out: Path, *, trials: int = 2, **agents: Any) -> Run:
+    return sp.evaluate([HANOI], agents, out=out, trials=trials, budgets=BUDGET)
+
+
+def test_an_agent_plays_the_episodes_of_a_player(tmp_path: Path) -> None:
+    run = evaluate(tmp_path / "agents", session=through_a_session, loop=on_the_loop)
+    players = sp.evaluate([HANOI], ["rule"], out=tmp_path / "rule", trials=2, budgets=BUDGET, executor="inline")
+    facts = ("trial", "seed", "score", "steps", "tokens")
+    expected = [[row[fact] for fact in facts] for row in players.rows]
+    for name in ("session", "loop"):
+        assert [[row[fact] for fact in facts] for row in run.rows if row["player"] == name] == expected
+    assert all(sp.replay(run.transcript(row["key"])).identical for row in run.rows)
+    assert evaluate(tmp_path / "agents", session=through_a_session, loop=on_the_loop).rows == run.rows
+
+
+def test_an_agent_that_stops_has_ended_its_episode(tmp_path: Path) -> None:
+    def looks_once(episode: sp.Episode) -> None:
+        episode.call("observe")
+
+    run = evaluate(tmp_path, mine=looks_once)
+    assert [(row["end_reason"], row["detail"]) for row in run.rows] == [("host", "The agent has ended.")] * 2
+
+
+def test_an_agent_that_fails_has_no_result_and_its_error_is_kept(tmp_path: Path) -> None:
+    def raises(episode: sp.Episode) -> None:
+        raise ValueError("no key")
+
+    def does_nothing(episode: sp.Episode) -> None:
+        pass
+
+    def closes(episode: sp.Episode) -> None:
+        episode.call("observe")
+        episode.close()
+
+    run = evaluate(tmp_path, trials=1, raises=raises, nothing=does_nothing, closes=closes)
+    assert run.rows == []
+    assert {(row["player"], row["error"]) for row in run.failures} == {
+        ("raises", "ValueError: no key"),
+        ("nothing", "AgentFailedError: The agent has ended. It has not asked its model."),
+        ("closes", "AgentFailedError: The agent has closed its episode; leave that to the run."),
+    }
+
+
+def test_many_agents_play_at_once(tmp_path: Path) -> None:
+    together: list[int] = []
+
+    def waits(episode: sp.Episode) -> None:
+        together.append(1)
+        until = time.monotonic() + 30
+        while len(together) < 12 and time.monotonic() < until:
+            time.sleep(0.01)
+        episode.call("observe")
+
+    evaluate(tmp_path, trials=12, mine=waits)
+    assert len(together) == 12
+
+
+def test_an_agent_s_run_has_no_caps(tmp_path: Path) -> None:
+    with pytest.raises(sp.InvalidArgumentError, match="An agent asks its model by itself"):
+        sp.evaluate([HANOI], {"mine": through_a_session}, out=tmp_path, trials=1, run_tokens=1000)
+
+
+def test_a_run_can_be_played_where_an_event_loop_runs_already(tmp_path: Path) -> None:
+    async def main() -> Run:
+        return evaluate(tmp_path, mine=through_a_session)
+
+    assert asyncio.run(main()).complete
+
+
+AGENT = """
+import smartplay_tools as sp
+
+async def play_it(episode):
+    await sp.aplay(episode, sp.get_player("rule"))
+"""
+
+
+def test_an_agent_of_a_file_plays_on_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(AGENT)
+    words = ["eval", "--games", HANOI, "--players", f"{tmp_path / 'mine.py'}:play_it", "--trials", "2"]
+    assert "2 episodes" in CliRunner().invoke(app, [*words, "--out", str(tmp_path / "run"), "--dry-run"]).output
+    result = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "run"), "--quiet"])
+    assert result.exit_code == 0, result.output
+    assert [row["score"] for row in RunFolder(tmp_path / "run").rows()] == [3.0, 3.0]

@@ -1,0 +1,182 @@
+"""The command `cost` and the option `--cache`: what runs would have cost under the rules of caches."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+from smartplay_tools.episode.cells import cell_config
+from smartplay_tools.evaluation.analysis.money import cell_costs, costs_table, rules_table
+from smartplay_tools.evaluation.runs.estimate import estimate_cell
+from smartplay_tools.records import Price, Record
+from smartplay_tools.records.charges import Charge
+from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.records.tariffs import Charged, charge_records, tariffs_of
+
+BANDIT = "BanditTwoArmedHighLowFixed-v0"
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> str:
+    out = tmp_path_factory.mktemp("costs") / "run"
+    sp.sweep([BANDIT], ["rule"], vary={"history": [None, 10], "slack": [0, 0.5]}, trials=1, out=out, executor="inline")
+    return str(out)
+
+
+def command(*words: str) -> str:
+    result = CliRunner().invoke(app, list(words), env={"COLUMNS": "100"})
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_the_cheapest_window_depends_on_the_rule(swept: str) -> None:
+    shown = json.loads(command("cost", swept, "--json"))
+    cheapest = {
+        rule: min((row for row in shown if row["rule"] == rule), key=lambda row: row["cost"])["window"]
+        for rule in ("openai-5-5", "anthropic-512", "gemini-3", "vllm")
+    }
+    assert cheapest == {
+        "openai-5-5": "history all",
+        "anthropic-512": "history 10, slack 0.5",
+        "gemini-3": "history 10, slack 0.5",
+        "vllm": "history all",
+    }
+    # Where writes are billed, a window that slides at every step is dearer than no cache.
+    sliding = {row["rule"]: row["cost"] for row in shown if row["window"] == "history 10"}
+    assert sliding["anthropic-512"] > sliding["none"]
+
+
+def test_costs_have_every_format(swept: str) -> None:
+    text = command("cost", swept, "--cache", "vllm", "--cache", "openai:gpt-5.5")
+    assert "which window is cheapest" in text
+    assert "openai:gpt-5.5" in text
+    assert "| vllm | history all |" in command("cost", swept, "--cache", "vllm", "--format", "markdown").replace(
+        f"{BANDIT}, rule, vllm", "vllm"
+    )
+    assert "\\toprule" in command("cost", swept, "--format", "latex")
+    rows = list(csv.DictReader(io.StringIO(command("cost", swept, "--format", "csv"))))
+    assert {row["unit"] for row in rows} == {"tokens"}
+    in_dollars = json.loads(command("cost", swept, "--cache", "openai-5-5", "--price", "1,4,0.1", "--json"))
+    assert {row["unit"] for row in in_dollars} == {"USD"}
+
+
+def test_where_prompts_are_marked_is_a_part_of_the_question(swept: str) -> None:
+    costs = {
+        marks: json.loads(command("cost", swept, "--cache", "anthropic-512", "--marks", marks, "--json"))[2]["cost"]
+        for marks in ("stable,end", "end", "stable", "none")
+    }
+    assert (
+        costs["stable"] < costs["none"] < costs["end"]
+    )  # of a window that slides: only what is stable is worth a mark
+
+
+def test_other_commands_show_a_column_for_each_rule(swept: str) -> None:
+    for words in (["results", swept], ["compare", swept]):
+        text = command(*words, "--cache", "vllm", "--cache", "gemini-3")
+        assert "what an episode costs" in text
+        assert "gemini-3" in text
+        assert "what an episode costs" not in command(*words)
+
+
+def test_a_table_is_not_asked_for_where_there_is_none(swept: str) -> None:
+    for words in (["results", swept], ["compare", swept], ["sweep", "--games", BANDIT]):
+        refused = CliRunner().invoke(app, [*words, "--cache", "vllm", "--json"])
+        assert (refused.exit_code, "--cache adds a table, which JSON has not" in refused.output) == (2, True)
+
+
+def test_the_replay_page_shows_the_costs_that_are_asked_for(swept: str, tmp_path: Any) -> None:
+    command("report", swept, "--cache", "gemini-3", "--out", str(tmp_path / "with.html"))
+    command("report", swept, "--out", str(tmp_path / "without.html"))
+    shown, plain = ((tmp_path / name).read_text(encoding="utf-8") for name in ("with.html", "without.html"))
+    assert "What an episode costs" in shown
+    assert "gemini-3" in shown
+    assert "What an episode costs" not in plain
+
+
+def test_more_processes_find_the_same(swept: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, tariffs = RunFolder(swept), tariffs_of([])
+    records = {row["key"]: run.transcript(row["key"]) for row in run.rows()}
+    alone = charge_records(records, tariffs, {})
+    monkeypatch.setattr("smartplay_tools.records.tariffs.WORTH_A_PROCESS", 1)
+    assert charge_records(records, tariffs, {}, processes=2) == alone
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["--cache", "vlm"], "There is no rule of a cache 'vlm'; did you mean vllm?"),
+        (["--caches", "none.toml"], "none.toml cannot be read"),
+        (["--price", "-1,2"], "is not a price"),
+        (["--marks", "middle"], "A mark is at one of stable, end, not middle."),
+    ],
+)
+def test_a_mistake_is_one_sentence(swept: str, words: list[str], error: str) -> None:
+    result = CliRunner().invoke(app, ["cost", swept, *words])
+    assert result.exit_code == 2
+    assert error in result.output
+
+
+def test_a_run_without_prompts_has_no_cost(tmp_path: Any) -> None:
+    out = tmp_path / "run"
+    sp.evaluate(games=["Hanoi3Disk-v0"], players=["random"], trials=1, out=out, executor="inline")
+    for record in (out / "episodes").glob("*.jsonl"):
+        lines = record.read_text(encoding="utf-8").splitlines(keepends=True)
+        record.write_text("".join(line for line in lines if '"event": "usage"' not in line), encoding="utf-8")
+    result = CliRunner().invoke(app, ["cost", str(out)])
+    assert result.exit_code == 2
+    assert "has no finished episode with prompts and usage on record" in result.output
+
+
+def test_the_bill_stands_beside_its_model(swept: str) -> None:
+    run, tariffs = RunFolder(swept), tariffs_of(["none"])
+    row = run.rows()[0]
+    provider = sp.Usage(prompt=80_000, reply=2_000).model_dump()
+    billed = {**row, "cost": 0.5, "tokens": {**row["tokens"], "provider": provider}}
+    cost = Charge(50, 80_000, 0, 0, 2_000, 0.4, 0.0)
+    cells = cell_costs([billed], {row["key"]: Charged([cost], cost)})
+    assert (cells[0].bill, cells[0].billed) == (0.5, 0.4)
+    assert costs_table(cells, tariffs).rows[1][4:7] == ("0.50", "0.40", "-0.1")
+    assert "0.40 under the model's rule (-0.1)" in rules_table(cells, tariffs).rows[2][0]
+
+
+def test_the_area_is_the_mean_score_while_money_is_spent(swept: str) -> None:
+    shown = [row for row in json.loads(command("cost", swept, "--json")) if row["rule"] == "none"]
+    dearest = max(row["cost"] for row in shown)
+    run = RunFolder(swept)
+    for row, result in zip(shown, run.rows(), strict=True):
+        record = Record.read(run.transcript(result["key"]))
+        scores = [0.0, *(call["data"]["score"] for call in record.calls)]
+        costs = [usage["prompt"] + 5 * usage["reply"] for usage in record.usages]
+        spent = sum(score * cost for score, cost in zip(scores, costs, strict=False))
+        assert row["area"] == pytest.approx((spent + scores[-1] * (dearest - sum(costs))) / dearest)
+
+
+def test_no_call_costs_more_than_the_most() -> None:
+    price = Price(((0, 4.0), (1_000, 8.0)), ((0, 20.0),), ((0, 0.4),), "given", ((0, 5.0), (1_000, 10.0)))
+    for prompt in (999, 1_000):
+        usages = [sp.Usage(prompt=prompt, cached=cached, written=prompt - cached, reply=7) for cached in (0, 500)]
+        assert max(map(price.cost, usages)) == pytest.approx(price.most(prompt, 7))
+
+
+def test_an_estimate_knows_from_which_length_on_the_models_provider_caches() -> None:
+    def cost(player: str, **budget: Any) -> tuple[float, float]:
+        """The lowest cost of an episode, and that of the fewest tokens without a cache."""
+        price = Price.parse("1,4,0.1,1.25")
+        estimate = estimate_cell(cell_config(BANDIT, player=player, budget=sp.Budget(**budget)), [0], price)
+        assert estimate.cost is not None
+        uncached = sp.Usage(prompt=round(estimate.prompt_tokens.low), reply=round(estimate.reply_tokens.low))
+        return estimate.cost.low, price.cost(uncached)
+
+    low, uncached = cost("openai:gpt-5.5", history=2)  # prompts of some 700 tokens are never cached
+    assert low == pytest.approx(uncached, rel=0.02)
+    low, uncached = cost("openai:gpt-5.5", history=None)
+    assert low < 0.5 * uncached
+    low, uncached = cost("anthropic:claude-opus-5", history=2)  # a window that slides is written anew at every call
+    assert low > uncached

@@ -1,0 +1,143 @@
+"""What a comparison shows, in one word; how many pairs it takes; and how often both are wrong, by simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+from smartplay_tools.evaluation.analysis import compare, pairs
+from smartplay_tools.evaluation.analysis.decisions import Margin, decide, mde, pairs_needed, plan_pairs
+from smartplay_tools.evaluation.analysis.intervals import Bounds, Sample, mean_estimate
+from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, tilted
+from tests.evaluation.window_rows import row
+
+SMALL = Sample([0.5, -0.5] * 50)
+
+
+def words(values, margin, bounds=None):
+    return decide(Sample(values, bounds), margin).word
+
+
+def test_the_words():
+    assert words([3.0, 5.0] * 10, 2) == "different"
+    assert words(SMALL.values, 0.2) == "equivalent"
+    assert words(SMALL.values, 0.05) == "undecided"
+    assert words([0.2, 0.3] * 20, 2) == "different, but less"
+
+
+def test_what_is_undecided_has_the_difference_that_would_have_been_seen():
+    assert decide(SMALL, 0.05).mde == pytest.approx(0.142, abs=0.001)
+
+
+def test_equal_pairs_are_equivalent_only_within_what_their_number_excludes():
+    """Twenty ties of scores between -1 and 1 exclude a mean difference of 0.28 or more."""
+    bounds = Bounds(-1, 1).of_differences
+    assert words([0.0] * 20, 0.2, bounds) == "undecided"
+    assert words([0.0] * 20, 0.3, bounds) == "equivalent"
+    assert words([0.0] * 20, 100) == "undecided"  # no bounds are declared
+
+
+def test_a_margin_is_in_points_or_in_human_scores():
+    assert Margin.parse("0.5").points("Hanoi3Disk-v0") == 0.5
+    assert Margin.parse("0.1h").points("MessengerL1-v0") == pytest.approx(0.2)  # from -1 to 1
+    for wrong in ("0", "-1", "0.1x", ""):
+        with pytest.raises(sp.InvalidArgumentError, match="is not a difference"):
+            Margin.parse(wrong)
+    with pytest.raises(sp.InvalidArgumentError, match="has no human score"):
+        Margin.parse("0.1h").points("Hanoi4Disk-v0")
+
+
+def test_every_pairing_has_a_verdict():
+    facts = {"prompts": "0", "versions": {}}
+    runs = {
+        "a": [row(seed=seed, score=20, **facts) for seed in range(20)],
+        "b": [row(seed=seed, score=22 + seed % 2, **facts) for seed in range(20)],
+    }
+    (pairing,) = compare(runs, margin=Margin(1)).pairings
+    assert pairing.verdict.word == "different"
+    assert compare(runs).pairings[0].verdict is None
+
+
+@pytest.mark.parametrize(("n", "expected"), [(5, 1.68), (10, 1.00), (20, 0.66), (50, 0.40), (100, 0.28), (200, 0.20)])
+def test_the_smallest_difference_that_is_seen(n, expected):
+    assert mde(1.0, n) == pytest.approx(expected, abs=0.005)
+    assert pairs_needed(1.0001 * mde(1.0, n), 1.0, 0.8) == n
+
+
+def test_a_pilot_that_tells_too_little_is_refused():
+    assert plan_pairs(mean_estimate([1.0, 2.0] * 4), 1) == "8 pairs are too few to judge from; play 10"
+    assert "no spread" in plan_pairs(mean_estimate([1.0] * 20), 1)
+
+
+def test_the_commands(tmp_path):
+    for name, history in (("long", 50), ("short", 1)):
+        sp.evaluate([BANDIT], ["rule"], budgets=sp.Budget(history=history), trials=10, out=tmp_path / name)
+
+    def run(*given):
+        shown = CliRunner(env={"COLUMNS": "80"}).invoke(
+            app, [*given[:1], str(tmp_path / "long"), str(tmp_path / "short"), *given[1:]]
+        )
+        assert shown.exit_code == 0
+        return shown.output
+
+    assert "different" in run("compare", "--margin", "0.1h")
+    assert "MDE" in run("power", "--difference", "0.2")
+    assert "\\toprule" in run("power", "--difference", "0.2", "--format", "latex")
+    assert "needed_80%" in run("power", "--difference", "0.2", "--format", "csv")
+
+
+# Simulations.
+
+REPETITIONS = 2_000
+
+
+def drawn(population, n, weights=None, seed=0):
+    return np.random.default_rng(seed).choice(population, size=(REPETITIONS, n), p=weights).tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cell", "margin", "n", "most"),
+    [
+        ((HANOI, "random", 50), 0.5, 20, 0.065),
+        ((MESSENGER, "random", 3), 0.4, 50, 0.065),
+        ((RPS, "random", 50), 2, 20, 0.065),
+        ((BANDIT, "random", 50), 3, 50, 0.065),
+    ],
+)
+def test_how_often_a_word_is_wrong(played, cell, margin, n, most):
+    """Two players that score alike are "different", and those that differ by the margin "equivalent", in 5 %."""
+    sample = pairs.sample(played[cell], pairs.score)
+    scores = np.array(sample.values)
+    differences = np.random.default_rng(1).permutation(scores) - scores
+    bounds = sample.bounds.of_differences
+    alike = [words(values, margin, bounds) for values in drawn(differences, n, tilted(differences, 0))]
+    assert np.mean([word.startswith("different") for word in alike]) <= most
+    apart = [words(values, margin, bounds) for values in drawn(differences, n, tilted(differences, margin))]
+    assert np.mean([word in ("equivalent", "different, but less") for word in apart]) <= most
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cell", "difference"),
+    [
+        ((HANOI, "random", 50), 0.6),
+        ((MESSENGER, "random", 3), 0.3),
+        ((RPS, "random", 50), 2),
+        ((BANDIT, "random", 50), 2),
+    ],
+)
+def test_the_power_that_is_promised_is_had(played, cell, difference):
+    """With the pairs that a difference needs for 80 %, Student's t sees it in 77 to 84 of 100 comparisons."""
+    scores = np.array(pairs.sample(played[cell], pairs.score).values)
+    differences = np.random.default_rng(1).permutation(scores) - scores
+    weights = tilted(differences, difference)
+    spread = np.sqrt(weights @ (differences - difference) ** 2)
+    n = pairs_needed(difference, spread, 0.8)
+    samples = np.array(drawn(differences, n, weights))
+    seen = np.mean(stats.ttest_1samp(samples, 0, axis=1).pvalue < 0.05)
+    assert 0.75 <= seen <= 0.87

@@ -1,0 +1,102 @@
+"""Worlds that are played again: what is the player's own spread, and how often it succeeds."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+from smartplay_tools.evaluation.analysis import pairs, summarize
+from smartplay_tools.evaluation.analysis.repeats import (
+    flips,
+    icc,
+    noise_floor,
+    pass_all,
+    pass_at,
+    repeated,
+    variances,
+)
+from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
+
+GAME = "MessengerL1-v0"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    out = tmp_path_factory.mktemp("repeats") / "run"
+    return sp.evaluate([GAME], ["random", "rule"], trials=6, repeats=3, executor="inline", out=out)
+
+
+def test_each_world_is_played_again_with_other_numbers_of_the_player(run):
+    assert len(run.rows) == 2 * 6 * 3
+    random = [row for row in run.rows if row["player"] == "random"]
+    assert [row["seed"] for row in random] == sorted(row["seed"] for row in random)
+    assert len({row["seed"] for row in random}) == 6
+    assert len({row["key"] for row in random}) == 18
+    hashes = [{row["state_hash"] for row in random if row["seed"] == seed} for seed in {r["seed"] for r in random}]
+    assert any(len(states) > 1 for states in hashes)
+
+
+def test_the_same_worlds_played_once_have_the_keys_that_they_always_had(run, tmp_path):
+    once = sp.evaluate([GAME], ["random"], trials=6, executor="inline", out=tmp_path / "once")
+    first = [row for row in run.rows if row["player"] == "random" and row["trial"] % 3 == 0]
+    assert [row["key"] for row in once.rows] == [row["key"] for row in first]
+
+
+def test_worlds_are_the_sample_of_a_mean(run):
+    (random, _) = summarize(run.rows).cells
+    assert (random.episodes, random.score.episodes) == (18, 6)
+    assert random.score.mean == pytest.approx(np.mean([r["score"] for r in run.rows if r["player"] == "random"]))
+    rows = {name: [row for row in run.rows if row["player"] == name] for name in ("random", "rule")}
+    assert pairs.paired_difference(rows["rule"], rows["random"], pairs.score).episodes == 6
+
+
+def test_a_player_that_plays_a_world_always_alike(run):
+    random, rule = repeated(run.rows)
+    assert (rule.within, rule.noise_floor, rule.flips) == (0, 0, 0)
+    assert random.within > 0
+    assert random.noise_floor > 0
+
+
+def test_figures_of_a_worked_example():
+    scores = np.array([[1.0, 1.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0], [1.0, 1.0, 1.0, 1.0]])
+    within, between = variances(scores)
+    assert within == pytest.approx((0.25 + 0.25 + 0) / 3)
+    assert between == pytest.approx(np.var([0.75, 0.25, 1], ddof=1) - within / 4)
+    assert icc(scores) == pytest.approx(between / (between + within))
+    assert flips(np.array([3, 1, 4]), 4) == pytest.approx((0.5 + 0.5 + 0) / 3)
+    assert [pass_at(3, 4, 1), pass_at(3, 4, 2), pass_all(3, 4, 1), pass_all(3, 4, 2)] == [0.75, 1, 0.75, 0.5]
+
+
+def test_what_counts_as_a_success_can_be_said(run):
+    assert repeated(run.rows, RowCondition.parse("score >= 2"))[1].passes[0][1][0] == 0
+    with pytest.raises(sp.InvalidArgumentError, match="is not a condition"):
+        RowCondition.parse("score is good")
+
+
+def test_the_commands(run, tmp_path):
+    runner = CliRunner(env={"COLUMNS": "80"})
+    given = ["results", str(run.folder.path), "--success", "score >= 1"]
+    shown = runner.invoke(app, given).output
+    assert "pass^k" in shown
+    assert "6 x 3" in shown
+    found = json.loads(runner.invoke(app, [*given, "--json"]).output)["repeats"]
+    assert [each["repeats"] for each in found] == [3, 3]
+    assert len(found[0]["pass^3"]) == 3
+    with pytest.raises(sp.InvalidArgumentError, match="plays each world 3 times"):
+        sp.evaluate([GAME], ["random", "rule"], trials=6, executor="inline", out=run.folder.path)
+
+
+@pytest.mark.slow
+def test_the_noise_floor_is_what_a_player_has_with_itself():
+    """Differences of two runs of one player on the same 30 worlds are below the floor in 95 of 100."""
+    generator, below = np.random.default_rng(4), []
+    for _ in range(2_000):
+        chances = generator.beta(2, 2, size=30)[:, None]
+        one, other = ((generator.random((30, 5)) < chances).astype(float) for _ in range(2))
+        below.append(abs(one.mean() - other.mean()) <= noise_floor(variances(one)[0], 30, 5))
+    assert 0.93 <= np.mean(below) <= 0.97
