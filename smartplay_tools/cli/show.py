@@ -126,17 +126,24 @@ def _groups(rows: Sequence[tuple[str, ...]]) -> list[list[tuple[str, ...]]]:
 
 
 def _widths(table: TextTable, width: int) -> list[int]:
-    """The widths of the columns: those of their contents or, if these are too wide, headings and then words wrap."""
+    """The widths of the columns: those of their contents or, if these are too wide, less.
+
+    Headings wrap first, then words, then numbers with an interval, which goes to a line of its own.
+    """
     rows = [row for row in table.rows if len(row) > 1]
-    body = [max((cell_len(row[at]) for row in rows), default=0) for at in range(len(table.columns))]
+    cells = [[row[at] for row in rows] for at in range(len(table.columns))]
+    body = [max(map(cell_len, column), default=0) for column in cells]
+    parts = [max((cell_len(part) for cell in column for part in cell.split(" [")), default=0) + 1 for column in cells]
     widths = [max(own, cell_len(column.heading)) for own, column in zip(body, table.columns, strict=True)]
-    least = [
-        NARROWEST if column.words else max([own, *map(cell_len, column.heading.split())])
-        for own, column in zip(body, table.columns, strict=True)
-    ]
-    for words in (False, True):
-        shrinking = [at for at, column in enumerate(table.columns) if column.words is words]
-        while sum(widths) + len(widths) > width:
+    headings = [max(map(cell_len, column.heading.split()), default=0) for column in table.columns]
+    words = [column.words for column in table.columns]
+    for shrinks, least in (
+        ([not word for word in words], list(map(max, body, headings))),
+        (words, [NARROWEST] * len(words)),
+        ([not word for word in words], [max(min(parts[at], body[at]), headings[at]) for at in range(len(words))]),
+    ):
+        shrinking = [at for at, shrinks_here in enumerate(shrinks) if shrinks_here]
+        while sum(widths) + len(widths) - 1 > width:
             widest = max(shrinking, key=lambda at: widths[at] - least[at], default=None)
             if widest is None or widths[widest] <= least[widest]:
                 break
@@ -145,7 +152,7 @@ def _widths(table: TextTable, width: int) -> list[int]:
 
 
 def _grid(table: TextTable, widths: Sequence[int], rows: Sequence[tuple[str, ...]], *, header: bool = True) -> Table:
-    grid = Table(box=None, padding=(0, 1, 0, 0), header_style="dim", show_header=header)
+    grid = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim", show_header=header)
     for column, width in zip(table.columns, widths, strict=True):
         grid.add_column(
             Text(column.heading),
