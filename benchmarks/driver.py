@@ -28,9 +28,9 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.runs import PlayerConfig, make_cells, plan_episodes
-from smartplay_tools.evaluation.runs.attempt import Stop, Task, Times
-from smartplay_tools.evaluation.runs.executors import Again, Outcome, Take
-from smartplay_tools.evaluation.runs.limits import Limits
+from smartplay_tools.evaluation.runs.attempt import StopFlag, Task, Times
+from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
+from smartplay_tools.evaluation.runs.limits import RunLimits
 from smartplay_tools.evaluation.runs.plan import player_key
 from smartplay_tools.evaluation.runs.progress import following
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
@@ -48,14 +48,14 @@ class Simulated:
     """The lines of the record; the first of them has the seed."""
 
     def __init__(self) -> None:
-        self.stop: Stop = Event()
-        self.limits: Limits | None = None
+        self.stop: StopFlag = Event()
+        self.limits: RunLimits | None = None
 
-    def run(self, take: Take, again: Again) -> Iterator[Outcome]:
+    def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Hand in a record for every task."""
         while (task := take()) is not None:
             task.record.write_bytes(record_of(task))
-            yield Outcome(task, Times(1.0, 0.1, 0.2))
+            yield EndedAttempt(task, Times(1.0, 0.1, 0.2))
 
     def close(self) -> None:
         """There is nothing to release."""

@@ -24,7 +24,7 @@ import ray
 from ray.cluster_utils import Cluster
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs import Progress, Run
+from smartplay_tools.evaluation.runs import Run, RunProgress
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records.run_follower import run_snapshot
 
@@ -62,7 +62,7 @@ class Machines:
         ray.init(address=self._cluster.address, log_to_driver=False, configure_logging=False)
         self._other = self._cluster.add_node(num_cpus=1)
 
-    def change(self, progress: Progress) -> None:
+    def change(self, progress: RunProgress) -> None:
         """Replace the other machine when it is time."""
         if progress.finished >= self._every * (self.lost + 1) and progress.finished < progress.planned:
             self.lost += 1

@@ -196,6 +196,20 @@ def test_every_adapter_is_packaged_typed_and_an_extra():
         assert folder.name.removeprefix("smartplay_").replace("_", "-") in project["project"]["optional-dependencies"]
 
 
+OFFERED_TO_SEVERAL_HOSTS = {"PlayerModel", "SmartPlayHarness"}
+"""Classes that adapters offer to different hosts under one name, because they are the same thing there."""
+
+
+def test_a_class_name_is_defined_once():
+    places: dict[str, list[str]] = {}
+    for path in [*sorted(PACKAGE.rglob("*.py")), *sorted((ROOT / "adapters").rglob("*.py"))]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    doubled = {name: paths for name, paths in places.items() if len(paths) > 1}
+    assert doubled.keys() == OFFERED_TO_SEVERAL_HOSTS, doubled
+
+
 def public_names(module: str) -> list[str]:
     """The public names of a package or module."""
     return list(getattr(importlib.import_module(module), "__all__", ()))

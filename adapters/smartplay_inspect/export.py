@@ -34,7 +34,7 @@ from inspect_ai.model import (
 )
 from inspect_ai.scorer import Score
 
-from smartplay_inspect.messages import Chat, tool_infos
+from smartplay_inspect.messages import InspectChat, tool_infos
 from smartplay_inspect.scorer import score_of
 from smartplay_tools import ToolSpec
 from smartplay_tools.records import Record
@@ -74,7 +74,8 @@ def _log(name: str, samples: list[EvalSample]) -> EvalLog:
 
 
 def _sample(episode: Record) -> EvalSample:
-    chat, tools = Chat(_model(episode.player)), tool_infos(ToolSpec(**tool["function"]) for tool in episode.tools)
+    chat = InspectChat(_model(episode.player))
+    tools = tool_infos(ToolSpec(**tool["function"]) for tool in episode.tools)
     events = []
     for sent in episode.prompts:
         output = _output(episode, chat, sent.turn)
@@ -101,7 +102,7 @@ def _sample(episode: Record) -> EvalSample:
     )
 
 
-def _output(episode: Record, chat: Chat, turn: int) -> ModelOutput:
+def _output(episode: Record, chat: InspectChat, turn: int) -> ModelOutput:
     (message,) = chat.write([episode.turns[turn].assistant])
     assert isinstance(message, ChatMessageAssistant)
     usage = episode.usage[turn]

@@ -34,7 +34,7 @@ PARSE_ERROR = ("Error parsing the following tool call arguments:\n\n", "\n\nErro
 """What Inspect writes before and after arguments that it could not parse."""
 
 
-class Chat:
+class InspectChat:
     """The messages of one conversation as Inspect's.
 
     A message that is shown again is the same object with the same id, as the log expects of a conversation.

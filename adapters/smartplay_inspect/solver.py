@@ -18,7 +18,7 @@ from inspect_ai.solver import Generate, Solver, TaskState, solver
 from inspect_ai.util import LimitExceededError, StoreModel, sample_limits, store_as
 from pydantic import Field
 
-from smartplay_inspect.messages import Chat, from_output, tool_infos
+from smartplay_inspect.messages import InspectChat, from_output, tool_infos
 from smartplay_tools import Conversation, Episode, EpisodeConfig
 from smartplay_tools.transcript import Event
 
@@ -88,7 +88,7 @@ async def _play(state: TaskState, episode: Episode) -> None:
 
 async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
     conversation = await _in_thread(lambda: Conversation(episode, player=f"inspect:{model}"))
-    chat, tools = Chat(str(model)), tool_infos(episode.tools)
+    chat, tools = InspectChat(str(model)), tool_infos(episode.tools)
     own_cap = model.config.merge(active_generate_config()).max_tokens
     state.messages = chat.write(episode.head)
     while (prompt := await _in_thread(conversation.prompt)) is not None:

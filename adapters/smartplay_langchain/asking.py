@@ -58,7 +58,7 @@ class ModelReply(Reply):
 
 
 @dataclass
-class Outcome:
+class RequestOutcome:
     """What became of one request for a reply."""
 
     reply: ModelReply | None = None
@@ -98,7 +98,7 @@ class WindowedModel:
     ) -> None:
         self._model, self._state, self._prepare = model, state, prepare
         self._prompt_settings = prompt_settings
-        self.outcome = Outcome()
+        self.outcome = RequestOutcome()
 
     @property  # type: ignore[misc]
     def __class__(self) -> Any:

@@ -20,8 +20,8 @@ from langchain_core.tools import BaseTool
 
 from smartplay_langchain.asking import (
     ModelReply,
-    Outcome,
     PromptSettings,
+    RequestOutcome,
     ToolChoice,
     Tools,
     bind,
@@ -90,7 +90,7 @@ class GraphSession(CallPlayer):
             return read_reply(self._bound(model, tools, prompt).invoke(to_langchain(prompt.messages)))
 
         reply = session.ask(send)
-        return added if reply is None else [*added, *self.receive(Outcome(reply))]
+        return added if reply is None else [*added, *self.receive(RequestOutcome(reply))]
 
     async def aask(self, model: BaseChatModel, messages: Sequence[BaseMessage]) -> list[AnyMessage]:
         """Call the model as `ask` does, without blocking the event loop."""
@@ -105,7 +105,7 @@ class GraphSession(CallPlayer):
             return read_reply(await self._bound(model, tools, prompt).ainvoke(to_langchain(prompt.messages)))
 
         reply = await session.aask(send)
-        return added if reply is None else [*added, *self.receive(Outcome(reply))]
+        return added if reply is None else [*added, *self.receive(RequestOutcome(reply))]
 
     # The parts of it, for the middleware.
 
@@ -169,7 +169,7 @@ class GraphSession(CallPlayer):
             self._add(added)
         return self.session
 
-    def receive(self, outcome: Outcome, reply: AIMessage | None = None) -> list[AnyMessage]:
+    def receive(self, outcome: RequestOutcome, reply: AIMessage | None = None) -> list[AnyMessage]:
         """Take the model's reply and return it as it belongs into the state; `reply` if a middleware has changed it.
 
         Its calls have the ids of the session. A reply without a call is followed by the user message that says so.

@@ -25,7 +25,7 @@ from langchain_core.messages import AIMessage, BaseMessage, SystemMessage, ToolM
 from langchain_core.tools import BaseTool
 from langgraph.types import Command
 
-from smartplay_langchain.asking import OVER, Outcome, ToolChoice, Tools, WindowedModel
+from smartplay_langchain.asking import OVER, RequestOutcome, ToolChoice, Tools, WindowedModel
 from smartplay_langchain.calls import turn_of
 from smartplay_langchain.graph import GraphSession
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError
@@ -148,7 +148,7 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
 
         return WindowedModel(request.model, messages, prepare, self._graph.prompt_settings)
 
-    def _received(self, outcome: Outcome, response: ModelResponse[Any]) -> ModelResponse[Any]:
+    def _received(self, outcome: RequestOutcome, response: ModelResponse[Any]) -> ModelResponse[Any]:
         reply = next((message for message in response.result if isinstance(message, AIMessage)), None)
         if outcome.over or reply is None:
             return response

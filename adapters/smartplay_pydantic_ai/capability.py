@@ -29,7 +29,7 @@ from pydantic_ai.toolsets.abstract import ToolsetTool
 from pydantic_core import SchemaValidator, core_schema
 
 from smartplay_pydantic_ai.messages import (
-    Chat,
+    PydanticAIChat,
     from_history,
     from_response,
     read_usage,
@@ -59,7 +59,7 @@ class SmartPlay(AbstractCapability[Any]):
         self.episode = episode
         self._player = player
         self._host: HostChat | None = None
-        self._chat = Chat()
+        self._chat = PydanticAIChat()
         self._results: dict[str, ToolResult] = {}
         """The latest reply's results by call id."""
 

@@ -36,7 +36,7 @@ ITEM = "pydantic_ai_response"
 """The type of the provider item that holds a response with more than text and calls."""
 
 
-class Chat:
+class PydanticAIChat:
     """The messages of one conversation as Pydantic AI's."""
 
     def __init__(self) -> None:

@@ -19,7 +19,7 @@ from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_opt
 from smartplay_tools.cli.serve_window import ended, open_endpoint, plan_of, say, server
 
 if TYPE_CHECKING:
-    from smartplay_tools.evaluation.runs import Held, Progress
+    from smartplay_tools.evaluation.runs import Held, RunProgress
 
 LAST_WORDS = 300
 """Characters of a failed program's output that its error shows."""
@@ -118,7 +118,7 @@ class _Programs:
             return None
         return ending.result()
 
-    def tell(self, progress: Progress) -> None:
+    def tell(self, progress: RunProgress) -> None:
         """Print the end of an episode."""
         if progress.episode is not None:
             name = f"{progress.finished} of {progress.planned}  seed {progress.episode.seed}"

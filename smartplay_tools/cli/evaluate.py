@@ -73,7 +73,7 @@ def evaluate(
     Example: smartplay-tools eval --suite paper --players rule,random --trials 5 --out runs/paper
     """
     file, text = (RunFile(), None) if run_file is None else read_run_file(run_file)
-    asked = _Asked(context, file)
+    asked = _OptionValues(context, file)
     shared = {field.name for field in fields(run)} & RunFile.model_fields.keys()
     run = replace(run, **{name: asked.value(name) for name in shared})
     names = asked.names("players", [config.name for config in file.configs()])
@@ -106,7 +106,7 @@ def _until(until: str | None, margin: str | None, clip: float | None, by: str, *
     return Until(margin, clip, cast(Any, by))
 
 
-def _plan(asked: _Asked, configs: list[PlayerConfig], episode: EpisodeOptions, repeats: int) -> Plan:
+def _plan(asked: _OptionValues, configs: list[PlayerConfig], episode: EpisodeOptions, repeats: int) -> Plan:
     suite, game_options = asked.value("suite"), {**asked.file.options, **episode.options}
     if suite is not None and get_suite(suite).is_fixed:
         given = asked.beside_suite() | ({"options"} if game_options else set())
@@ -117,7 +117,7 @@ def _plan(asked: _Asked, configs: list[PlayerConfig], episode: EpisodeOptions, r
     return plan_episodes(cells, trials=asked.value("trials"), seed=asked.value("seed"), repeats=repeats)
 
 
-class _Asked:
+class _OptionValues:
     """The value of each option: from the command line, else from the run file, else the default."""
 
     def __init__(self, context: typer.Context, file: RunFile) -> None:

@@ -18,7 +18,7 @@ from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_opt
 
 if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
-    from smartplay_tools.evaluation.runs import Held, Plan, PlayerConfig, Progress
+    from smartplay_tools.evaluation.runs import Held, Plan, PlayerConfig, RunProgress
 
 ADAPTER = "smartplay_openai"
 """The adapter that serves windows; imported at first use."""
@@ -198,7 +198,7 @@ class _Offered:
         say(_where(self._endpoint, handle, held.episode.config.seed))
         await held.wait_for_others()
 
-    def tell(self, progress: Progress) -> None:
+    def tell(self, progress: RunProgress) -> None:
         """Print the end of an episode."""
         if progress.episode is not None:
             handle = self._handles.get(progress.episode.key, progress.episode.key)

@@ -32,7 +32,7 @@ def marks_of(player_options: Mapping[str, Any]) -> Sequence[Place]:
     return PLACES
 
 
-class Call(NamedTuple):
+class ChargedCall(NamedTuple):
     """The tokens of a request as they are charged. `hit` and `written` are parts of `prompt` without overlap."""
 
     prompt: int
@@ -65,7 +65,7 @@ def charge(log: RequestLog, rule: CacheRule, *, marks: Sequence[Place] = PLACES,
     return Charge(len(calls), prompt, hit, written, reply, fsum(costs), area)
 
 
-def calls_under(log: RequestLog, rule: CacheRule, *, marks: Sequence[Place] = PLACES) -> list[Call]:
+def calls_under(log: RequestLog, rule: CacheRule, *, marks: Sequence[Place] = PLACES) -> list[ChargedCall]:
     """Return the tokens of each request as a provider with this rule charges them.
 
     `marks` says where the player marks its prompts, for rules that cache only up to marks.
@@ -87,7 +87,7 @@ class _Cache:
         self._rule, self._life = rule, life
         self._used: dict[int, float] = {}
 
-    def call(self, request: Request, path: Sequence[int], answer: int, marks: Sequence[int] | None) -> Call:
+    def call(self, request: Request, path: Sequence[int], answer: int, marks: Sequence[int] | None) -> ChargedCall:
         """Return the tokens of a request, and store it.
 
         `path` has the number of each of its prefixes, `answer` is that of the request with its reply. `marks` are
@@ -106,7 +106,7 @@ class _Cache:
         if rule.replies and (marks is None or request.answered >= rule.minimum):
             self._used[answer] = now
         written = 0 if rule.write is None else max(0, self._down(last) - hit)
-        return Call(request.prompt, hit, written, request.reply)
+        return ChargedCall(request.prompt, hit, written, request.reply)
 
     def _longest(self, request: Request, path: Sequence[int], marks: Sequence[int] | None, now: float) -> int:
         """The longest stored prefix of a request that is looked for, in units."""

@@ -62,7 +62,7 @@ def recorded_turns(events: Sequence[Event]) -> list[Turn]:
     return builder.turns
 
 
-class Shown(NamedTuple):
+class PromptParts(NamedTuple):
     """The parts of a prompt, in their order."""
 
     head: Head
@@ -103,7 +103,7 @@ class Rebuilder:
         prompt = Prompt(messages, self._tools, view["max_tokens"], purpose=view.get("purpose", "play"))
         return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(lines, self._tools_bytes))
 
-    def shown(self, view: Event) -> Shown:
+    def shown(self, view: Event) -> PromptParts:
         """Return the parts of the prompt that a view shows."""
         purpose: Purpose = view.get("purpose", "play")
         seen_turns = view["turn"] - (purpose == "summary")
@@ -111,7 +111,7 @@ class Rebuilder:
         if self._form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):
             before.append(self._form.show(text).message)
         oldest_of = self._masks(view)
-        return Shown(
+        return PromptParts(
             self._head_of(self._turns[seen_turns - 1].manual if seen_turns else None),
             before,
             [(turn, oldest_of(turn)) for first, last in view["turns"] for turn in self._turns[first : last + 1]],

@@ -47,7 +47,7 @@ class Result(NamedTuple):
         return cls(*scores, spent, sum(row[name] for name in MISTAKES), row["cut_results"], row["end_reason"])
 
 
-class _Attempt(NamedTuple):
+class _ReadAttempt(NamedTuple):
     """What is kept of the record of an attempt that is over."""
 
     row: Row
@@ -77,7 +77,7 @@ class RunFollower:
         """The finished episodes by key, as of the latest snapshot."""
         self._rows = GrowingLines(folder.path / "results.jsonl")
         self._manifest: tuple[Any, _Plan] | None = None
-        self._attempts: dict[Path, _Attempt] = {}
+        self._attempts: dict[Path, _ReadAttempt] = {}
         self._continued: dict[str, Spent] = {}
         self._playing: dict[Path, Record] = {}
         self._first: tuple[float, int] | None = None
@@ -225,9 +225,9 @@ def run_snapshot(folder: RunFolder) -> RunSnapshot:
     return RunFollower(folder).snapshot()
 
 
-def _attempt(record: Record) -> _Attempt:
-    return _Attempt(RunFolder.failure(record), record.outcome, record.own_totals + record.open_call)
+def _attempt(record: Record) -> _ReadAttempt:
+    return _ReadAttempt(RunFolder.failure(record), record.outcome, record.own_totals + record.open_call)
 
 
-def _has_failed(attempt: _Attempt) -> bool:
+def _has_failed(attempt: _ReadAttempt) -> bool:
     return attempt.outcome not in ("paused", "interrupted")

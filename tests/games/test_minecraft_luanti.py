@@ -27,7 +27,7 @@ from smartplay_tools.games.minecraft.observation import NEAR
 from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, strides, turn
 from smartplay_tools.games.minecraft.voxel.blocks import Block
 from smartplay_tools.games.minecraft.voxel.walking import EYES, Walker
-from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, World
+from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, VoxelWorld
 from tests.guides.luanti import Guide
 from tests.processes import needs_proc, needs_unix
 
@@ -198,7 +198,7 @@ def test_the_body_walks_as_in_the_embedded_engine(played):
         if not all(SOLID.fullmatch(name) for name in names):  # water and ice have rules of their own
             walk(played, onward, number)
             continue
-        world = World(0)
+        world = VoxelWorld(0)
         world.blocks[:] = Block.AIR
         x, y, z = (int(np.floor(c)) - FEET for c in played.position)
         cube = np.where(np.isin(seen.blocks, PASSABLE), Block.AIR, Block.STONE)

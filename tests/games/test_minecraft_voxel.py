@@ -19,7 +19,7 @@ from smartplay_tools.games.minecraft.voxel.blocks import NAMES, SOLID, Block
 from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, Biome, biomes, climate, terrain
 from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_boxes
 from smartplay_tools.games.minecraft.voxel.walking import Walker
-from smartplay_tools.games.minecraft.voxel.world import BOTTOM, HEIGHT, SIDE, World
+from smartplay_tools.games.minecraft.voxel.world import BOTTOM, HEIGHT, SIDE, VoxelWorld
 from tests.guides.voxel import Guide
 
 SOUTH = (0.0, 1.0)
@@ -27,7 +27,7 @@ SOUTH = (0.0, 1.0)
 WALK, JUMP = Stride(0, jump=False), Stride(0, jump=True)
 
 
-def region(world: World, x: int, z: int, radius: int = 40) -> np.ndarray:
+def region(world: VoxelWorld, x: int, z: int, radius: int = 40) -> np.ndarray:
     columns = np.arange(-radius, radius + 1)
     return world.blocks[np.ix_((x + columns) & (SIDE - 1), (z + columns) & (SIDE - 1))]
 
@@ -39,7 +39,7 @@ def test_a_place_is_the_same_whatever_way_one_comes():
     ways = [[(0, 0), (300, 0), (300, 300)], [(0, 0), (0, 290), (155, 310), (300, 300)], [(333, 280), (300, 300)]]
     seen = []
     for way in ways:
-        world = World(77)
+        world = VoxelWorld(77)
         for (x, z), (to_x, to_z) in itertools.pairwise([*way, way[-1]]):
             for step in range(16):
                 world.prepare(x + (to_x - x) * step // 15, z + (to_z - z) * step // 15)
@@ -52,7 +52,7 @@ def test_the_world_of_a_seed_is_pinned():
     """Results of other versions can be compared only as long as the worlds are the same."""
     digest = hashlib.sha256()
     for seed in range(3):
-        world = World(seed)
+        world = VoxelWorld(seed)
         world.prepare(1000 * seed, -500)
         digest.update(region(world, 1000 * seed, -500).tobytes())
     assert digest.hexdigest()[:16] == "a3459add5cc913bb"
@@ -91,7 +91,7 @@ def test_biomes_can_be_told_by_what_grows_there():
     map_of_biomes = biomes(climate(3, axis[:, None], axis[None, :]))
     for biome, sign in signs.items():
         i, j = (int(places[len(places) // 2]) for places in np.nonzero(map_of_biomes == biome))
-        world = World(3)
+        world = VoxelWorld(3)
         world.prepare(int(axis[i]), int(axis[j]))
         assert (world.blocks[world.biome == biome] == sign).any(), biome.name
 
@@ -115,7 +115,7 @@ def test_no_plant_reaches_further_than_the_margin_in_which_plants_are_known():
 # Rays.
 
 
-def march(world: World, eye: tuple[float, ...], direction: np.ndarray, limit: float) -> tuple[int, float]:
+def march(world: VoxelWorld, eye: tuple[float, ...], direction: np.ndarray, limit: float) -> tuple[int, float]:
     """The simple algorithm, one cell after the other: the next plane along any axis leads into the next cell."""
     cell = [int(np.floor(c)) for c in eye]
     while True:
@@ -137,7 +137,7 @@ def march(world: World, eye: tuple[float, ...], direction: np.ndarray, limit: fl
 def test_rays_hit_what_a_walk_from_cell_to_cell_hits():
     differences = 0
     for seed in range(4):
-        world = World(seed)
+        world = VoxelWorld(seed)
         world.prepare(0, 0)
         eye = (0.37, float(world.ground_at(0, 0)) + 2.62, 0.71)
         for yaw in (-180, -90, 0, 90):
@@ -150,7 +150,7 @@ def test_rays_hit_what_a_walk_from_cell_to_cell_hits():
 
 
 def test_far_and_near_blocks_of_a_sparse_world_are_hit_and_layers_of_air_above_it_may_be_named():
-    random, world = np.random.default_rng(0), World(0)
+    random, world = np.random.default_rng(0), VoxelWorld(0)
     top = 70
     world.blocks[..., :top] = random.integers(0, 100, (SIDE, SIDE, top), np.uint8) == 0
     world.blocks[..., 0] = Block.BEDROCK
@@ -182,9 +182,9 @@ def test_rays_hit_the_nearest_box():
 # Walking.
 
 
-def meadow(ground: int = 64) -> World:
+def meadow(ground: int = 64) -> VoxelWorld:
     """A plain of grass, larger than any walk."""
-    world = World(0)
+    world = VoxelWorld(0)
     world.blocks[..., : ground - BOTTOM + 1] = Block.GRASS_BLOCK
     return world
 
@@ -271,7 +271,7 @@ def test_a_walker_is_never_inside_a_block():
 def test_animals_are_where_they_would_be_whoever_watches():
     compared = 0
     for seed in range(6):
-        world = World(seed)
+        world = VoxelWorld(seed)
         places = []
         for x, z in ((0, 0), (20, 10)):
             world.prepare(x, z)
@@ -284,7 +284,7 @@ def test_animals_are_where_they_would_be_whoever_watches():
 
 
 def test_animals_walk_slowly():
-    world = World(1)
+    world = VoxelWorld(1)
     world.prepare(0, 0)
     _, before, _ = animals.animals_near(world, 0, 0, time=100)
     _, after, _ = animals.animals_near(world, 0, 0, time=101)
@@ -292,7 +292,7 @@ def test_animals_walk_slowly():
 
 
 def test_an_animal_ahead_is_seen():
-    world = World(1)
+    world = VoxelWorld(1)
     world.prepare(0, 0)
     _, low, high = animals.animals_near(world, 0, 0, time=0)
     for n, (x, y, z) in enumerate(((low + high) / 2).tolist()):

@@ -83,7 +83,7 @@ def test_moves_are_reckoned() -> None:
 
 def test_notes_are_read_as_they_were_written() -> None:
     known = Map(at=(3, -2), facing="Move East", kinds={(3, -1): BIT["water"], (9, 9): ANY}, visited=[(2, -2), (3, -2)])
-    notes = crafter_notes.Notes(known, 17, False, Home(1, 2, 3, 2, "Move West"), goal=(5, 5))
+    notes = crafter_notes.CrafterNotes(known, 17, False, Home(1, 2, 3, 2, "Move West"), goal=(5, 5))
     assert crafter_notes.read_notes("Some words.\n" + notes.text()) == notes
     assert crafter_notes.read_notes("No notes.") is None
 

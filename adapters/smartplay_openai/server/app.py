@@ -73,7 +73,7 @@ def endpoint_app(
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _CompletionRequest:
     """What a request asks; `tokens` are those of the whole prompt, of which the player sees what `choice` allows."""
 
     player: PlayerLike
@@ -115,13 +115,13 @@ class _Endpoint:
         """Answer GET /v1/models/NAME."""
         return json_response(model_object(self._player(request.path_params["name"]).name))
 
-    def _read(self, interface: Interface, body: dict[str, Any]) -> _Asked:
+    def _read(self, interface: Interface, body: dict[str, Any]) -> _CompletionRequest:
         player = self._player(body.get("model"))
         prompt, choice = interface.read(body), interface.read_tool_choice(body)
         tokens = self._counter.prompt(prompt.messages, prompt.tools)
         self._limits.check_length(tokens, "input" if interface is RESPONSES else "messages")
         allowed = choice.restrict(prompt)
-        return _Asked(player, allowed, choice, tokens, body)
+        return _CompletionRequest(player, allowed, choice, tokens, body)
 
     def _player(self, model: Any) -> PlayerLike:
         if not isinstance(model, str):

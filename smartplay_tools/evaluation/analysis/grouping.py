@@ -101,7 +101,7 @@ def by_cell(rows: Iterable[Row]) -> list[tuple[PlayedCell, list[Row]]]:
 
 def conditions(cells: Sequence[PlayedCell]) -> list[Condition]:
     """Group cells by condition, in the order in which conditions first appear."""
-    asked = {word: _Asked(word, cells) for word in WORDS}
+    asked = {word: _AskedField(word, cells) for word in WORDS}
     groups: dict[bytes, tuple[dict[str, Any], list[PlayedCell]]] = {}
     for cell in cells:
         for values in product(*(asked[word].readings(cell) for word in WORDS)):
@@ -115,7 +115,7 @@ def conditions(cells: Sequence[PlayedCell]) -> list[Condition]:
     ]
 
 
-class _Asked:
+class _AskedField:
     """What a run can have asked for in a field of the budget, told from the numbers of all its cells."""
 
     def __init__(self, field: str, cells: Sequence[PlayedCell]) -> None:

@@ -41,7 +41,7 @@ CLIP = 2
 
 
 @dataclass(frozen=True)
-class Stop:
+class Evidence:
     """What the pairs have shown so far."""
 
     word: Literal["different", "equivalent", "undecided"]
@@ -53,7 +53,7 @@ class Stop:
     """The ends of the 95 % confidence sequence, which holds at any time."""
 
 
-def judge(differences: Sequence[float], bounds: Bounds, margin: float, comparisons: int = 1) -> Stop:
+def judge(differences: Sequence[float], bounds: Bounds, margin: float, comparisons: int = 1) -> Evidence:
     """Judge differences in their order, of which there must be some; `comparisons` share the errors of 5 %."""
     width = bounds.high - bounds.low
     x = (np.asarray(differences, dtype=float) - bounds.low) / width
@@ -71,7 +71,7 @@ def judge(differences: Sequence[float], bounds: Bounds, margin: float, compariso
     mean, kept = float(x.mean()), grid[capital < two_sided].tolist()
     low, high = min([mean, *kept]) - 1 / (GRID - 1), max([mean, *kept]) + 1 / (GRID - 1)
     ends = [float(bounds.low + width * min(1.0, max(0.0, end))) for end in (low, high)]
-    return Stop(word, used, float(bounds.low + width * mean), *ends)
+    return Evidence(word, used, float(bounds.low + width * mean), *ends)
 
 
 def _log_capital(x: Values, against: Sequence[float] | Values) -> Values:
@@ -104,7 +104,7 @@ class Decision:
     clipped: int
     """Pairs among those used whose difference was clipped."""
     margin: float
-    stop: Stop | None
+    stop: Evidence | None
     """None without a pair."""
 
     @property

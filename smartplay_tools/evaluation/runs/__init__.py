@@ -38,7 +38,7 @@ from smartplay_tools.evaluation.runs.plan import (
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import Run, evaluate, run_plan
-from smartplay_tools.evaluation.runs.scheduler import Progress
+from smartplay_tools.evaluation.runs.scheduler import RunProgress
 from smartplay_tools.evaluation.suites import suite_games
 
 __all__ = [
@@ -51,9 +51,9 @@ __all__ = [
     "Plan",
     "PlannedEpisode",
     "PlayerConfig",
-    "Progress",
     "Run",
     "RunOptions",
+    "RunProgress",
     "audit",
     "cell_name",
     "estimate",

@@ -18,7 +18,7 @@ from smartplay_tools.errors import SmartPlayError
 if TYPE_CHECKING:
     from smartplay_tools.conversation.session import AgentSession
     from smartplay_tools.episode.episode import Episode
-    from smartplay_tools.evaluation.runs.attempt import Stop
+    from smartplay_tools.evaluation.runs.attempt import StopFlag
 
 LOOK_SECONDS = 0.1
 """Seconds between two looks whether an episode is over or the run stops."""
@@ -39,7 +39,7 @@ class Held:
     episode: Episode
     session: AgentSession | None
     """The session of a record that is continued; None at the beginning of an episode."""
-    stop: Stop
+    stop: StopFlag
     """The agent returns when this is set."""
 
     @property

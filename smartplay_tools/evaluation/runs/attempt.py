@@ -24,7 +24,7 @@ from smartplay_tools.conversation.session import AgentSession, Conversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.runs.agents import Agent, Held
-from smartplay_tools.evaluation.runs.limits import Account, Limits
+from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.messages import assistant_message
@@ -42,7 +42,7 @@ from smartplay_tools.types import AsyncPlayer, Player, Prompt
 Opened = TypeVar("Opened", bound="AnyConversation | Held | None")
 
 
-class Stop(Protocol):
+class StopFlag(Protocol):
     """A flag that the run has to stop: a `threading.Event`, or one that is shared with other processes."""
 
     def is_set(self) -> bool:
@@ -147,7 +147,7 @@ class _DifferentReplyError(Exception):
     """An attempt cannot continue an earlier record."""
 
 
-def play_attempt(task: Task, limits: Limits | None, stop: Stop, on_record: OnRecord | None = None) -> Times:
+def play_attempt(task: Task, limits: RunLimits | None, stop: StopFlag, on_record: OnRecord | None = None) -> Times:
     """Play on this thread; an asynchronous player runs in a new event loop.
 
     `on_record` is called before each call to the player and after each reply, once the record contains it.
@@ -171,7 +171,9 @@ def play_attempt(task: Task, limits: Limits | None, stop: Stop, on_record: OnRec
     return clock.times()
 
 
-async def aplay_attempt(task: Task, limits: Limits | None, stop: Stop, shared: AsyncPlayer | None = None) -> Times:
+async def aplay_attempt(
+    task: Task, limits: RunLimits | None, stop: StopFlag, shared: AsyncPlayer | None = None
+) -> Times:
     """Play on the running event loop, with slow games' steps in threads; a shared player is not closed afterwards."""
     clock = _Clock()
     with _on_record(task):
@@ -182,13 +184,13 @@ async def aplay_attempt(task: Task, limits: Limits | None, stop: Stop, shared: A
     return clock.times()
 
 
-async def _hand_over(task: Task, agent: Agent, clock: _Clock, stop: Stop) -> None:
+async def _hand_over(task: Task, agent: Agent, clock: _Clock, stop: StopFlag) -> None:
     held = await _in_thread(lambda: _held(task, agent, stop))
     with held.episode as clock.episode:
         await agent.play(held)
 
 
-def _held(task: Task, agent: Agent, stop: Stop) -> Held:
+def _held(task: Task, agent: Agent, stop: StopFlag) -> Held:
     key = task.planned.key
     if task.previous is not None and agent.goes_on:
         try:
@@ -207,8 +209,8 @@ async def _aplay(
     task: Task,
     clock: _Clock,
     player: Player | AsyncPlayer,
-    limits: Limits | None,
-    stop: Stop,
+    limits: RunLimits | None,
+    stop: StopFlag,
     *,
     close: bool = True,
     on_record: OnRecord | None = None,
@@ -255,8 +257,8 @@ def _watch(
     task: Task,
     conversation: BaseConversation,
     clock: _Clock,
-    limits: Limits | None,
-    stop: Stop,
+    limits: RunLimits | None,
+    stop: StopFlag,
     stack: ExitStack | AsyncExitStack,
     on_record: OnRecord | None,
 ) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
-from smartplay_tools.evaluation.runs.scheduler import Progress
+from smartplay_tools.evaluation.runs.scheduler import RunProgress
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players.human.browser import PICTURES, BrowserPlayer
 from smartplay_tools.records.rows import Row
@@ -108,7 +108,7 @@ class BrowserPlay:
     def _player(self, *, seed: int, **options: Any) -> BrowserPlayer:
         return self.player
 
-    def _take_in(self, progress: Progress) -> None:
+    def _take_in(self, progress: RunProgress) -> None:
         if progress.row is not None:
             self._row = progress.row
 

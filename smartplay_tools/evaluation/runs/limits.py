@@ -45,7 +45,7 @@ class Caps:
         return self.tokens is not None or self.cost is not None
 
 
-class Limits(Protocol):
+class RunLimits(Protocol):
     """The shared limits of a run: its episodes reserve before a call and settle after it."""
 
     def reserve(self, tokens: int, cost: float) -> bool:
@@ -71,7 +71,7 @@ class SharedLimits:
             self._lock, self._used = threading.Lock(), list(spent)
 
     def reserve(self, tokens: int, cost: float) -> bool:
-        """Reserve an amount as `Limits.reserve` does."""
+        """Reserve an amount as `RunLimits.reserve` does."""
         with self._lock:
             all_tokens, all_cost = self._used[0] + tokens, self._used[1] + cost
             if self._caps.tokens is not None and all_tokens > self._caps.tokens:
@@ -91,7 +91,7 @@ class SharedLimits:
 class Account:
     """The reservations and use of one episode: `reserve` before a call, `settle` after it and at the end."""
 
-    def __init__(self, limits: Limits, episode: Episode, price: Price | None) -> None:
+    def __init__(self, limits: RunLimits, episode: Episode, price: Price | None) -> None:
         self._limits, self._episode, self._price = limits, episode, price
         self._reserved: tuple[int, float] = (0, 0.0)
         self._settled = episode.stats.tokens

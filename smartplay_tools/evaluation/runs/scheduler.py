@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
-from smartplay_tools.evaluation.runs.executors import Executor, Outcome
+from smartplay_tools.evaluation.runs.executors import EndedAttempt, Executor
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
@@ -39,7 +39,7 @@ RETRIES = 3
 
 
 @dataclass(frozen=True)
-class Progress:
+class RunProgress:
     """The end of an attempt or, without an episode, the start of the run."""
 
     finished: int
@@ -55,7 +55,7 @@ class Progress:
     """At the start of the run: the rows that it already had."""
 
 
-OnProgress = Callable[[Progress], None]
+OnProgress = Callable[[RunProgress], None]
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Scheduler:
         folder.write_rows(self._rows.values())
         self._spent = run_snapshot(folder).spending.total if setup.caps else Spent()
         self._expected = Expectations(plan, self._rows.values(), setup.prices)
-        self._on_progress(Progress(len(self._rows), len(plan.episodes), 0, kept=tuple(self._rows.values())))
+        self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0, kept=tuple(self._rows.values())))
 
     @property
     def spent(self) -> tuple[int, float]:
@@ -242,7 +242,7 @@ class Scheduler:
             self._expected.attempted(task.planned, spent)
         return record
 
-    def _settle(self, outcome: Outcome) -> None:
+    def _settle(self, outcome: EndedAttempt) -> None:
         task, episode = outcome.task, outcome.task.planned
         record = self._archive(task)
         if outcome.times is not None:
@@ -263,7 +263,7 @@ class Scheduler:
             self._failed += 1
             self._judge(episode, error)
         why = None if row is not None else error
-        self._on_progress(Progress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, why))
+        self._on_progress(RunProgress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, why))
 
     def _judge(self, episode: PlannedEpisode, error: str) -> None:
         """End the run if a server refuses every request, or give up a player that has never answered."""

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from smartplay_tools.evaluation.runs.attempt import Stop
+from smartplay_tools.evaluation.runs.attempt import StopFlag
 
 CAUGHT = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
 """Windows has SIGBREAK, Ctrl-Break, by which one program asks another to end; SIGTERM cannot be caught there."""
@@ -21,10 +21,10 @@ class Signals:
     def __init__(self) -> None:
         self.received: str | None = None
         """The name of the signal that stopped the run; None while there was none."""
-        self._stop: Stop | None = None
+        self._stop: StopFlag | None = None
         self._usual: dict[int, Any] = {}
 
-    def tell(self, stop: Stop) -> None:
+    def tell(self, stop: StopFlag) -> None:
         """Set this flag when a signal arrives, or at once if one already has."""
         self._stop = stop
         if self.received is not None:

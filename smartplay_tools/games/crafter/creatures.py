@@ -22,7 +22,7 @@ from smartplay_tools.games.crafter.facts import (
     WALKABLE_FOR_ARROW,
     ZOMBIE,
 )
-from smartplay_tools.games.crafter.player import Player
+from smartplay_tools.games.crafter.player import CrafterPlayer
 from smartplay_tools.games.crafter.world import (
     DIRECTIONS,
     DISTANCE,
@@ -44,7 +44,7 @@ def _walk(world: World, thing: Thing, direction: int) -> bool:
     return True
 
 
-def cow(world: World, thing: Thing, player: Player) -> None:
+def cow(world: World, thing: Thing, player: CrafterPlayer) -> None:
     """Wander now and then."""
     if not thing.health:
         world.remove(thing)
@@ -52,7 +52,7 @@ def cow(world: World, thing: Thing, player: Player) -> None:
         _walk(world, thing, DIRECTIONS[world.stream.quarter()])
 
 
-def zombie(world: World, thing: Thing, player: Player) -> None:
+def zombie(world: World, thing: Thing, player: CrafterPlayer) -> None:
     """Chase a player who is close, and strike one who is in reach."""
     stream = world.stream
     if not thing.health:
@@ -70,7 +70,7 @@ def zombie(world: World, thing: Thing, player: Player) -> None:
             thing.clock = 5
 
 
-def skeleton(world: World, thing: Thing, player: Player) -> None:
+def skeleton(world: World, thing: Thing, player: CrafterPlayer) -> None:
     """Keep away from the player, shoot, or come nearer."""
     stream = world.stream
     if not thing.health:
@@ -98,7 +98,7 @@ def _shoot(world: World, thing: Thing, direction: int) -> None:
         thing.clock = 4
 
 
-def arrow(world: World, thing: Thing, player: Player) -> None:
+def arrow(world: World, thing: Thing, player: CrafterPlayer) -> None:
     """Fly on, or disappear at an obstacle."""
     target = thing.at + thing.heading
     hit = world.surface[target]
@@ -115,7 +115,7 @@ def arrow(world: World, thing: Thing, player: Player) -> None:
         world.set_ground(target, PATH)
 
 
-def plant(world: World, thing: Thing, player: Player) -> None:
+def plant(world: World, thing: Thing, player: CrafterPlayer) -> None:
     """Grow; a creature next to it eats it."""
     thing.clock += 1
     if any(world.surface[thing.at + direction] in (COW, ZOMBIE, SKELETON) for direction in DIRECTIONS):
@@ -124,7 +124,7 @@ def plant(world: World, thing: Thing, player: Player) -> None:
         world.remove(thing)
 
 
-UPDATE: dict[int, Callable[[World, Thing, Player], None]] = {
+UPDATE: dict[int, Callable[[World, Thing, CrafterPlayer], None]] = {
     COW: cow,
     ZOMBIE: zombie,
     SKELETON: skeleton,

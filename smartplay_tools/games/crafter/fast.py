@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from smartplay_tools.games.crafter.balance import INTERVAL, balance, light
 from smartplay_tools.games.crafter.creatures import UPDATE
 from smartplay_tools.games.crafter.facts import NIGHT_PIXELS, UPDATE_DISTANCE
-from smartplay_tools.games.crafter.player import Player
+from smartplay_tools.games.crafter.player import CrafterPlayer
 from smartplay_tools.games.crafter.stream import world_seed
 from smartplay_tools.games.crafter.views import Scene, Sight, body_texture, thing_texture
 from smartplay_tools.games.crafter.world import (
@@ -35,7 +35,7 @@ class FastEngine:
     def __init__(self, seed: int, episode: int, *, keep_grain: bool = False) -> None:
         self.steps = 0
         self.world = World(world_seed(seed, episode))
-        self.player = Player(self.world)
+        self.player = CrafterPlayer(self.world)
         self._grain: NDArray[np.float64] | None = None
         self._keep_grain = keep_grain
         self._last_health = self.player.health

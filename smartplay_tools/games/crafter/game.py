@@ -9,7 +9,7 @@ from smartplay_tools.games.base import TextGame, read_text
 from smartplay_tools.games.crafter.facts import LENGTH, NOOP
 from smartplay_tools.games.crafter.fast import FastEngine
 from smartplay_tools.games.crafter.text import ACTIONS, CHARACTERS, LONGEST, NUMBERED_ACTIONS, describe
-from smartplay_tools.games.crafter.views import Engine
+from smartplay_tools.games.crafter.views import CrafterEngine
 from smartplay_tools.games.seeds import check_seed
 
 TEXTS = ("original", "corrected")
@@ -56,7 +56,7 @@ class Crafter(TextGame):
         self._picture_size = picture_size
         self._seed: int | None = None
         self._episode = 0
-        self._world: Engine
+        self._world: CrafterEngine
 
     @property
     def numbered_actions(self) -> tuple[str, ...]:
@@ -84,7 +84,7 @@ class Crafter(TextGame):
         self.before_reset = (self._describe(NOOP),)
         return self._describe(None)
 
-    def _new_world(self, seed: int, episode: int) -> Engine:
+    def _new_world(self, seed: int, episode: int) -> CrafterEngine:
         keep_grain = self.render_mode == "rgb_array"
         if self.engine == "fast":
             return FastEngine(seed, episode, keep_grain=keep_grain)

@@ -41,7 +41,7 @@ from smartplay_tools.games.crafter.facts import (
 )
 from smartplay_tools.games.crafter.pictures import USUAL, cells_seen, draw
 from smartplay_tools.games.crafter.textures import BODIES, LAYERS
-from smartplay_tools.games.crafter.views import Engine
+from smartplay_tools.games.crafter.views import CrafterEngine
 from smartplay_tools.games.crafter.world import COLUMN, DIRECTIONS
 
 TEXT, IMAGE, SEMANTIC, SYMBOLIC = OBSERVATIONS = ("text", "image", "semantic", "symbolic")
@@ -102,14 +102,14 @@ def space_of(observation: str) -> spaces.Space[Any]:
     return spaces.Box(0, 1, (SYMBOLIC_SIZE,), np.float32)
 
 
-def observe(engine: Engine, observation: str) -> NDArray[Any]:
+def observe(engine: CrafterEngine, observation: str) -> NDArray[Any]:
     """What an engine shows, as one of the observations other than the text."""
     if observation == IMAGE:
         return draw(engine.scene())
     return _semantic(engine) if observation == SEMANTIC else _symbolic(engine)
 
 
-def _semantic(engine: Engine) -> NDArray[np.uint8]:
+def _semantic(engine: CrafterEngine) -> NDArray[np.uint8]:
     sight, (columns, rows) = engine.sight(), VIEW
     corner = sight.at - columns // 2 * COLUMN - rows // 2
     cells = b"".join(sight.surface[start : start + rows] for start in range(corner, corner + columns * COLUMN, COLUMN))
@@ -120,7 +120,7 @@ def _semantic(engine: Engine) -> NDArray[np.uint8]:
 _MOB_LAYERS = [[LAYERS.index(body) for body in BODIES if body.startswith(NAMES[kind])] for kind in MOBS]
 
 
-def _symbolic(engine: Engine) -> NDArray[np.float32]:
+def _symbolic(engine: CrafterEngine) -> NDArray[np.float32]:
     scene, sight = engine.scene(), engine.sight()
     materials, layers = (cells.T for cells in cells_seen(scene))
     blocks = BLOCK_OF[materials]

@@ -40,7 +40,7 @@ from smartplay_tools.games.crafter.worldgen import CENTER
 _FREE = bytes(material in WALKABLE_FOR_PLAYER for material in range(len(NAMES)))
 
 
-class Player:
+class CrafterPlayer:
     """The player of a world.
 
     Attributes:
@@ -269,7 +269,7 @@ def _action(name: str) -> Any:
         return lambda player: player._place(rest)
     if verb == "make":
         return lambda player: player._make(rest)
-    return {"noop": Player._rest, "do": Player._do, "sleep": Player._sleep}[name]
+    return {"noop": CrafterPlayer._rest, "do": CrafterPlayer._do, "sleep": CrafterPlayer._sleep}[name]
 
 
 _ACT = tuple(_action(name) for name in ACTIONS)

@@ -54,8 +54,8 @@ def thing_texture(kind: int, clock: int, heading: int) -> str:
     return "plant-ripe" if kind == PLANT and clock > RIPE else NAMES[kind]
 
 
-class Engine(Protocol):
-    """A world that can be played. Both engines are built as `Engine(seed, episode, keep_grain=...)`."""
+class CrafterEngine(Protocol):
+    """A world that can be played. Both engines are built as `CrafterEngine(seed, episode, keep_grain=...)`."""
 
     steps: int
     """Steps since the world began."""

@@ -107,7 +107,7 @@ class Chunk:
 
 
 class World:
-    """The state of the map. The player appears on it as an id on the surface; its state is in `player.Player`.
+    """The state of the map. The player appears on it as an id on the surface; its state is in `player.CrafterPlayer`.
 
     Attributes:
         ground, surface: the two maps that the module describes.

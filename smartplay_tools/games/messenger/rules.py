@@ -142,7 +142,7 @@ def start(level: int, chance: Generator) -> State:
 # One tick.
 
 
-class Outcome(NamedTuple):
+class StepOutcome(NamedTuple):
     """The result of a tick."""
 
     state: State
@@ -178,10 +178,10 @@ _CHOICES = {
 """`choices` by the signs of the offset to the avatar, since it depends on nothing else."""
 
 
-def step(state: State, action: int, chance: Generator) -> Outcome:
+def step(state: State, action: int, chance: Generator) -> StepOutcome:
     """Play one tick of level 2 or 3."""
     if is_over(state):
-        return Outcome(state, 0.0, True)
+        return StepOutcome(state, 0.0, True)
     assert state.avatar is not None
     avatar_x, avatar_y = state.avatar
     steps = []
@@ -195,21 +195,21 @@ def step(state: State, action: int, chance: Generator) -> Outcome:
     return settle(state, action, steps)
 
 
-def outcomes(state: State, action: int) -> dict[Outcome, float]:
+def outcomes(state: State, action: int) -> dict[StepOutcome, float]:
     """Return every possible outcome of a tick of level 2 or 3, with its probability."""
     if is_over(state):
-        return {Outcome(state, 0.0, True): 1.0}
+        return {StepOutcome(state, 0.0, True): 1.0}
     assert state.avatar is not None
     open_to = [choices(m, place, state.avatar) for m, place in zip(state.movements, state.places, strict=True)]
     probability = 1 / math.prod(map(len, open_to))
-    table: dict[Outcome, float] = {}
+    table: dict[StepOutcome, float] = {}
     for steps in itertools.product(*open_to):
         outcome = settle(state, action, steps)
         table[outcome] = table.get(outcome, 0.0) + probability
     return table
 
 
-def settle(state: State, action: int, steps: Sequence[Place]) -> Outcome:
+def settle(state: State, action: int, steps: Sequence[Place]) -> StepOutcome:
     """Move everything, each mover by its step, and then evaluate the contacts at the new places.
 
     The order of the contacts is the original's: enemies first, so death comes before success, and each adds its -1
@@ -235,10 +235,10 @@ def settle(state: State, action: int, steps: Sequence[Place]) -> Outcome:
         reward += 1.0
         places[GOAL] = None
     after = State(tuple(places), state.movements, avatar if alive else None, has_message)
-    return Outcome(after, reward, is_over(after))
+    return StepOutcome(after, reward, is_over(after))
 
 
-def step_level_1(state: State, action: int) -> Outcome:
+def step_level_1(state: State, action: int) -> StepOutcome:
     """Play one tick of level 1: one contact decides the episode.
 
     An avatar without the message wins at the message, and loses at the goal; with it, the avatar wins at the goal.
@@ -248,9 +248,9 @@ def step_level_1(state: State, action: int) -> Outcome:
     avatar = _moved(state.avatar, _AVATAR_STEPS[action])
     after = State(state.places, state.movements, avatar, state.has_message)
     if avatar not in state.places:
-        return Outcome(after, 0.0, False)
+        return StepOutcome(after, 0.0, False)
     aim = GOAL if state.has_message else MESSAGE
-    return Outcome(after, 1.0 if avatar == state.places[aim] else -1.0, True)
+    return StepOutcome(after, 1.0 if avatar == state.places[aim] else -1.0, True)
 
 
 _AVATAR_STEPS = (*((2 * x, 2 * y) for x, y in DIRECTIONS), STAY)

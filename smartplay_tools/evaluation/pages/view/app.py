@@ -36,8 +36,8 @@ from starlette.types import ASGIApp
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.pages.report import render_report
 from smartplay_tools.evaluation.pages.view.answers import HEADERS, missing, page, static
-from smartplay_tools.evaluation.pages.view.playing import BrowserPlay, play_routes
-from smartplay_tools.evaluation.pages.view.runs import COLUMNS, Shown
+from smartplay_tools.evaluation.pages.view.playing import PlayedRun, play_routes
+from smartplay_tools.evaluation.pages.view.runs import COLUMNS, ViewedRun
 from smartplay_tools.web import Guard, Names, carries, is_from_own_page
 
 PERIOD = 1.0
@@ -56,11 +56,11 @@ KEY = "x-smartplay-key"
 
 
 def view_app(
-    runs: Sequence[Shown],
+    runs: Sequence[ViewedRun],
     *,
     token: str | None = None,
     hosts: Sequence[str] = (),
-    play: BrowserPlay | None = None,
+    play: PlayedRun | None = None,
     plugins: bool = False,
     is_stopping: Callable[[], bool] = lambda: False,
 ) -> ASGIApp:
@@ -132,7 +132,7 @@ def _same(given: str, token: str) -> bool:
 class _Site:
     """The answers that need the runs."""
 
-    def __init__(self, runs: Sequence[Shown], is_stopping: Callable[[], bool], *, plugins: bool) -> None:
+    def __init__(self, runs: Sequence[ViewedRun], is_stopping: Callable[[], bool], *, plugins: bool) -> None:
         self._runs, self._is_stopping, self._plugins = runs, is_stopping, plugins
 
     async def runs(self, request: Request) -> Response:
@@ -206,12 +206,12 @@ class _Site:
     def _state(self) -> list[dict[str, Any]]:
         return list(map(_now, self._runs))
 
-    def _of(self, request: Request) -> Shown | None:
+    def _of(self, request: Request) -> ViewedRun | None:
         number = request.path_params["run"]
         return self._runs[number] if number < len(self._runs) else None
 
 
-def _now(run: Shown) -> dict[str, Any]:
+def _now(run: ViewedRun) -> dict[str, Any]:
     """Return how far a run is and what is being played; what is damaged does not keep the others from being shown."""
     try:
         return {**run.summary(), "playing": run.playing()}

@@ -29,7 +29,7 @@ LONGEST_WAIT = 15.0
 LOOK_SECONDS = 0.05
 
 
-class BrowserPlay(Protocol):
+class PlayedRun(Protocol):
     """What a person plays in the browser: `evaluation.runs.browser_play.BrowserPlay`."""
 
     game: str
@@ -49,7 +49,7 @@ class BrowserPlay(Protocol):
         ...
 
 
-def play_routes(play: BrowserPlay, key: str, is_stopping: Callable[[], bool]) -> list[Route]:
+def play_routes(play: PlayedRun, key: str, is_stopping: Callable[[], bool]) -> list[Route]:
     """Return the routes; the page carries the `key` that its requests have to show."""
     site = _Playing(play, is_stopping)
     return [
@@ -62,7 +62,7 @@ def play_routes(play: BrowserPlay, key: str, is_stopping: Callable[[], bool]) ->
 
 
 class _Playing:
-    def __init__(self, play: BrowserPlay, is_stopping: Callable[[], bool]) -> None:
+    def __init__(self, play: PlayedRun, is_stopping: Callable[[], bool]) -> None:
         self._play, self._is_stopping = play, is_stopping
 
     async def state(self, request: Request) -> Response:

@@ -34,7 +34,7 @@ DEEPEST = 3
 """How many folders below the one that is named runs are looked for."""
 
 
-class Shown(Protocol):
+class ViewedRun(Protocol):
     """What the site can show as a run: a run folder, or a single record."""
 
     name: str

@@ -6,8 +6,8 @@ import secrets
 from collections.abc import Sequence
 
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
-from smartplay_tools.evaluation.pages.view.playing import BrowserPlay
-from smartplay_tools.evaluation.pages.view.runs import Shown
+from smartplay_tools.evaluation.pages.view.playing import PlayedRun
+from smartplay_tools.evaluation.pages.view.runs import ViewedRun
 from smartplay_tools.web import is_loopback
 
 try:
@@ -22,13 +22,13 @@ class ViewServer(Server):
 
     def __init__(
         self,
-        runs: Sequence[Shown],
+        runs: Sequence[ViewedRun],
         *,
         host: str = "127.0.0.1",
         port: int = 0,
         token: str | None = None,
         hosts: Sequence[str] = (),
-        play: BrowserPlay | None = None,
+        play: PlayedRun | None = None,
         plugins: bool = False,
     ) -> None:
         is_open = not is_loopback(host)

@@ -16,13 +16,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
-from smartplay_tools.evaluation.runs.attempt import Stop, Task, Times
-from smartplay_tools.evaluation.runs.limits import Limits
+from smartplay_tools.evaluation.runs.attempt import StopFlag, Task, Times
+from smartplay_tools.evaluation.runs.limits import RunLimits
 from smartplay_tools.registry import Registry
 
 
 @dataclass(frozen=True)
-class Outcome:
+class EndedAttempt:
     """The end of an attempt; `times` is None if they could not be measured."""
 
     task: Task
@@ -40,12 +40,12 @@ Again = Callable[[Task], Task]
 class Executor(Protocol):
     """Runs attempts. Its `stop` and `limits` are accessible to the attempts, wherever they run."""
 
-    stop: Stop
-    limits: Limits | None
+    stop: StopFlag
+    limits: RunLimits | None
     records_grow_here: ClassVar[bool]
     """Whether the records of running attempts are in this process's file system, turn by turn."""
 
-    def run(self, take: Take, again: Again) -> Iterator[Outcome]:
+    def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Run attempts while there are tasks, and yield their outcomes as they complete. May be called again."""
         ...
 

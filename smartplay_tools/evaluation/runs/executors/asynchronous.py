@@ -16,7 +16,7 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from typing import ClassVar
 
 from smartplay_tools.evaluation.runs.attempt import Task, aplay_attempt, make_player
-from smartplay_tools.evaluation.runs.executors import Again, Outcome, Take
+from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
 from smartplay_tools.records.process_pool import POLL_SECONDS
 from smartplay_tools.types import AsyncPlayer
@@ -39,12 +39,12 @@ class AsyncExecutor:
     def close(self) -> None:
         """Do nothing: all resources are released at the end of `run`."""
 
-    def run(self, take: Take, again: Again) -> Iterator[Outcome]:
+    def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Play the tasks, `workers` at a time."""
         self._shared = {}  # those of an earlier call are closed
         with asyncio.Runner() as runner:
             loop, closing = runner.get_loop(), AsyncExitStack()
-            under_way: set[asyncio.Task[Outcome]] = set()
+            under_way: set[asyncio.Task[EndedAttempt]] = set()
             try:
                 while True:
                     while len(under_way) < self._workers and (task := take()) is not None:
@@ -58,7 +58,9 @@ class AsyncExecutor:
             finally:
                 runner.run(closing.aclose())
 
-    async def _first(self, under_way: set[asyncio.Task[Outcome]], timeout: float | None) -> set[asyncio.Task[Outcome]]:
+    async def _first(
+        self, under_way: set[asyncio.Task[EndedAttempt]], timeout: float | None
+    ) -> set[asyncio.Task[EndedAttempt]]:
         """Return the finished attempts, as soon as there is one or the time is up."""
         stopped = asyncio.create_task(self.stop.wait())
         await asyncio.wait({*under_way, stopped}, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
@@ -70,9 +72,9 @@ class AsyncExecutor:
         stopped.cancel()
         return {task for task in under_way if task.done()}
 
-    async def _play(self, task: Task, closing: AsyncExitStack) -> Outcome:
+    async def _play(self, task: Task, closing: AsyncExitStack) -> EndedAttempt:
         shared = None if task.player.agent is not None else await self._player(task, closing)
-        return Outcome(task, await aplay_attempt(task, self.limits, self.stop, shared))
+        return EndedAttempt(task, await aplay_attempt(task, self.limits, self.stop, shared))
 
     async def _player(self, task: Task, closing: AsyncExitStack) -> AsyncPlayer | None:
         """The player that the attempts of a cell share; None if each needs its own."""

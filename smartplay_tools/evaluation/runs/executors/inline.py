@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 from smartplay_tools.evaluation.runs.attempt import play_attempt
-from smartplay_tools.evaluation.runs.executors import Again, Outcome, Take
+from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
 
 
@@ -23,7 +23,7 @@ class InlineExecutor:
     def close(self) -> None:
         """Do nothing: all resources are released at the end of `run`."""
 
-    def run(self, take: Take, again: Again) -> Iterator[Outcome]:
+    def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Play the tasks in their order."""
         while (task := take()) is not None:
-            yield Outcome(task, play_attempt(task, self.limits, self.stop))
+            yield EndedAttempt(task, play_attempt(task, self.limits, self.stop))

@@ -15,7 +15,7 @@ from typing import ClassVar
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.attempt import Task, Times, play_attempt
-from smartplay_tools.evaluation.runs.executors import Again, Outcome, Take
+from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
 from smartplay_tools.records.process_pool import Lost, ProcessPool
 from smartplay_tools.transcript.file import append_exception
@@ -35,7 +35,7 @@ class ProcessExecutor:
     def close(self) -> None:
         """Do nothing: all resources are released at the end of `run`."""
 
-    def run(self, take: Take, again: Again) -> Iterator[Outcome]:
+    def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Play the tasks, `workers` at a time; those whose worker died come last, one at a time."""
         play = partial(play_attempt, limits=self.limits, stop=self.stop)
         lost: list[Task] = []
@@ -45,7 +45,7 @@ class ProcessExecutor:
                     if isinstance(times, Lost):
                         lost.append(task)
                     else:
-                        yield Outcome(task, times)
+                        yield EndedAttempt(task, times)
                 if lost and not pool.has_begun:
                     raise InvalidArgumentError(
                         "No worker process could begin; its error is above. Workers import the program's main module:"
@@ -57,15 +57,15 @@ class ProcessExecutor:
                 while lost:
                     yield self._play_alone(pool, lost.pop(0), again)
 
-    def _play_alone(self, pool: ProcessPool[Task, Times], task: Task, again: Again) -> Outcome:
+    def _play_alone(self, pool: ProcessPool[Task, Times], task: Task, again: Again) -> EndedAttempt:
         if self.stop.is_set():
-            return Outcome(task, None)
+            return EndedAttempt(task, None)
         tasks = [again(task)]
         ((task, times),) = pool.run(lambda: tasks.pop() if tasks else None)
         if not isinstance(times, Lost):
-            return Outcome(task, times)
+            return EndedAttempt(task, times)
         append_exception(task.record, "The worker process died while it played this episode.")
-        return Outcome(task, None)
+        return EndedAttempt(task, None)
 
 
 def _check_main_module() -> None:

@@ -24,8 +24,8 @@ from typing import Any, ClassVar
 
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation.runs.attempt import StoppedError, Task, Times, play_attempt
-from smartplay_tools.evaluation.runs.executors import Again, Outcome, Take
-from smartplay_tools.evaluation.runs.limits import Caps, Limits, SharedLimits
+from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
+from smartplay_tools.evaluation.runs.limits import Caps, RunLimits, SharedLimits
 from smartplay_tools.records.process_pool import POLL_SECONDS
 from smartplay_tools.transcript.file import append_exception
 
@@ -40,7 +40,7 @@ WORKER_LOSSES = 3
 
 
 @dataclasses.dataclass(frozen=True)
-class _Attempt:
+class _RayAttempt:
     """An attempt that is under way. Its number is its own, while an attempt that left no record gives its name away."""
 
     number: int
@@ -58,16 +58,16 @@ class RayExecutor:
         if self._own:
             _connect(workers)
         self.stop = threading.Event()
-        self.limits: Limits | None = None
+        self.limits: RunLimits | None = None
         if caps:
             self.limits = _RemoteLimits(_actor(SharedLimits).remote(caps, spent))
         self._records = _actor(_Records, max_task_retries=-1).remote()
         self._batch = self._begun = 0
         self._play = ray.remote(max_retries=0, num_cpus=1)(_play)
 
-    def run(self, take: Take, again: Again) -> Iterator[Outcome]:
+    def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Play the tasks, `workers` at a time; those whose worker was lost continue on another one."""
-        under_way: dict[Any, _Attempt] = {}
+        under_way: dict[Any, _RayAttempt] = {}
         losses: Counter[str] = Counter()
         while True:
             while len(under_way) <= self._workers and (task := take()) is not None:
@@ -96,13 +96,13 @@ class RayExecutor:
         if self._own:
             ray.shutdown()
 
-    def _begin(self, task: Task, under_way: dict[Any, _Attempt]) -> None:
+    def _begin(self, task: Task, under_way: dict[Any, _RayAttempt]) -> None:
         self._begun += 1
         previous = None if task.previous is None else task.previous.read_bytes()
         reference = self._play.remote(task, previous, self.limits, self._records, self._begun)
-        under_way[reference] = _Attempt(self._begun, task)
+        under_way[reference] = _RayAttempt(self._begun, task)
 
-    def _write_records(self, attempts: Iterable[_Attempt]) -> None:
+    def _write_records(self, attempts: Iterable[_RayAttempt]) -> None:
         """Write the received parts of these attempts' records; all that are under way have to be among them."""
         paths = {attempt.number: attempt.task.record for attempt in attempts}
         self._batch, texts = ray.get(self._records.take.remote(self._batch, set(paths)))
@@ -110,19 +110,19 @@ class RayExecutor:
             with paths[number].open("ab") as record:
                 record.write(texts[number])
 
-    def _give_up(self, lost: Collection[_Attempt], others: Iterable[_Attempt]) -> None:
+    def _give_up(self, lost: Collection[_RayAttempt], others: Iterable[_RayAttempt]) -> None:
         """Refuse further lines of these attempts, and write what has arrived of them and of the others."""
         for attempt in lost:
             ray.get(self._records.give_up.remote(attempt.number))
         self._write_records([*lost, *others])
 
-    def _cancel(self, under_way: dict[Any, _Attempt]) -> Iterator[Outcome]:
+    def _cancel(self, under_way: dict[Any, _RayAttempt]) -> Iterator[EndedAttempt]:
         for reference in under_way:
             ray.cancel(reference, force=True)
         ray.wait(list(under_way), num_returns=len(under_way), timeout=10)
         self._give_up(under_way.values(), ())
         for attempt in under_way.values():
-            yield Outcome(attempt.task, None)
+            yield EndedAttempt(attempt.task, None)
 
 
 def _connect(workers: int) -> None:
@@ -193,7 +193,7 @@ class _RemoteLimits:
         ray.get(self._actor.settle.remote(reserved, spent))
 
 
-def _play(task: Task, previous: bytes | None, limits: Limits | None, records: Any, number: int) -> Times:
+def _play(task: Task, previous: bytes | None, limits: RunLimits | None, records: Any, number: int) -> Times:
     """On a machine of the cluster: play, and send the record as it grows."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / task.record.name
@@ -227,17 +227,17 @@ _LOST = (
 """The errors that say that a worker or its machine was lost, and not that the attempt failed."""
 
 
-def _outcome(reference: Any, task: Task) -> Outcome | None:
+def _outcome(reference: Any, task: Task) -> EndedAttempt | None:
     """The outcome of an attempt; None if its worker was lost."""
     try:
-        return Outcome(task, ray.get(reference))
+        return EndedAttempt(task, ray.get(reference))
     except _LOST:
         return None
     except ray.exceptions.RayError as error:
         append_exception(task.record, f"{type(error).__name__}: {error}")
-        return Outcome(task, None)
+        return EndedAttempt(task, None)
 
 
-def _given_up(task: Task) -> Outcome:
+def _given_up(task: Task) -> EndedAttempt:
     append_exception(task.record, f"The worker that played this episode was lost, {WORKER_LOSSES + 1} times.")
-    return Outcome(task, None)
+    return EndedAttempt(task, None)

@@ -1,4 +1,4 @@
-"""The player of a compiled world: the rules of `player.Player` for actions and for what happens in every step."""
+"""The player of a compiled world: the rules of `player.CrafterPlayer` for actions and for what each step brings."""
 
 from __future__ import annotations
 

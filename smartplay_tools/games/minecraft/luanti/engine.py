@@ -16,7 +16,7 @@ import numpy as np
 from smartplay_tools.errors import EngineError
 from smartplay_tools.games.minecraft.luanti.install import find_installation
 from smartplay_tools.games.minecraft.luanti.names import display_name
-from smartplay_tools.games.minecraft.luanti.server import Server
+from smartplay_tools.games.minecraft.luanti.server import LuantiServer
 from smartplay_tools.games.minecraft.observation import NEAR, RAY_RANGES, Observation, TextMode, heading, rays
 from smartplay_tools.games.minecraft.tasks import Goal, Stride
 
@@ -39,7 +39,7 @@ class LuantiEngine:
     def __init__(self, *, text: TextMode) -> None:
         self._text = text
         self._installation = find_installation()
-        self._server: Server | None = None
+        self._server: LuantiServer | None = None
 
     @property
     def versions(self) -> Mapping[str, str]:
@@ -53,7 +53,7 @@ class LuantiEngine:
         for attempt in range(WORLDS):
             self.close()
             self._seed = (seed + attempt * 0x9E3779B9) % 2**32
-            self._server = Server(self._installation, self._seed)
+            self._server = LuantiServer(self._installation, self._seed)
             answer = self._ask("start", seed=self._seed, goal=sorted(goal.biomes))
             if answer["start"] is not None:
                 self.way: list[tuple[int, int]] = [(x, z) for x, z in answer["way"]]

@@ -31,7 +31,7 @@ CLOSE_SECONDS = 10.0
 _MOD = Path(__file__).with_name("mod")
 
 
-class Server:
+class LuantiServer:
     """A server with the world of a seed. The constructor waits until it takes commands."""
 
     def __init__(self, installation: Installation, seed: int) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, Biome
 from smartplay_tools.games.minecraft.voxel.noise import hashed, unit
-from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, World
+from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, VoxelWorld
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ _SALT = 201
 
 
 def animals_near(
-    world: World, x: int, z: int, time: int
+    world: VoxelWorld, x: int, z: int, time: int
 ) -> tuple[NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
     """Species (as an index of `SPECIES`) and the two corners of the box of every animal around a place."""
     squares = x // _PASTURE, z // _PASTURE

@@ -24,7 +24,7 @@ from smartplay_tools.games.minecraft.voxel import animals, blocks
 from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_boxes
 from smartplay_tools.games.minecraft.voxel.start import make_world
 from smartplay_tools.games.minecraft.voxel.walking import EYES, Walker
-from smartplay_tools.games.minecraft.voxel.world import World
+from smartplay_tools.games.minecraft.voxel.world import VoxelWorld
 
 
 @functools.cache
@@ -76,7 +76,7 @@ class VoxelEngine:
         """Do nothing: the engine holds only memory."""
 
     @property
-    def world(self) -> World:
+    def world(self) -> VoxelWorld:
         """The world that is played."""
         return self._world
 

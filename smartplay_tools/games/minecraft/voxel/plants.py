@@ -178,7 +178,7 @@ for _biome, (_density, _blocks) in SHRUBS.items():
     SHRUB_CHOICE[_biome] = np.array(_blocks, np.uint8)[np.arange(_CHOICES) % len(_blocks)]
 
 
-class Part:
+class PlantPart:
     """A part (the trunk or the foliage) of all shapes in one table, so that many plants are placed at once."""
 
     def __init__(self, tables: Sequence[NDArray[np.int32]]) -> None:
@@ -201,8 +201,8 @@ class Part:
         return ((x * size[1] + z) * size[2] + y)[inside], self._blocks[row[inside]]
 
 
-TRUNKS = Part([shape.trunk for shape in SHAPES])
-FOLIAGE = Part([shape.foliage for shape in SHAPES])
+TRUNKS = PlantPart([shape.trunk for shape in SHAPES])
+FOLIAGE = PlantPart([shape.foliage for shape in SHAPES])
 
 _LEAVES = [b for b in Block if b.name.endswith("LEAVES")]
 GIVES_WAY = np.array([b in _LEAVES or (not SOLID[b] and b != Block.WATER) for b in Block])

@@ -79,8 +79,8 @@ class Fan:
     ) -> tuple[NDArray[np.uint8], Floats]:
         """The block that each ray hits (air for none) and how far away (the range for none).
 
-        `blocks` is the window of a `World`, which has only air above its layer `top`. Water and plants are hit like
-        anything else.
+        `blocks` is the window of a `VoxelWorld`, which has only air above its layer `top`. Water and plants are hit
+        like anything else.
         """
         corner = [math.floor(c) for c in eye]
         start = np.array([c - f for c, f in zip(eye, corner, strict=True)], np.float32)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from smartplay_tools.games.minecraft.voxel.blocks import SOLID, Block
 from smartplay_tools.games.minecraft.voxel.climate import SHORE, SPACING, Biome, biomes, climate
 from smartplay_tools.games.minecraft.voxel.noise import hashed
-from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, World
+from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, VoxelWorld
 
 NEAREST_GOAL, FARTHEST_GOAL = 310, 430
 """Bounds of the straight distance from a start to the nearest goal biome, in blocks."""
@@ -41,14 +41,14 @@ _TRIES = 6
 _UNPLEASANT = (Biome.RIVER, Biome.FROZEN_RIVER, Biome.SWAMPLAND, Biome.EXTREME_HILLS)
 
 
-def make_world(seed: int, goals: frozenset[int]) -> tuple[World, tuple[float, float, float]]:
+def make_world(seed: int, goals: frozenset[int]) -> tuple[VoxelWorld, tuple[float, float, float]]:
     """The world of a seed, and a start in it. A world without a start for these goals is replaced by the next."""
     for attempt in itertools.count():
         this = (seed + attempt * 0x9E3779B9) % 2**32
         places = list(itertools.islice(_places(this, goals), _TRIES))
         if not places:
             continue
-        world = World(this)
+        world = VoxelWorld(this)
         for x, z in places:
             world.prepare(x, z)
             if (feet := _stand(world, x, z, goals)) is not None:
@@ -89,7 +89,7 @@ def _one_of(some: Iterable[int]) -> NDArray[np.bool_]:
     return table
 
 
-def _stand(world: World, x: int, z: int, goals: frozenset[int]) -> tuple[float, float, float] | None:
+def _stand(world: VoxelWorld, x: int, z: int, goals: frozenset[int]) -> tuple[float, float, float] | None:
     """The position of the feet at a column, or None if the player cannot walk away from there."""
     i, j = ((np.arange(c - _ROOM, c + _ROOM + 1) & (SIDE - 1)) for c in (x, z))
     i, j = i[:, None], j[None, :]

@@ -13,7 +13,7 @@ from math import floor
 
 from smartplay_tools.games.minecraft.tasks import Stride
 from smartplay_tools.games.minecraft.voxel.blocks import SLIPPERY, SOLID, Block
-from smartplay_tools.games.minecraft.voxel.world import BOTTOM, HEIGHT, SIDE, World
+from smartplay_tools.games.minecraft.voxel.world import BOTTOM, HEIGHT, SIDE, VoxelWorld
 
 HALF_WIDTH, TALL, EYES = 0.3, 1.8, 1.62
 
@@ -36,7 +36,7 @@ _SKIN = 1e-7
 class Walker:
     """A player's body. `x, y, z` are the feet; the world around them has to be generated."""
 
-    def __init__(self, world: World, x: float, y: float, z: float) -> None:
+    def __init__(self, world: VoxelWorld, x: float, y: float, z: float) -> None:
         self.world = world
         self.x, self.y, self.z = x, y, z
         self.vx = self.vy = self.vz = 0.0

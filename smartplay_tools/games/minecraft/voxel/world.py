@@ -85,7 +85,7 @@ _COVER[[Biome.ICE_PLAINS, Biome.COLD_TAIGA, Biome.COLD_BEACH, Biome.FROZEN_RIVER
 _TREE_SALT, _SHRUB_SALT = 101, 102
 
 
-class World:
+class VoxelWorld:
     """The blocks around one player.
 
     Attributes:

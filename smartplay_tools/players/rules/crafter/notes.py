@@ -36,7 +36,7 @@ plays = player.plays
 
 
 @dataclass(frozen=True)
-class Notes:
+class CrafterNotes:
     """What the player remembers in addition to the latest observation."""
 
     map: Map
@@ -73,13 +73,13 @@ class Notes:
         return line(notes)
 
 
-def read_notes(text: str) -> Notes | None:
+def read_notes(text: str) -> CrafterNotes | None:
     """Read the notes in a reply, if there are any."""
     match = LINE.search(text)
     return notes_of(json.loads(match[1])) if match else None
 
 
-def notes_of(notes: Mapping[str, Any]) -> Notes:
+def notes_of(notes: Mapping[str, Any]) -> CrafterNotes:
     """Return the notes that a line holds."""
     x, y = notes["at"]
     kinds: dict[Cell, int] = {}
@@ -91,7 +91,7 @@ def notes_of(notes: Mapping[str, Any]) -> Notes:
                 kinds[column, row] = BITS_OF[letter]
     own_map = Map(at=(x, y), facing=notes["facing"], kinds=kinds, visited=[(a, b) for a, b in notes["visited"]])
     home, goal = notes["home"], notes["goal"]
-    return Notes(own_map, notes["clock"], notes["asleep"], home and Home(*home), goal and tuple(goal))
+    return CrafterNotes(own_map, notes["clock"], notes["asleep"], home and Home(*home), goal and tuple(goal))
 
 
 def _letter(kinds: int | None) -> str:
@@ -130,13 +130,13 @@ def _explore(now: Situation, goal: Cell | None) -> tuple[str, Cell | None]:
     return (now.walk(goal), goal) if goal != now.map.at else (player.explore(now) or "Noop", None)
 
 
-def _remember(reading: Reading) -> tuple[Situation, Notes]:
+def _remember(reading: Reading) -> tuple[Situation, CrafterNotes]:
     """The situation by the memory and by what was seen since; without a memory, by what the window shows."""
     memory = recall(reading)
     seen = [exchange for exchange in memory.since.seen if exchange.text in memory.since.observations]
     if memory.facts is None or not seen:
         now = player.window(reading)
-        return now, Notes(now.map, 0, now.frame.asleep, None)
+        return now, CrafterNotes(now.map, 0, now.frame.asleep, None)
     notes = notes_of(memory.facts)
     asleep = notes.asleep
     for exchange in seen:
@@ -147,7 +147,7 @@ def _remember(reading: Reading) -> tuple[Situation, Notes]:
     return Situation(notes.map, frame, seen[-1].action), replace(notes, clock=notes.clock + len(seen) - 1)
 
 
-def _home(now: Situation, notes: Notes) -> Home | None:
+def _home(now: Situation, notes: CrafterNotes) -> Home | None:
     """The home, or a site for one. It may be without water for a night; without stone, none can be built."""
     night = DUSK <= notes.clock % DAY < DAWN
     home = notes.home
