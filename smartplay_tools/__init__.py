@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         ToolSpec,
         Usage,
     )
+    from smartplay_tools.version import __version__
 
 __all__ = [
     "GAMES",
@@ -67,6 +68,7 @@ __all__ = [
     "ToolResult",
     "ToolSpec",
     "Usage",
+    "__version__",
     "aplay",
     "call",
     "evaluate",
@@ -114,6 +116,7 @@ if not TYPE_CHECKING:
             "records.replays": ("replay",),
             "records.resumption": ("resume",),
             "transcript.file": ("read_transcript",),
+            "version": ("__version__",),
             "types": (
                 "AsyncPlayer",
                 "Budget",

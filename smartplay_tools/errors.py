@@ -7,6 +7,7 @@
     ├── EngineError           a game's engine, a separate program, does not start or has stopped
     ├── MissingExtraError     an optional dependency is not installed; the message says how to install it
     ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
+    ├── DiskFullError         a disk has no space left for the records of a run
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
     ├── ModelCallError        a model gave no reply (in `players.attempts`); ends an episode as player_error
     └── TranscriptError       a file is not a transcript, or cannot be written, read or replayed
@@ -18,10 +19,12 @@ errors above, with one sentence that names the remedy. Any other exception is a 
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 __all__ = [
+    "DiskFullError",
     "EngineError",
     "InvalidArgumentError",
     "MissingExtraError",
@@ -33,6 +36,8 @@ __all__ = [
     "UnknownNameError",
     "damage_named",
     "in_one_line",
+    "is_disk_full",
+    "similar",
 ]
 
 
@@ -48,10 +53,7 @@ class UnknownNameError(SmartPlayError, KeyError):
     """A name that is not registered."""
 
     def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
-        known = list(known)
-        near = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(known)}."
-        self.message = f"There is no {kind} {name!r}; {hint}"
+        self.message = f"There is no {kind} {name!r}; {similar(name, known)}"
         super().__init__(self.message)
 
     def __str__(self) -> str:
@@ -78,12 +80,48 @@ class PlayerLeftError(SmartPlayError):
     """The person who plays has left: neither an error of the player nor a result of the game."""
 
 
+class DiskFullError(SmartPlayError):
+    """A disk has no space left for the records of a run."""
+
+
 class PromptOverflowError(SmartPlayError):
     """The pinned parts of a prompt need more than `prompt_tokens`."""
 
 
 class TranscriptError(SmartPlayError, ValueError):
     """A file is not a transcript, or cannot be written, read or replayed here."""
+
+
+MOST_NAMES = 12
+"""Names that are listed where none is similar; of more, the first are."""
+
+
+def similar(name: object, known: Iterable[str]) -> str:
+    """Return "did you mean ...?" with the names like an unknown one or, if there are none, the known names."""
+    known = list(known)
+    if near := difflib.get_close_matches(str(name), known, n=3, cutoff=0.5):
+        return f"did you mean {' or '.join(near)}?"
+    more = f" and {len(known) - MOST_NAMES} more" if len(known) > MOST_NAMES else ""
+    return f"known: {', '.join(known[:MOST_NAMES])}{more}."
+
+
+FULL = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
+"""The errors of a disk, or of somebody's share of it, that has no space left."""
+
+
+LONGEST_CHAIN = 20
+"""How many causes of an error are looked at."""
+
+
+def is_disk_full(error: BaseException | None) -> bool:
+    """Return whether an error was caused by a disk without space."""
+    for _ in range(LONGEST_CHAIN):
+        if error is None:
+            return False
+        if isinstance(error, DiskFullError) or (isinstance(error, OSError) and error.errno in FULL):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 @contextmanager

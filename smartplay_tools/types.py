@@ -236,7 +236,7 @@ class Usage(Recorded):
     `cached`, read from its cache, and `written` to it are parts of `prompt`, `reasoning` is a part of `reply`.
     """
 
-    later: ClassVar[Mapping[str, Any]] = {"written": 0, "written_1h": 0}
+    later: ClassVar[Mapping[str, Any]] = {"written": 0, "written_1h": 0, "cut": 0}
 
     prompt: int = 0
     reply: int = 0
@@ -247,6 +247,8 @@ class Usage(Recorded):
     reasoning: int = 0
     requests: int = 1
     """The attempts made for one reply, each of which is billed."""
+    cut: int = 0
+    """Replies that the provider ended at their length, by their `finish_reason`."""
 
     @classmethod
     def reported(cls, event: Mapping[str, Any]) -> Usage | None:

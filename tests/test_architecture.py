@@ -22,6 +22,7 @@ LAYERS = (
     "lazy",
     "errors",
     "quantities",
+    "version",
     "registry",
     "json_text",
     "arguments",

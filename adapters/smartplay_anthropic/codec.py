@@ -84,6 +84,8 @@ def reply(answer: Any) -> Reply:
     """Return the reply in an answer of the client; raise `BrokenAnswerError` if it has no content."""
     sent = _plain(answer)
     usage = _usage(sent.get("usage"))
+    if usage is not None and sent.get("stop_reason") == "max_tokens":
+        usage = usage.model_copy(update={"cut": 1})
     blocks = sent.get("content")
     if not isinstance(blocks, list) or not all(isinstance(block, Mapping) and "type" in block for block in blocks):
         raise BrokenAnswerError("The answer has no content blocks.", usage)

@@ -70,18 +70,20 @@ class ChatCompletions(Interface):
         message = choice.get("message") if isinstance(choice, Mapping) else None
         if not isinstance(message, Mapping):
             raise BrokenAnswerError("The completion has no choice with a message.", usage)
+        if isinstance(choice, Mapping) and choice.get("finish_reason") == "length":
+            usage = (usage or Usage()).model_copy(update={"cut": 1})
         return Reply(_received(message), usage)
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the completion that consists of a stream's chunks."""
         message: dict[str, Any] = {"role": "assistant", "content": None}
         calls: dict[int, dict[str, Any]] = {}
-        usage, finished = None, False
+        usage, finished = None, None
         for chunk in map(plain, parts):
             usage = chunk.get("usage") or usage
             # The chunk with the usage has no choices.
             for choice in chunk.get("choices") or ():
-                finished = finished or bool(choice.get("finish_reason"))
+                finished = choice.get("finish_reason") or finished
                 delta = choice.get("delta") or {}
                 for part in delta.get("tool_calls") or ():
                     _add_call(calls, part)
@@ -90,7 +92,7 @@ class ChatCompletions(Interface):
             raise BrokenAnswerError("The stream ended before the reply did.", read_usage(usage, "prompt", "completion"))
         if calls:
             message["tool_calls"] = [calls[index] for index in sorted(calls)]
-        return {"choices": [{"message": message}], "usage": usage}
+        return {"choices": [{"message": message, "finish_reason": finished}], "usage": usage}
 
     def read(self, body: Mapping[str, Any]) -> Prompt:
         """Return the prompt in a request."""

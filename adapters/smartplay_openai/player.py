@@ -19,6 +19,7 @@ import openai
 from smartplay_openai.chat import CHAT
 from smartplay_openai.interface import Interface
 from smartplay_openai.responses import RESPONSES
+from smartplay_openai.text_calls import check_parser, with_calls
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
 from smartplay_tools.players import BrokenAnswerError, ModelPlayer
 from smartplay_tools.records import cache_rules, rule_of
@@ -50,6 +51,9 @@ class OpenAIPlayer(ModelPlayer):
             1 ms for each turn in the window; False sends the body unchanged.
         cache: say to OpenAI which prompts belong together (`prompt_cache_key`), and mark the end of the part that is
             unchanged since the previous prompt for models that cache up to marks. Other servers are sent neither.
+        parse_calls: read the calls that the model writes as text, in the format "hermes", "llama" or "mistral", where
+            the server does not.
+        tool_choice: "required" has the server make every reply a call; a summary is asked for without tools.
         options: those of `ModelPlayer`: `seed`, `retries`, `pause`, `at_once`.
     """
 
@@ -71,11 +75,15 @@ class OpenAIPlayer(ModelPlayer):
         limit_field: str | None = None,
         typed: bool = True,
         cache: bool = True,
+        parse_calls: str | None = None,
+        tool_choice: str | None = None,
         **options: Any,
     ) -> None:
         if not model:
             raise InvalidArgumentError(f"This player needs a model: {self._registered}:MODEL.")
         super().__init__(f"{self._registered}:{model}", **options)
+        check_parser(parse_calls)
+        self._parser = parse_calls
         base_url = base_url or os.environ.get("OPENAI_BASE_URL") or DEFAULT_BASE_URL
         self._host, self._is_here = urlsplit(base_url).hostname or "", self.is_local(base_url)
         self._settings: dict[str, Any] = {
@@ -92,6 +100,8 @@ class OpenAIPlayer(ModelPlayer):
         rule = rule_of(f"openai:{model}", {}, cache_rules()) if self._caches else None
         self._marks = rule is not None and rule.marks != "auto"
         self._always = {"model": model, **(self._interface.stream_options if stream else {}), **(parameters or {})}
+        if tool_choice is not None:
+            self._always["tool_choice"] = tool_choice
 
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the body of the request for a prompt."""
@@ -109,19 +119,42 @@ class OpenAIPlayer(ModelPlayer):
 
     def send(self, client: openai.OpenAI, request: dict[str, Any]) -> Reply:
         """Send a request and read the reply, or its stream."""
-        answer = self._interface.create(client)(**self._arguments(request))
-        if self._stream:
-            with answer:
-                answer = self._interface.assemble(list(answer))
-        return self._interface.reply(answer)
+        try:
+            answer = self._interface.create(client)(**self._arguments(request))
+            if self._stream:
+                with answer:
+                    answer = self._interface.assemble(list(answer))
+        except json.JSONDecodeError as error:
+            raise self._no_json() from error
+        return self._read(answer)
 
     async def asend(self, client: openai.AsyncOpenAI, request: dict[str, Any]) -> Reply:
         """Send a request as `send` does, without blocking the event loop."""
-        answer = await self._interface.create(client)(**self._arguments(request))
-        if self._stream:
-            async with answer:
-                answer = self._interface.assemble([part async for part in answer])
-        return self._interface.reply(answer)
+        try:
+            answer = await self._interface.create(client)(**self._arguments(request))
+            if self._stream:
+                async with answer:
+                    answer = self._interface.assemble([part async for part in answer])
+        except json.JSONDecodeError as error:
+            raise self._no_json() from error
+        return self._read(answer)
+
+    def _read(self, answer: Any) -> Reply:
+        if isinstance(answer, str):
+            raise self._no_json(answer)
+        reply = self._interface.reply(answer)
+        return reply if self._parser is None else Reply(with_calls(reply.message, self._parser), reply.usage)
+
+    def _no_json(self, text: str = "") -> BrokenAnswerError:
+        """The error of an address that is not the interface's, such as that of a web page."""
+        what = "HTML" if text.lstrip()[:1] == "<" else "something that is not JSON"
+        return BrokenAnswerError(f"{self._settings['base_url']} answered with {what}; {self.address_hint}")
+
+    @property
+    def address_hint(self) -> str:
+        """What to look at if an address is not the interface's."""
+        is_short = not urlsplit(self._settings["base_url"]).path.rstrip("/")
+        return "the base URL usually ends in /v1, which this one does not" if is_short else "check the base URL"
 
     def _arguments(self, body: dict[str, Any]) -> dict[str, Any]:
         """The arguments of the client's method; fields for which it has no argument are in `extra_body`."""

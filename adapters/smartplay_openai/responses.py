@@ -82,6 +82,9 @@ class Responses(Interface):
             error = sent.get("error")
             problem = (error.get("message") if isinstance(error, Mapping) else None) or "no output"
             raise BrokenAnswerError(f"The response failed: {problem}.", usage)
+        why = sent.get("incomplete_details")
+        if isinstance(why, Mapping) and why.get("reason") == "max_output_tokens":
+            usage = (usage or Usage()).model_copy(update={"cut": 1})
         return Reply(read_items([item for item in output if isinstance(item, Mapping)]), usage)
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:

@@ -57,7 +57,7 @@ COMMANDS = {
     ),
     "check": _Entry(
         "check:check",
-        "Ask every model of a run once, and print whether it can be reached, calls tools and reports usage.",
+        "Play three turns with every model of a run, and print whether it can be reached, plays and reports usage.",
         True,
     ),
     "sweep": _Entry(
@@ -114,6 +114,10 @@ COMMANDS = {
 """Every command, in the order in which they are listed. A summary is the first line of the command's docstring."""
 
 
+INTERRUPTED = 130
+"""The exit code of a program that Ctrl-C has stopped."""
+
+
 class _LateCommands(Mapping[str, Any]):
     """The commands by name; each is imported when it is looked up."""
 
@@ -160,6 +164,9 @@ class _Commands(TyperGroup):
         except SmartPlayError as error:
             typer.echo(f"smartplay-tools: {error}", err=True)
             raise typer.Exit(2) from error
+        except KeyboardInterrupt:  # before or after what handles it
+            typer.echo("Stopped by SIGINT.", err=True)
+            raise typer.Exit(INTERRUPTED) from None
 
 
 app = typer.Typer(cls=_Commands, no_args_is_help=True, pretty_exceptions_enable=False)

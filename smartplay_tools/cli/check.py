@@ -1,4 +1,4 @@
-"""The command `check`: one cheap call to each model of a run, before the run."""
+"""The command `check`: three turns with each model of a run, before the run."""
 
 from __future__ import annotations
 
@@ -27,9 +27,13 @@ def check(
     base_url: options.BaseUrls = None,
     player_option: options.PlayerOptions = None,
     price: runs.Prices = None,
+    parse_calls: options.ParseCalls = None,
+    tool_choice: options.ToolChoice = None,
     as_json: options.Json = False,
 ) -> None:
-    """Ask every model of a run once, and print whether it can be reached, calls tools and reports usage.
+    """Play three turns with every model of a run, and print whether it can be reached, plays and reports usage.
+
+    The exit code is 1 if a model cannot play.
 
     Example: smartplay-tools check --players openai:gpt-5-mini
     """
@@ -38,6 +42,8 @@ def check(
     if not names:
         raise InvalidArgumentError("Name players (--players openai:MODEL) or a run file.")
     configs = runs.player_configs(list(dict.fromkeys(names)), base_url, player_option, file.configs())
+    if parse_calls is not None or tool_choice is not None:
+        configs = runs.with_tool_options(configs, parse_calls, tool_choice)
     prices = given_prices(configs) | runs.prices(price)
     answers = [(config, probe(config, prices)) for config in configs]
     probes = [answer for _, answer in answers if answer is not None]
@@ -51,13 +57,13 @@ def check(
 
 def _print(answers: list[tuple[PlayerConfig, Probe | None]]) -> None:
     console = Console()
-    table = compact_table("player", "reached", "tools", "ids", "parallel", "usage", "reasoning", "price")
+    table = compact_table("player", "reached", "tools", "plays", "ids", "parallel", "usage", "reasoning", "price")
     table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
     for config, answer in answers:
         if answer is None:
-            table.add_row(escape(config.name), "no model", *[""] * 6)
+            table.add_row(escape(config.name), "no model", *[""] * 7)
             continue
-        words = map(_word, (answer.reachable, answer.tools, answer.ids, answer.parallel, answer.usage))
+        words = map(_word, (answer.reachable, answer.tools, answer.played, answer.ids, answer.parallel, answer.usage))
         reasoning = "" if answer.reasoning is None else str(answer.reasoning)
         table.add_row(escape(answer.player), *words, reasoning, "known" if answer.price else "unknown")
     console.print(table)

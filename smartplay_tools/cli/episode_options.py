@@ -151,4 +151,11 @@ def read_budget(**fields: Any) -> Budget:
     except ValidationError as error:
         first = error.errors()[0]
         option = "--" + str(first["loc"][0]).replace("_", "-")
-        raise InvalidArgumentError(f"{option} {first['input']}: {first['msg']}.") from None
+        words = [word for word in ("game", "auto", "none") if f"{word}" in _words(str(first["loc"][0]))]
+        others = f" {' or '.join(words)} {'is' if len(words) == 1 else 'are'} allowed, too." if words else ""
+        raise InvalidArgumentError(f"{option} {first['input']}: {first['msg']}.{others}") from None
+
+
+def _words(name: str) -> str:
+    """The text about an option, which names the words that it takes beside numbers."""
+    return f"{BUDGET[name][0].__metadata__[0].help} {BUDGET[name][1]}" if name in BUDGET else ""

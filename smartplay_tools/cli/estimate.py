@@ -51,13 +51,13 @@ def print_estimate(
     prices |= {**given_prices(players), **(options.prices or {})}
     priced = {player: price for player, price in prices.items() if price is not None}
     estimates = estimate(plan, priced, reply_tokens=reply_tokens)
-    at_once = min(options.workers or WAITING_AT_ONCE, len(plan.episodes))
+    hours = _hours(estimates, players, options.workers)
     if as_json:
         print(json.dumps([{**asdict(each), "cell": each.cell.model_dump(mode="json")} for each in estimates], indent=2))
         return
     console = Console()
     console.print(_table(estimates))
-    for line in _sentences(estimates, options.caps, at_once):
+    for line in _sentences(estimates, options.caps, hours):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -98,7 +98,41 @@ def _total_cost(estimates: Sequence[Estimate]) -> Range | None:
     return _sum(costs) if len(costs) == len(estimates) else None
 
 
-def _sentences(estimates: Sequence[Estimate], caps: Caps, at_once: int) -> list[str]:
+def run_hours(
+    cells: Sequence[tuple[str, int, float]], players: Sequence[PlayerConfig], workers: int | None
+) -> tuple[float, int]:
+    """Return the hours of a run and the most episodes at a time, from each cell's player, episodes and seconds.
+
+    A player with a limit of its own (`concurrency`) may take longer than all the others together.
+    """
+    limits = {config.name: config.concurrency for config in players}
+    episodes: dict[str, int] = {}
+    seconds: dict[str, float] = {}
+    for player, count, taken in cells:
+        episodes[player] = episodes.get(player, 0) + count
+        seconds[player] = seconds.get(player, 0.0) + taken
+    most = {
+        player: min(workers or WAITING_AT_ONCE, limits.get(player) or WAITING_AT_ONCE * 1000, count)
+        for player, count in episodes.items()
+    }
+    at_once = max(1, min(workers or WAITING_AT_ONCE, sum(most.values())))
+    longest = max((seconds[player] / max(1, most[player]) for player in seconds), default=0.0)
+    return max(longest, sum(seconds.values()) / at_once) / 3600, at_once
+
+
+def _hours(estimates: Sequence[Estimate], players: Sequence[PlayerConfig], workers: int | None) -> tuple[Range, int]:
+    ends = [
+        run_hours(
+            [(player_of(each.cell), each.episodes, getattr(each.call_seconds, end)) for each in estimates],
+            players,
+            workers,
+        )
+        for end in ("low", "expected", "high")
+    ]
+    return Range(*(hours for hours, _ in ends)), ends[0][1]
+
+
+def _sentences(estimates: Sequence[Estimate], caps: Caps, how_long: tuple[Range, int]) -> list[str]:
     sentences = ["Tokens: from the shortest of the sampled episodes to the longest that the game allows."]
     lengths = sorted({each.reply_length for each in estimates if each.reply_length is not None})
     if lengths:
@@ -107,7 +141,7 @@ def _sentences(estimates: Sequence[Estimate], caps: Caps, at_once: int) -> list[
             f"A model's replies are assumed to have {span} tokens; --assume-reply-tokens changes this, "
             "--reply-tokens makes it a cap."
         )
-        hours = _sum([each.call_seconds for each in estimates]) * (1 / 3600 / at_once)
+        hours, at_once = how_long
         sentences.append(
             f"Hours: {_span(hours, '{:.2g}'.format)} with {at_once} episodes at a time, if a reply takes "
             f"{SECONDS_A_CALL[0]:g} to {SECONDS_A_CALL[1]:g} seconds and its tokens come at {TOKENS_A_SECOND[1]:g} to "

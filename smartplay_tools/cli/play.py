@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from smartplay_tools.cli import options
+from smartplay_tools.cli import INTERRUPTED, options, runs
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
 from smartplay_tools.cli.frames import FrameWriter, picture_options
 from smartplay_tools.cli.show import TurnPrinter, print_result
@@ -20,13 +20,14 @@ from smartplay_tools.conversation import loop
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.runs.players import check_no_credentials
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.players import get_player, is_model
-from smartplay_tools.types import AsyncPlayer, Player
+from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.records.rows import warnings
+from smartplay_tools.types import EpisodeResult, Usage
 
 FAILED = ("player_error", "game_error")
-INTERRUPTED = 130
-"""The exit code of a program that Ctrl-C has stopped."""
 
 
 @with_episode_options()
@@ -36,6 +37,10 @@ def play(
         str, typer.Option(help="Who plays: rule, random, human, openai:MODEL, or FILE.py:CLASS for one of yours.")
     ] = "rule",
     base_url: Annotated[str | None, typer.Option(help="Base URL of the server of openai:MODEL.")] = None,
+    player_option: options.PlayerOptions = None,
+    price: runs.Prices = None,
+    parse_calls: options.ParseCalls = None,
+    tool_choice: options.ToolChoice = None,
     seed: options.Seed = 0,
     steps: Annotated[int | None, typer.Option(min=1, help="Stop after N steps.")] = None,
     transcript: options.TranscriptFile = None,
@@ -54,7 +59,8 @@ def play(
 
     Example: smartplay-tools play Hanoi3Disk-v0 --player rule --seed 7 --prompt-tokens 700
     """
-    who = _player(player, seed, base_url)
+    given = _player_options(player, base_url, player_option, parse_calls, tool_choice)
+    who, paid = get_player(player, seed=seed, **given), _price(player, given, price)
     rules: dict[str, Any] = dict(episode.rules)
     protocol = rules.pop("protocol")
     console = Console()
@@ -72,6 +78,7 @@ def play(
             engine=episode.engine,
             tokenizer=episode.tokenizer,
             transcript=transcript,
+            player_options={name: value for name, value in given.items() if name != "base_url"},
             **{**rules, **episode.options, **(picture_options(game) if frames else {})},
         )
         # A player may have connections to close.
@@ -82,21 +89,40 @@ def play(
                 _run(played, who, protocol, printer, pace)
             except KeyboardInterrupt:
                 interrupted = True
-        _show(console, played, as_json=as_json)
-    result = played.result
-    assert result is not None
+        result = played.result
+        assert result is not None
+        if as_json:
+            print(result.model_dump_json(indent=2))
+        else:
+            print_result(console, result, None if paid is None else paid.cost(_charged(result)))
+    for warning in warnings(result.model_dump() | {"player": player}):
+        typer.echo(warning, err=True)
     if interrupted:
         raise typer.Exit(INTERRUPTED)
     if result.end_reason in FAILED:
         raise typer.Exit(1)
 
 
-def _player(name: str, seed: int, base_url: str | None) -> Player | AsyncPlayer:
-    if base_url is None:
-        return get_player(name, seed=seed)
-    if not is_model(name):
-        raise InvalidArgumentError(f"--base-url is only for models, such as openai:MODEL; {name} needs no server.")
-    return get_player(name, seed=seed, base_url=base_url)
+def _player_options(
+    name: str, base_url: str | None, pairs: list[str] | None, parse_calls: str | None, tool_choice: str | None
+) -> dict[str, Any]:
+    """The options of the player; those that only models have are refused for others."""
+    for option, value in (("--base-url", base_url), ("--parse-calls", parse_calls), ("--tool-choice", tool_choice)):
+        if value is not None and not is_model(name):
+            raise InvalidArgumentError(f"{option} is only for models, such as openai:MODEL; {name} needs no server.")
+    (config,) = runs.player_configs([name], None if base_url is None else [base_url], pairs)
+    (config,) = runs.with_tool_options([config], parse_calls, tool_choice)
+    check_no_credentials("--player-option", config.options)
+    return config.options
+
+
+def _price(name: str, given: dict[str, Any], pairs: list[str] | None) -> Price | None:
+    return runs.prices(pairs).get(name) or (find_price(name, given) if is_model(name) else None)
+
+
+def _charged(result: EpisodeResult) -> Usage:
+    provider, tokens = result.tokens.provider, result.tokens
+    return provider if provider is not None and provider.prompt else Usage(prompt=tokens.prompt, reply=tokens.reply)
 
 
 def _run(episode: Episode, player: Any, protocol: Any, printer: TurnPrinter | None, pace: float) -> None:
@@ -108,14 +134,6 @@ def _run(episode: Episode, player: Any, protocol: Any, printer: TurnPrinter | No
         time.sleep(pace)
 
     loop.play(episode, player, protocol=protocol, on_turn=after_a_turn)
-
-
-def _show(console: Console, played: Episode, *, as_json: bool) -> None:
-    assert played.result is not None
-    if as_json:
-        print(played.result.model_dump_json(indent=2))
-    else:
-        print_result(console, played.result)
 
 
 def _spec(game: str, steps: int | None) -> GameSpec:

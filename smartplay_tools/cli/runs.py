@@ -13,6 +13,7 @@ from rich.console import Console
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.estimate import print_estimate
+from smartplay_tools.cli.pilot import print_pilot
 from smartplay_tools.cli.progress import showing
 from smartplay_tools.cli.running import print_spending
 from smartplay_tools.errors import InvalidArgumentError
@@ -55,6 +56,15 @@ Prices = Annotated[
 DryRun = Annotated[
     bool, typer.Option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.", rich_help_panel=_RUN)
 ]
+Pilot = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="N",
+        help="Play N episodes of each cell only, and estimate the whole run from them; without it, the run goes on.",
+        rich_help_panel=_RUN,
+    ),
+]
 AssumeReplyTokens = Annotated[
     int | None, typer.Option(min=1, help="For --dry-run: assumed tokens of a model's reply.", rich_help_panel=_RUN)
 ]
@@ -93,6 +103,20 @@ def player_configs(
     ]
 
 
+def with_tool_options(
+    configs: Sequence[PlayerConfig], parse_calls: str | None, tool_choice: str | None
+) -> list[PlayerConfig]:
+    """Return the players, with these two options for every model."""
+    asked = {"parse_calls": parse_calls, "tool_choice": tool_choice}
+    given = {name: value for name, value in asked.items() if value is not None}
+    if given and not any(is_model(config.name) for config in configs):
+        raise InvalidArgumentError("--parse-calls and --tool-choice are for models, such as openai:MODEL.")
+    return [
+        config.model_copy(update={"options": {**given, **config.options}}) if is_model(config.name) else config
+        for config in configs
+    ]
+
+
 def _named(name: str, configs: Sequence[PlayerConfig]) -> list[PlayerConfig]:
     return [config for config in configs if config.name == name] or [player_named(name)]
 
@@ -106,6 +130,8 @@ class RunCommand:
     seed: options.Seed = 0
     base_url: options.BaseUrls = None
     player_option: options.PlayerOptions = None
+    parse_calls: options.ParseCalls = None
+    tool_choice: options.ToolChoice = None
     workers: Workers = None
     executor: ExecutorName = None
     shard: Shard = None
@@ -113,13 +139,15 @@ class RunCommand:
     run_cost: RunCost = None
     price: Prices = None
     dry_run: DryRun = False
+    pilot: Pilot = None
     assume_reply_tokens: AssumeReplyTokens = None
     quiet: Quiet = False
     as_json: options.Json = False
 
     def players(self, names: Sequence[str], configs: Sequence[PlayerConfig] = ()) -> list[PlayerConfig]:
         """Return the players of the run (`player_configs`)."""
-        return player_configs(names, self.base_url, self.player_option, configs)
+        given = player_configs(names, self.base_url, self.player_option, configs)
+        return with_tool_options(given, self.parse_calls, self.tool_choice)
 
     def play(
         self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None, until: Until | None = None
@@ -140,7 +168,14 @@ class RunCommand:
         # A person plays on the terminal on which the progress would be shown.
         quiet = self.quiet or self.as_json or any(is_interactive(player_of(cell)) for cell in plan.cells)
         display = not_shown if quiet else partial(showing, Console(stderr=True))
-        return run_plan(plan, self.out, players, how, run_file=run_file, display=display)
+        if self.pilot is None:
+            return run_plan(plan, self.out, players, how, run_file=run_file, display=display)
+        if until is not None:
+            raise InvalidArgumentError("--pilot plays a part of a planned run; leave out --until.")
+        run = run_plan(plan.first(self.pilot), self.out, players, how, run_file=run_file, display=display)
+        if not quiet:
+            print_pilot(Console(stderr=True), run, plan, players, how)
+        return run
 
 
 def with_run_options(*, out: str) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -52,8 +52,8 @@ class TurnPrinter:
                 self._console.print(f"  [dim]│[/] {escape(line)}", highlight=False, soft_wrap=True)
 
 
-def print_result(console: Console, result: EpisodeResult) -> None:
-    """Print a result as a small table."""
+def print_result(console: Console, result: EpisodeResult, cost: float | None = None) -> None:
+    """Print a result as a small table; `cost` is in US dollars, None if it is not known."""
     normalized = "" if result.normalized_score is None else f" ({result.normalized_score:.0%} of the human score)"
     mistakes = {
         "illegal actions": result.illegal_actions,
@@ -71,6 +71,8 @@ def print_result(console: Console, result: EpisodeResult) -> None:
     table.add_row("end", result.end_reason + (f": {result.error}" if result.error else ""))
     table.add_row("steps", f"{result.steps} in {result.turns} turns")
     table.add_row("tokens", f"{tokens.prompt:,} in prompts ({stable} prefix-stable), {tokens.reply:,} in replies")
+    if cost is not None:
+        table.add_row("cost", f"${cost:.4f}")
     table.add_row("mistakes", ", ".join(f"{count} {name}" for name, count in mistakes.items() if count) or "none")
     for at, (name, values) in enumerate(result.deviations.items()):
         deviation = f"{name} {_value(values['played'])} (paper: {_value(values['paper'])})"

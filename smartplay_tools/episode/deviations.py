@@ -49,6 +49,10 @@ def _of_protocol(config: EpisodeConfig) -> Deviations:
         differences["manual"] = differs("pinned", config.manual)
     if config.batch != "first_act":
         differences["batch"] = differs("one action a prompt", config.batch)
+    # The options of a player that change what counts as a call.
+    for name, usual in (("parse_calls", None), ("tool_choice", "auto")):
+        if (chosen := config.player_options.get(name, usual)) != usual:
+            differences[name] = differs(usual, chosen)
     return differences
 
 

@@ -16,8 +16,9 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
@@ -30,6 +31,10 @@ POLL_SECONDS = 0.2
 
 END_SECONDS = 5.0
 """What an idle worker may take to end before it is killed."""
+
+
+ENDING = (signal.SIGINT, signal.SIGTERM)
+"""The signals that go to whole groups of processes."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +141,8 @@ class _Worker(Generic[J, A]):
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, work, begin))
-        self.process.start()
+        with _signals_wait():
+            self.process.start()
         theirs.close()
         self.has_begun = False
         self.job: J | None = None
@@ -161,11 +167,27 @@ class _Worker(Generic[J, A]):
         self.connection.close()
 
 
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Start processes in which Ctrl-C and SIGTERM wait until they can be ignored: they disturb no import."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # it would let the signals in again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _serve(connection: Connection, work: Callable[[Any], Any], begin: Callable[[], None] | None) -> None:
     """Answer jobs until the pipe is closed."""
     # Ctrl-C and SIGTERM go to whole groups of processes; only the parent handles them.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
     if begin is not None:
         begin()
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -89,6 +89,10 @@ def read_row(path: Path, number: int, line: bytes) -> dict[str, Any]:
     return row
 
 
+MORE_TOKENS = "raise --reply-tokens, or the server's own cap; a model that reasons may need thousands"
+"""The remedy for replies that are cut at their length."""
+
+
 def unplayed(rows: Iterable[Row]) -> list[str]:
     """Return a sentence for every player, game and cause with episodes that ended without a single action.
 
@@ -104,12 +108,27 @@ def unplayed(rows: Iterable[Row]) -> list[str]:
     ]
 
 
+def warnings(row: Row) -> list[str]:
+    """Return a sentence for everything in an episode that says nothing about its player, but about its settings."""
+    sentences, tokens = unplayed([row]), row["tokens"]
+    if tokens["overruns"]:
+        sentences.append(
+            f"{tokens['overruns']} of {row['turns']} replies were longer than --reply-tokens allows, with their "
+            "reasoning; they were charged in full. Check that the server obeys its cap (max_tokens)."
+        )
+    if cut := (tokens["provider"] or {}).get("cut", 0):
+        sentences.append(f"{cut} of {row['turns']} replies were cut at their length (finish_reason); {MORE_TOKENS}.")
+    return sentences
+
+
 def is_unplayed(row: Row) -> bool:
     """Return whether an episode ended without a single action, for which not its budget is the reason."""
     return bool(row["steps"] == 0 and row["end_reason"] != "prompt_tokens")
 
 
 def _cause(row: Row) -> str:
+    if row["turns"] and 2 * (row["tokens"]["provider"] or {}).get("cut", 0) > row["turns"]:
+        return f"its replies were cut at their length before they called a tool; {MORE_TOKENS}"
     if row["turns"] and row["idle_replies"] == row["turns"]:
         return (
             "its replies contain no tool calls, so the server may pass them on as text (vLLM needs "

@@ -14,15 +14,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from smartplay_tools.episode.cells import most_calls
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.players.registry import is_model
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import Outcome, Record
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.records.snapshot import CellSnapshot, RunSnapshot, Spending, read_status
 from smartplay_tools.records.spent import Spent
+from smartplay_tools.records.time_left import CellWork, Clock, Growing, TimeLeft, most_replies, rest_of_tokens
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
 from smartplay_tools.types import MISTAKES
 
@@ -63,15 +64,18 @@ class _Plan(NamedTuple):
     """The place of the cell of each planned episode, by key."""
     prices: Mapping[str, Price]
     caps: Mapping[str, Any]
+    most: Sequence[int] | None
+    """Replies of the longest episode of each cell; None if a game is not installed here."""
 
 
 class RunFollower:
     """Makes snapshots of a run, and reads only what was added to its folder since the one before.
 
-    The time left follows from the calls that are still expected, and from the pace of calls since the first snapshot.
+    The time left follows from the calls that are still expected, and from their pace since the first snapshot
+    (`time_left`); `clock` returns seconds.
     """
 
-    def __init__(self, folder: RunFolder) -> None:
+    def __init__(self, folder: RunFolder, clock: Clock = time.monotonic) -> None:
         self.folder = folder
         self.results: dict[str, Result] = {}
         """The finished episodes by key, as of the latest snapshot."""
@@ -80,8 +84,8 @@ class RunFollower:
         self._attempts: dict[Path, _ReadAttempt] = {}
         self._continued: dict[str, Spent] = {}
         self._playing: dict[Path, Record] = {}
-        self._first: tuple[float, int] | None = None
-        self._earlier: frozenset[Path] = frozenset()
+        self._time_left = TimeLeft(clock)
+        self._earlier: frozenset[Path] | None = None
         self._latest: Path | None = None
         self._lock = threading.Lock()
 
@@ -105,7 +109,10 @@ class RunFollower:
         if self._manifest is None or stamp is None or self._manifest[0] != stamp:
             manifest = self.folder.manifest()
             cell_of = {episode.key: episode.cell for episode in manifest.planned}
-            self._manifest = stamp, _Plan(manifest.cells, cell_of, manifest.prices, manifest.caps)
+            self._manifest = (
+                stamp,
+                _Plan(manifest.cells, cell_of, manifest.prices, manifest.caps, _most(manifest.cells)),
+            )
         return self._manifest[1]
 
     def _read_rows(self) -> None:
@@ -137,10 +144,9 @@ class RunFollower:
         cells = self._cells(plan, playing)
         spending = self._spending(playing)
         failed = [path for path, attempt in self._attempts.items() if _has_failed(attempt)]
-        if self._first is None:
-            self._first, self._earlier = (time.monotonic(), spending.total.replies), frozenset(failed)
-        self._latest = next((path for path in reversed(failed) if path not in self._earlier), self._latest)
-        self._earlier |= set(failed)
+        earlier = frozenset(failed) if self._earlier is None else self._earlier
+        self._latest = next((path for path in reversed(failed) if path not in earlier), self._latest)
+        self._earlier = earlier | set(failed)
         calls = spending.results.replies + sum(record.totals.replies for record in playing)
         return RunSnapshot(
             finished=sum(cell.finished for cell in cells),
@@ -151,7 +157,7 @@ class RunFollower:
             steps=sum(result.steps for result in self.results.values()) + sum(record.steps for record in playing),
             tokens=spending.total.tokens,
             cost=spending.total.cost,
-            seconds_left=self._seconds_left(plan, calls, spending.total.replies),
+            seconds_left=self._seconds_left(plan, playing, spending.total),
             latest_error=self._latest_error(plan),
             stalled=sum(result.end_reason == "stalled_turns" for result in self.results.values()),
             caps=plan.caps,
@@ -193,23 +199,37 @@ class RunFollower:
         others = sum((self._continued[key] for key in self._continued.keys() & self.results.keys()), others)
         return Spending(results, sum((record.own_totals for record in playing), results + others))
 
-    def _seconds_left(self, plan: _Plan, calls: int, replies: int) -> float | None:
-        """From the calls that are still to be made: what finished episodes of a cell took, else its game's rollout."""
-        assert self._first is not None
-        began, before = self._first
-        if replies <= before:
+    def _seconds_left(self, plan: _Plan, playing: Sequence[Record], spent: Spent) -> float | None:
+        if plan.most is None:
             return None
-        expected, planned = 0.0, Counter(plan.cell_of.values())
         finished: dict[int, list[int]] = defaultdict(list)
+        running: dict[int, list[Growing]] = defaultdict(list)
+        calls = Counter[int]()
         for key, result in self.results.items():
-            finished[plan.cell_of.get(key, -1)].append(result.spent.replies)
-        try:
-            for at, count in planned.items():
-                took = finished[at]
-                expected += count * (sum(took) / len(took) if took else most_calls(plan.cells[at]))
-        except SmartPlayError:  # a game that is not installed here
-            return None
-        return max(0.0, expected - calls) * (time.monotonic() - began) / (replies - before)
+            if key in plan.cell_of:
+                finished[plan.cell_of[key]].append(result.spent.replies)
+                calls[plan.cell_of[key]] += result.spent.replies + self._continued.get(key, Spent()).replies
+        for attempt in self._attempts.values():
+            calls[plan.cell_of.get(attempt.row["key"], -1)] += attempt.spent.replies
+        for record in playing:
+            if (at := plan.cell_of.get(record.key)) is not None and record.key not in self.results:
+                rest = rest_of_tokens(plan.cells[at], record.totals, record.peak_prompt_tokens)
+                running[at].append(Growing(record.totals.replies, rest))
+                calls[at] += record.own_totals.replies
+        planned = Counter(plan.cell_of.values())
+        cells = [
+            CellWork(
+                f"{cell.player} {cell.player_options}",
+                "models" if is_model(cell.player or "") else "others",
+                plan.most[at],
+                max(0, planned[at] - len(finished[at]) - len(running[at])),
+                finished[at],
+                running[at],
+                calls[at],
+            )
+            for at, cell in enumerate(plan.cells)
+        ]
+        return self._time_left.look(cells, spent, plan.caps)
 
     def _latest_error(self, plan: _Plan) -> str:
         if self._latest is None or self._latest not in self._attempts:
@@ -223,6 +243,13 @@ class RunFollower:
 def run_snapshot(folder: RunFolder) -> RunSnapshot:
     """Return how far the run in a folder is."""
     return RunFollower(folder).snapshot()
+
+
+def _most(cells: Sequence[CellConfig]) -> list[int] | None:
+    try:
+        return list(map(most_replies, cells))
+    except SmartPlayError:  # a game that is not installed here
+        return None
 
 
 def _attempt(record: Record) -> _ReadAttempt:

@@ -125,3 +125,21 @@ def test_no_worker_outlives_a_run_that_was_killed(tmp_path):
     while any(Path(f"/proc/{pid}").exists() for pid in workers):
         assert time.monotonic() < deadline
         time.sleep(0.1)
+
+
+@pytest.mark.slow
+def test_ctrl_c_before_the_first_episode_is_one_sentence(tmp_path):
+    """Ctrl-C goes to the whole group of processes, workers that are still importing included."""
+    needs_unix()
+    command = [sys.executable, "-m", "smartplay_tools", "eval", "--games", BANDIT, "--players", "random"]
+    command += ["--trials", "40", "--workers", "2", "--out", str(tmp_path / "run")]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    ) as process:
+        while not (tmp_path / "run" / "manifest.json").exists():
+            time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGINT)
+        said, _ = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert "Traceback" not in said
+    assert "Stopped by SIGINT. The same command continues the run." in said

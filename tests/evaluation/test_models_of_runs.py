@@ -117,16 +117,17 @@ def test_an_episode_without_any_action_is_flagged_with_the_likely_cause(tmp_path
 
 
 def test_check_says_that_a_model_can_be_played_with(tmp_path):
-    good = completion(calling("observe", "read_manual"), prompt_tokens=120, completion_tokens=20)
-    with serving(lambda body, number: good) as (url, bodies):
+    looks = completion(calling("observe", "read_manual"), prompt_tokens=120, completion_tokens=20)
+    acts = completion(calling("act", action="1"), prompt_tokens=120, completion_tokens=20)
+    with serving(lambda body, number: acts if number % 3 else looks) as (url, bodies):
         command = ("check", "--players", f"{MODEL},rule", "--base-url", url, "--price", f"{MODEL}=1,2")
         code, output, _ = run(*command)
         (found,) = json.loads(run(*command, "--json")[1])
     assert code == 0
-    assert len(bodies) == 2
+    assert len(bodies) == 2 * 3, "three turns each"
     assert "no model" in output
-    assert [found[name] for name in ("reachable", "tools", "ids", "parallel", "usage")] == [True] * 5
-    assert found["cost"] == pytest.approx(160e-6)
+    assert [found[name] for name in ("reachable", "tools", "ids", "parallel", "usage", "played", "acted")] == [True] * 7
+    assert found["cost"] == pytest.approx(3 * 160e-6)
     assert found["advice"] == []
     assert max(map(len, output.splitlines())) <= 80
 

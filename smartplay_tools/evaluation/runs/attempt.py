@@ -22,7 +22,7 @@ from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conver
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.conversation.session import AgentSession, Conversation
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.errors import DiskFullError, SmartPlayError, is_disk_full
 from smartplay_tools.evaluation.runs.agents import Agent, Held
 from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
@@ -290,10 +290,23 @@ def _on_record(task: Task) -> Iterator[None]:
         yield
     except StoppedError:
         return
-    except asyncio.CancelledError:
-        append_exception(task.record, UNANSWERED)
+    except asyncio.CancelledError as error:
+        _append(task.record, error, UNANSWERED)
     except (Exception, SystemExit) as error:  # a player that exits ends its episode, not the run
-        append_exception(task.record, f"{type(error).__name__}: {error}", traceback.format_exc())
+        _append(task.record, error, f"{type(error).__name__}: {error}", traceback.format_exc())
+
+
+def _append(record: Path, error: BaseException, *words: str) -> None:
+    """Record why an attempt has ended; on a full disk no attempt can go on, so that the run has to end."""
+    try:
+        if not is_disk_full(error):
+            append_exception(record, *words)
+            return
+    except (OSError, SmartPlayError) as second:
+        if not is_disk_full(second):
+            raise
+    if not isinstance(error, asyncio.CancelledError):
+        raise DiskFullError(f"There is no space left for {record}.") from None
 
 
 class _Clock:

@@ -61,6 +61,10 @@ class Plan:
         repeats = None if self.repeats == 1 else self.repeats
         return Manifest(seed=self.seed, cells=self.cells, episodes=tuple(episodes), repeats=repeats, **facts)
 
+    def first(self, count: int) -> Plan:
+        """Return the part with the first `count` trials of each cell."""
+        return replace(self, episodes=tuple(episode for episode in self.episodes if episode.trial < count))
+
     def shard(self, number: int, count: int) -> Plan:
         """Return the part that shard `number` of `count` plays, counting from 1: every count-th trial of each cell.
 

@@ -1,57 +1,69 @@
-"""The check of a run's models: one cheap call to each, which shows whether the model can play.
+"""The check of a run's models: three turns of a real game with each, which show whether the model can play.
 
-The model is given the tools of a real game and asked to call two of them in one reply. The reply shows whether the
-server can be reached, supports tools, gives ids to calls, allows several calls in a reply, and reports usage.
+The model gets the tools of the game, and is asked to look and to read the manual in its first reply. The replies show
+whether the server can be reached, supports tools, gives ids to calls, allows several calls in a reply and reports
+usage, and whether its calls can be played. What keeps a model from playing has a sentence of its own (`faults`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import closing
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
+from urllib.parse import urlsplit
 
-from smartplay_tools.episode.tools import Tools
+from smartplay_tools.conversation.session import Conversation
+from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.evaluation.runs.faults import fault_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
-from smartplay_tools.games.specs import get_spec
-from smartplay_tools.messages import Message, calls_of, text_of
+from smartplay_tools.messages import Message, calls_of, reasoning_of, text_of
 from smartplay_tools.players import ModelPlayer, get_player, is_model
 from smartplay_tools.records.prices import Price, find_price
-from smartplay_tools.types import Prompt, Reply
+from smartplay_tools.types import Budget, Reply, Usage
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
 
-ASKED: list[Message] = [
-    {"role": "system", "content": "You play a game through tools."},
-    {"role": "user", "content": "Call both `observe` and `read_manual` now, in one reply."},
-]
+ASKED: Sequence[Message] = (
+    {
+        "role": "user",
+        "content": "Begin with both `observe` and `read_manual`, in one reply. In each later reply, call `act` once.",
+    },
+)
+
+TURNS = 3
 
 MOST_TOKENS = 1000
-"""Cap on the reply to a probe, large enough for a model that reasons and small enough to cost little."""
+"""Cap on a reply of a probe, large enough for a model that reasons and small enough to cost little."""
 
 
 @dataclass(frozen=True)
 class Probe:
-    """The findings of a call to a model; None if a fact is unknown."""
+    """The findings of some turns with a model; None if a fact is unknown."""
 
     player: str
     reachable: bool
     error: str | None = None
     tools: bool | None = None
-    """Whether the reply calls a tool."""
+    """Whether a reply calls a tool."""
     ids: bool | None = None
     """Whether the calls have ids, and different ones."""
     parallel: bool | None = None
-    """Whether there are several calls in the reply."""
+    """Whether there are several calls in a reply."""
     usage: bool | None = None
     """Whether the provider reports its count of tokens."""
     reasoning: int | None = None
-    """Tokens of reasoning that it has counted."""
+    """Tokens of reasoning, as the provider or, if it does not count them, as we count them."""
     price: str | None = None
     """The source of the price; None if it is not known."""
     cost: float | None = None
     """US dollars of this probe."""
+    played: bool | None = None
+    """Whether any call could be played."""
+    acted: bool | None = None
+    """Whether the game made a step."""
+    faults: tuple[str, ...] = ()
+    """What was wrong with the replies, a sentence with its remedy for each kind."""
 
     @property
     def advice(self) -> list[str]:
@@ -64,11 +76,9 @@ class Probe:
                     f"{self.player} seems to support only streams: --player-option {self.player}.stream=true."
                 )
             return advice
-        if not self.tools:
-            advice.append(
-                f"{self.player} has called no tool: start a vLLM server with --enable-auto-tool-choice and "
-                "--tool-call-parser; a model without tools can play with --protocol paper."
-            )
+        advice += [f"{self.player} {fault}" for fault in self.faults]
+        if self.played and not self.acted:
+            advice.append(f"{self.player} has played no action in {TURNS} turns; it only looks.")
         if not self.usage:
             advice.append(f"{self.player} does not report usage, so its cost is not known; only budget tokens are.")
         if self.price is None:
@@ -79,47 +89,76 @@ class Probe:
 
     @property
     def playable(self) -> bool:
-        """Whether it can be reached and calls tools."""
-        return self.reachable and bool(self.tools)
+        """Whether it can be reached, and a call of it could be played."""
+        return self.reachable and bool(self.played)
 
 
 def probe(config: PlayerConfig, prices: Mapping[str, Price]) -> Probe | None:
-    """Ask a model once, without retries; None for a player that is not a model."""
+    """Play some turns with a model, without retries; None for a player that is not a model."""
     try:
         player = get_player(config.name, **_once(config.name, {**config.options, **config.secret_values()}))
         if not isinstance(player, ModelPlayer):
             return None
         player.check_ready()
-        with player:
-            reply = player.reply(_prompt())
     except (SmartPlayError, ImportError) as error:
         return Probe(config.name, reachable=False, error=str(error))
     price = prices.get(config.name) or find_price(config.name, config.options)
-    return _judged(config.name, reply, price)
+    with player:
+        return _played(config, player, price)
 
 
 def _once(name: str, options: dict[str, Any]) -> dict[str, Any]:
     return {**options, "retries": 0} if is_model(name) else options
 
 
-def _prompt() -> Prompt:
-    with closing(get_spec(GAME).make()) as game:
-        return Prompt([message.copy() for message in ASKED], Tools(game).specs, MOST_TOKENS)
+def _played(config: PlayerConfig, player: ModelPlayer, price: Price | None) -> Probe:
+    replies: list[Reply] = []
+    faults: dict[str, None] = {}
+    was_played = False
+    with Episode(GAME, seed=0, budget=Budget(reply_tokens=MOST_TOKENS)) as episode:
+        conversation = Conversation(episode, head=ASKED)
+        for _ in range(TURNS):
+            prompt = conversation.prompt()
+            if prompt is None:
+                break
+            try:
+                replies.append(player.reply(prompt))
+            except SmartPlayError as error:
+                return Probe(config.name, reachable=False, error=str(error) + _address(config, str(error)))
+            conversation.receive(replies[-1].message, replies[-1].usage)
+            fault = fault_of(replies[-1], conversation, MOST_TOKENS)
+            was_played = was_played or fault is None
+            if fault is not None:
+                faults[fault] = None
+        acted = episode.stats.steps > 0
+        reasoned = sum(episode.counter.tokenizer.count(reasoning_of(reply.message)) for reply in replies)
+    found = _judged(config.name, replies, reasoned, price)
+    return replace(found, played=was_played, acted=acted, faults=tuple(faults))
 
 
-def _judged(name: str, reply: Reply, price: Price | None) -> Probe:
-    calls, usage = calls_of(reply.message), reply.usage
-    ids = [call.get("id") for call in calls]
-    reported = usage is not None and usage.prompt > 0
+def _address(config: PlayerConfig, error: str) -> str:
+    """A hint at an address without `/v1`, if that is what a refusal may come from."""
+    url = config.options.get("base_url")
+    if not isinstance(url, str) or "404" not in error or urlsplit(url).path.rstrip("/"):
+        return ""
+    return f" The base URL {url} does not end in /v1, as most do."
+
+
+def _judged(name: str, replies: Sequence[Reply], reasoned: int, price: Price | None) -> Probe:
+    calls = [calls_of(reply.message) for reply in replies]
+    ids = [call.get("id") for own in calls for call in own]
+    usages = [reply.usage for reply in replies if reply.usage is not None and reply.usage.prompt > 0]
+    total = sum(usages, Usage(requests=0))
+    first = next((text_of(reply.message)[:200] for reply in replies), None)
     return Probe(
         name,
         reachable=True,
-        error=None if calls else text_of(reply.message)[:200],
-        tools=bool(calls),
-        ids=all(ids) and len(set(ids)) == len(ids) if calls else None,
-        parallel=len(calls) > 1 if calls else None,
-        usage=reported,
-        reasoning=usage.reasoning if usage is not None and reported else None,
+        error=None if ids else first,
+        tools=bool(ids),
+        ids=all(ids) and all(len({c.get("id") for c in own}) == len(own) for own in calls) if ids else None,
+        parallel=any(len(own) > 1 for own in calls) if ids else None,
+        usage=bool(usages),
+        reasoning=total.reasoning or reasoned if usages or reasoned else None,
         price=None if price is None else price.source,
-        cost=price.cost(usage) if price is not None and usage is not None and reported else None,
+        cost=price.cost(total) if price is not None and usages else None,
     )

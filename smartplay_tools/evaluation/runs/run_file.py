@@ -32,7 +32,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smartplay_tools.episode.config import RULES, read_rules
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, similar
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials
 from smartplay_tools.types import Budget
 
@@ -98,4 +98,14 @@ def read_run_file(path: Path) -> tuple[RunFile, str]:
         # A player may be a name or a table; of the errors for either, the deepest is the relevant one.
         first = max(error.errors(), key=lambda fault: len(fault["loc"]))
         where = ".".join(str(part) for part in first["loc"] if part not in ("str", "FilePlayer"))
+        if first["type"] == "extra_forbidden":
+            raise InvalidArgumentError(f"{path}, {where}: {_unknown_field(first['loc'])}") from None
         raise InvalidArgumentError(f"{path}, {where}: {first['msg']}.") from None
+
+
+def _unknown_field(place: tuple[int | str, ...]) -> str:
+    """Return a sentence about a field that does not exist, from its place in the file."""
+    models: dict[str, Any] = {"players": FilePlayer, "budgets": Budget}
+    model = models.get(str(place[0])) if len(place) > 1 else None
+    known = [*RunFile.model_fields, *RULES] if model is None else [*model.model_fields]
+    return f"there is no such field; {similar(place[-1], (name for name in known if name != 'rules'))}"

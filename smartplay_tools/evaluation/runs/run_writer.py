@@ -103,7 +103,9 @@ class RunWriter(RunFolder):
         timings = self.timings()
         _replace(self.path / "timings.jsonl", "".join(json.dumps(row) + "\n" for row in timings))
         for path in self.running():
-            self.archive_record(Record.head(path))
+            record = Record.head(path)
+            # A disk that was full, or a process that was killed, can leave a file without a single whole event.
+            self.archive_record(record, keep=record.start is not None or record.ending is not None)
 
     def append_row(self, row: Row) -> None:
         """Add the row of a finished episode."""

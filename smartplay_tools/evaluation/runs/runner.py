@@ -7,15 +7,15 @@ with more trials, games or players than before is the same run, extended.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from smartplay_tools.conversation.loop import check_player
 from smartplay_tools.episode.stats import versions
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
 from smartplay_tools.evaluation.runs.event_loop import apart_from_event_loop
 from smartplay_tools.evaluation.runs.executors import Executor, default_workers, get_executor
@@ -165,6 +165,7 @@ def run_plan(
     executors = {name: get_executor(name) for name in by_executor}
     folder, caps = RunWriter(out), options.caps
     with (
+        _disk(folder, part),
         folder.writing(),
         stopping() as signals,
         (display or _display(part, options.on_progress))() as show,
@@ -201,6 +202,21 @@ def run_plan(
         tuple(scheduler.decisions),
         scheduler.refused,
     )
+
+
+@contextmanager
+def _disk(folder: RunFolder, plan: Plan) -> Iterator[None]:
+    """Say what is kept and what to do if there is no space left for the run's files."""
+    try:
+        yield
+    except Exception as error:
+        if not is_disk_full(error):
+            raise
+        kept = len(folder.finished() & {episode.key for episode in plan.episodes})
+        raise DiskFullError(
+            f"There is no space left for {folder.path}. The {kept} of {len(plan.episodes)} episodes that are finished "
+            "are kept; make room, and the same command continues the run."
+        ) from error
 
 
 def _display(plan: Plan, on_progress: OnProgress | None) -> Display:

@@ -5,8 +5,8 @@ its record is then moved to its final place, and its row is added.
 
 An episode may have to wait for three reasons. Caps of the run: it begins only if its expected use fits under the caps
 together with the running episodes. Its player: at most `concurrency` episodes of it run at a time. A model that has not
-answered yet in this run: one episode begins, and the others wait for its first reply, so that a wrong key or address
-costs one failed attempt instead of a hundred.
+played an action yet in this run: one episode begins, and the others wait for its first step, so that a wrong key, or a
+server that does not pass tool calls on, costs one episode instead of a hundred.
 """
 
 from __future__ import annotations
@@ -86,6 +86,7 @@ class Scheduler:
         self._running: dict[str, Task] = {}
         self._awaited: dict[Path, Record] = {}
         self._answered: set[str] = set()
+        self._acted: set[str] = set()
         self._silent: set[str] = set()
         self._unpriced: set[str] = set()
         self._capped = False
@@ -145,7 +146,7 @@ class Scheduler:
             if player in self._silent or not self._is_needed(episode):
                 continue
             room = self._setup.players[player].concurrency
-            if (room is not None and busy[player] >= room) or (busy[player] and not self._has_answered(player)):
+            if (room is not None and busy[player] >= room) or (busy[player] and not self._has_acted(player)):
                 continue
             if not self._fits(episode):
                 self._capped = not self._running
@@ -186,26 +187,29 @@ class Scheduler:
         assert self._executor is not None
         return self._capped or bool(self._unpriced) or self.refused is not None or self._executor.stop.is_set()
 
+    def _executor_stops(self) -> bool:
+        return self._executor is not None and self._executor.stop.is_set()
+
     def _tryouts_first(self, episodes: Sequence[PlannedEpisode]) -> list[PlannedEpisode]:
-        """Move one episode of every model that has not answered yet to the front."""
+        """Move one episode of every model that has not played an action yet to the front."""
         first: dict[str, PlannedEpisode] = {}
         for episode in episodes:
             player = self._who[episode.place]
-            if player in self._setup.remote and player not in self._answered:
+            if player in self._setup.remote and player not in self._acted:
                 first.setdefault(player, episode)
         keys = {episode.key for episode in first.values()}
         return [*first.values(), *(episode for episode in episodes if episode.key not in keys)]
 
-    def _has_answered(self, player: str) -> bool:
-        """Whether a player has replied in this run, according to the records that are being written."""
-        if player not in self._setup.remote or player in self._answered:
+    def _has_acted(self, player: str) -> bool:
+        """Whether a player has played an action in this run, according to the records that are being written."""
+        if player not in self._setup.remote or player in self._acted:
             return True
         for path in (task.record for task in self._running.values() if self._who[task.planned.place] == player):
             followed = self._awaited.get(path)
             self._awaited[path] = Record.follow(path) if followed is None else followed.refresh()
-            if self._awaited[path].totals.replies:
-                self._answered.add(player)
-        return player in self._answered
+            if self._awaited[path].steps:
+                self._acted.add(player)
+        return player in self._acted
 
     def _fits(self, episode: PlannedEpisode) -> bool:
         """Whether the expected use of an episode fits under the caps together with the running episodes."""
@@ -237,6 +241,8 @@ class Scheduler:
             spent = record.own_totals + record.open_call
             if spent.replies:
                 self._answered.add(self._who[task.planned.place])
+            if record.steps:
+                self._acted.add(self._who[task.planned.place])
             self._spent += spent
             self._folder.archive_record(record, keep=bool(spent.replies or spent.unknown_calls))
             self._expected.attempted(task.planned, spent)
@@ -259,7 +265,7 @@ class Scheduler:
                 self._unpriced.add(row["player"])
         elif record.outcome == "paused":
             self._capped = True
-        elif record.outcome == "failed" or not record.exists:
+        elif record.outcome == "failed" or (not record.exists and not self._executor_stops()):
             self._failed += 1
             self._judge(episode, error)
         why = None if row is not None else error

@@ -46,7 +46,7 @@ class ProcessExecutor:
                         lost.append(task)
                     else:
                         yield EndedAttempt(task, times)
-                if lost and not pool.has_begun:
+                if lost and not pool.has_begun and not self.stop.is_set():
                     raise InvalidArgumentError(
                         "No worker process could begin; its error is above. Workers import the program's main module:"
                         ' start the run below `if __name__ == "__main__":`, or pass executor="async" or'

@@ -1,0 +1,207 @@
+"""`check`: every way in which a model cannot play has its own sentence, and exit code 1."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.records import RunFolder
+from tests.evaluation.servers import calling, completion, refusal, serving
+from tests.evaluation.test_models_of_runs import BANDIT, MODEL, run
+
+pytest.importorskip("openai")
+
+
+def called(name: str, arguments: str) -> dict[str, Any]:
+    call = {"id": "1", "type": "function", "function": {"name": name, "arguments": arguments}}
+    return {"content": None, "tool_calls": [call]}
+
+
+def cut(message: dict[str, Any]) -> tuple[int, dict[str, Any]]:
+    status, body = completion(message, prompt_tokens=100, completion_tokens=1000)
+    body["choices"][0]["finish_reason"] = "length"
+    return status, body
+
+
+HERMES = '<tool_call>\n{"name": "act", "arguments": {"action": "1"}}\n</tool_call>'
+
+REPLIES = {
+    "arguments that are not JSON": (completion(called("act", '{"action": Rock')), "are not JSON", "--tool-call-parser"),
+    "a prefix": (completion(called("functions.act", '{"action": "1"}')), "adds `functions.`", "--tool-call-parser"),
+    "an unknown tool": (completion(called("move", "{}")), "`move`, which is not a tool", "observe, act, read_manual"),
+    "an illegal action": (completion(called("act", '{"action": "Fly"}')), "cannot be played", "description"),
+    "cut within words": (cut({"content": "<think>Let me see"}), "cut at its length", "--reply-tokens"),
+    "cut within a call": (cut(called("act", '{"act')), "within a call", "--reply-tokens"),
+    "a call as text": (completion({"content": HERMES}), "writes its calls as text", "--parse-calls hermes"),
+    "reasoning alone": (
+        completion({"content": None, "reasoning_content": "hm " * 9}),
+        "27 characters",
+        "reasoning pars",
+    ),
+    "words": (completion({"content": "I observe."}), "has called no tool", "--tool-choice required"),
+}
+
+
+@pytest.mark.parametrize("name", REPLIES)
+def test_a_model_that_cannot_play_is_told_apart(name):
+    answer, what, remedy = REPLIES[name]
+    with serving(lambda body, number: answer) as (url, bodies):
+        code, output, _ = run("check", "--players", MODEL, "--base-url", url)
+    (sentence,) = [line for line in output.splitlines() if line.startswith(f"{MODEL} ") and what in line]
+    assert remedy in sentence
+    assert code == 1
+    assert len(bodies) == 3
+
+
+def test_a_model_that_errs_once_can_play():
+    answers = [called("act", "{"), calling("act", action="1"), calling("act", action="1")]
+    with serving(lambda body, number: completion(answers[number])) as (url, _):
+        code, output, _ = run("check", "--players", MODEL, "--base-url", url)
+    assert (code, "are not JSON" in output) == (0, True)
+
+
+def test_reasoning_that_no_usage_counts_is_counted():
+    message = {**calling("act", action="1"), "reasoning_content": "I take the first arm."}
+    with serving(lambda body, number: completion(message, prompt_tokens=9, completion_tokens=9)) as (url, _):
+        (found,) = json.loads(run("check", "--players", MODEL, "--base-url", url, "--json")[1])
+    assert found["reasoning"] == 3 * 6
+
+
+@contextmanager
+def web_page(kind: str) -> Iterator[str]:
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            self.rfile.read(int(self.headers["content-length"]))
+            self.send_response(200)
+            self.send_header("content-type", kind)
+            self.end_headers()
+            self.wfile.write(b"<!doctype html><title>Hello</title>")
+
+        def log_message(self, *arguments: object) -> None: ...
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_address[1]}"
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+@pytest.mark.parametrize("kind", ["text/html", "application/json"])
+def test_a_web_page_is_not_a_model(kind):
+    with web_page(kind) as url:
+        code, output, _ = run("check", "--players", MODEL, "--base-url", url)
+    assert code == 1
+    assert f"{url} answered with" in output
+    assert "usually ends in /v1" in output
+
+
+def test_a_missing_v1_is_named():
+    with serving(lambda body, number: refusal(404, "not_found", "Not Found")) as (url, _):
+        code, output, _ = run("check", "--players", MODEL, "--base-url", url.removesuffix("/v1"))
+    assert code == 1
+    assert "does not end in /v1" in output
+
+
+# A run begins with one episode, until it has played an action.
+
+
+def test_the_others_wait_for_the_first_action(tmp_path):
+    """A server that never passes a call on is asked by one episode at a time."""
+    at_once = [0, 0]
+    lock = threading.Lock()
+
+    def words(body: dict[str, Any], number: int) -> tuple[int, dict[str, Any]]:
+        with lock:
+            at_once[0] += 1
+            at_once[1] = max(at_once)
+        try:
+            return completion({"content": "I think."}, prompt_tokens=10, completion_tokens=2)
+        finally:
+            with lock:
+                at_once[0] -= 1
+
+    with serving(words) as (url, bodies):
+        command = ("eval", "--games", BANDIT, "--players", MODEL, "--base-url", url, "--trials", 3, "--out", tmp_path)
+        assert run(*command)[0] == 1
+    assert at_once[1] == 1
+    assert len(bodies) == 9
+
+
+def test_replies_that_were_cut_are_the_cause_that_is_named(tmp_path):
+    with serving(lambda body, number: cut({"content": "<think>"})) as (url, _):
+        _, _, said = run(
+            "eval", "--games", BANDIT, "--players", MODEL, "--base-url", url, "--trials", 1, "--out", tmp_path
+        )
+        code, output, warned = run("play", BANDIT, "--player", MODEL, "--base-url", url, "--quiet")
+    assert "cut at their length before they called a tool" in said
+    assert RunFolder(tmp_path).rows()[0]["tokens"]["provider"]["cut"] == 3
+    assert (code, "cut at their length" in warned) == (0, True), output
+
+
+def test_play_warns_of_replies_beyond_their_cap_and_shows_the_cost():
+    message = {**calling("act", action="1"), "content": "so " * 300}
+    with serving(lambda body, number: completion(message, prompt_tokens=1000, completion_tokens=100)) as (url, bodies):
+        command = ("play", BANDIT, "--player", MODEL, "--base-url", url, "--quiet", "--steps", 2, "--reply-tokens", 50)
+        code, output, warned = run(
+            *command, "--price", f"{MODEL}=1,2", "--player-option", 'parameters={"temperature": 0}'
+        )
+    assert code == 0
+    assert "2 of 2 replies were longer than --reply-tokens allows" in warned
+    assert "$0.0024" in output
+    assert {body["temperature"] for body in bodies} == {0}
+
+
+# Calls that a model writes as text.
+
+
+def test_calls_in_a_text_are_read_if_asked_for_and_that_is_on_record(tmp_path):
+    with serving(lambda body, number: completion({"content": f"I choose.\n{HERMES}"})) as (url, bodies):
+        record = tmp_path / "game.jsonl"
+        command = ("play", BANDIT, "--player", MODEL, "--base-url", url, "--quiet", "--steps", 2)
+        code, _, _ = run(*command, "--parse-calls", "hermes", "--transcript", record)
+        refused = run(*command, "--parse-calls", "qwen")
+    assert code == 0
+    assert (refused[0], "hermes, llama, mistral" in refused[2]) == (2, True)
+    events = sp.read_transcript(record)
+    result = events[-1]["result"]
+    assert (result["steps"], result["deviations"]["parse_calls"]) == (2, {"paper": None, "played": "hermes"})
+    assert bodies[1]["messages"][-2]["content"] == "I choose."
+    assert sp.replay(record).identical
+
+
+def test_tool_choice_goes_to_the_server(tmp_path):
+    with serving(lambda body, number: completion(calling("act", action="1"))) as (url, bodies):
+        command = ("eval", "--games", BANDIT, "--players", f"{MODEL},rule", "--base-url", url, "--trials", 1)
+        assert run(*command, "--tool-choice", "required", "--tool-calls", 3, "--out", tmp_path)[0] == 0
+    assert {body["tool_choice"] for body in bodies} == {"required"}
+    model, rule = RunFolder(tmp_path).rows()
+    assert model["deviations"]["tool_choice"] == {"paper": "auto", "played": "required"}
+    assert "tool_choice" not in rule["deviations"]
+
+
+# The pilot.
+
+
+def test_a_pilot_plays_one_episode_a_cell_and_the_run_goes_on(tmp_path):
+    command = ("eval", "--games", BANDIT, "--players", "rule,random", "--trials", 3, "--executor", "inline")
+    code, _, said = run(*command, "--out", tmp_path, "--pilot", 1)
+    assert code == 0, said
+    before = RunFolder(tmp_path).rows()
+    assert [(row["player"], row["trial"]) for row in before] == [("rule", 0), ("random", 0)]
+    assert "The whole run:" in said
+    assert "without --pilot goes on" in said
+    assert run(*command, "--out", tmp_path)[0] == 0
+    after = RunFolder(tmp_path).rows()
+    assert len(after) == 6
+    assert [row for row in after if row["trial"] == 0] == before

@@ -1,0 +1,57 @@
+"""A disk without space: one sentence, what is finished is kept, and the same command goes on."""
+
+from __future__ import annotations
+
+import errno
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.errors import DiskFullError, is_disk_full
+from smartplay_tools.transcript.appended import AppendedFile
+
+BANDIT = "BanditTwoArmedHighLowFixed-v0"
+
+
+def no_space() -> OSError:
+    return OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_is_recognised_behind_other_errors():
+    error = sp.SmartPlayError("the record ends there")
+    error.__cause__ = no_space()
+    assert is_disk_full(error)
+    assert not is_disk_full(OSError(errno.EACCES, "no"))
+    assert not is_disk_full(None)
+
+
+@pytest.mark.parametrize("executor", ["inline", "async"])
+def test_a_run_on_a_full_disk_keeps_what_is_finished_and_goes_on(tmp_path, monkeypatch, executor):
+    """The disk is full for the record of the third episode, at its tenth write."""
+    write, count = AppendedFile.write, [0]
+    each = 51 * 4
+
+    def full(self, lines):
+        count[0] += 1
+        if count[0] > each:
+            raise no_space()
+        write(self, lines)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(AppendedFile, "write", full)
+        with pytest.raises(DiskFullError, match=r"There is no space left for .*make room, and the same command"):
+            sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=6, executor=executor, workers=1)
+    again = sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=6, executor="inline")
+    assert again.complete
+    assert {failure["end_reason"] for failure in again.failures} <= {"interrupted"}
+    assert all(sp.replay(again.transcript(row["key"])).identical for row in again.rows)
+
+
+def test_a_file_without_an_event_is_not_an_attempt(tmp_path):
+    run = sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=1, executor="inline")
+    key = run.rows[0]["key"]
+    run.transcript(key).unlink()
+    (tmp_path / "results.jsonl").write_text("")
+    (tmp_path / "running" / f"{key}.1.jsonl").write_text('{"event": "st')
+    again = sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=1, executor="inline")
+    assert (again.complete, again.failures) == (True, [])
