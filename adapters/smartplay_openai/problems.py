@@ -80,7 +80,10 @@ def read_tools(body: Mapping[str, Any], function_field: str | None) -> tuple[Too
 
 
 def _read_tool(tool: Any, function_field: str | None, param: str) -> ToolSpec:
-    is_function = isinstance(tool, Mapping) and tool.get("type") == "function"
+    kind = tool.get("type") if isinstance(tool, Mapping) else None
+    is_function = kind == "function"
+    if isinstance(kind, str) and not is_function:
+        raise bad(f"A tool of the type {kind!r} cannot be counted or run here: send functions only.", param)
     function = (tool.get(function_field) if function_field else tool) if is_function else None
     if not isinstance(function, Mapping) or "name" not in function:
         raise bad("A tool has a name: in chat completions under `function`, in Responses next to `type`.", param)

@@ -16,7 +16,16 @@ import typer
 
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
-from smartplay_tools.cli.serve_window import ended, open_endpoint, plan_of, say, server
+from smartplay_tools.cli.serve_window import (
+    OnlyGameTools,
+    ShowSystem,
+    chosen,
+    ended,
+    open_endpoint,
+    plan_of,
+    say,
+    server,
+)
 
 if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs import Held, RunProgress
@@ -40,6 +49,8 @@ def agent(
     episodes: Annotated[int, typer.Option(help="Play N episodes, in the worlds of `eval`.", min=1)] = 1,
     at_once: Annotated[int, typer.Option(help="Programs at a time.", min=1)] = 1,
     timeout: Annotated[float, typer.Option(help="End a program after N seconds.", min=0)] = 3600.0,
+    only_game_tools: OnlyGameTools = False,
+    show_system: ShowSystem = False,
     out: runs.Out = Path("agent"),
     price: runs.Prices = None,
     *,
@@ -47,18 +58,20 @@ def agent(
 ) -> None:
     """Play a run with a program of yours, which asks its model at an address that shows it the exact window.
 
-    The program has OPENAI_BASE_URL, OPENAI_MODEL and OPENAI_API_KEY in its environment, the address of the game's tools
-    as SMARTPLAY_MCP_URL, and SMARTPLAY_HANDLE; {base_url}, {model}, {mcp_url} and {handle} in CMD stand for the same.
-    The episode ends with the program. A program that fails is started again, as is every other by the same command.
+    The program has OPENAI_BASE_URL, OPENAI_MODEL and OPENAI_API_KEY in its environment, the same for ANTHROPIC_, the
+    address of the game's tools as SMARTPLAY_MCP_URL, and SMARTPLAY_HANDLE; {base_url}, {anthropic_url}, {model},
+    {mcp_url} and {handle} in CMD stand for the same. The episode ends with the program. A program that fails is started
+    again, as is every other by the same command.
 
     Example: smartplay-tools agent Hanoi3Disk-v0 --episodes 20 --prompt-tokens 2000 -- python my_agent.py
     """
     from smartplay_tools.cli.evaluate import print_run
     from smartplay_tools.evaluation.runs import PlayerConfig, RunOptions, run_plan
 
-    endpoint = open_endpoint(player, base_url, seed, idle=math.inf)
+    shown = {"only_game_tools": only_game_tools, "show_system": show_system}
+    endpoint = open_endpoint(player, base_url, seed, idle=math.inf, **shown)
     programs = _Programs(endpoint, command, timeout, out / "output")
-    labels = {"agent": name or Path(command[0]).name}
+    labels = {"agent": name or Path(command[0]).name, **chosen(shown)}
     config = PlayerConfig(name=player, agent=programs, options={**server(base_url), **labels})
     plan = plan_of(game, config, episodes, seed, episode)
     with endpoint:
@@ -95,6 +108,7 @@ class _Programs:
         """Return the program's exit status; None if it had to be ended."""
         places = {
             "base_url": self._endpoint.base_url,
+            "anthropic_url": self._endpoint.url,
             "model": self._endpoint.model(handle),
             "mcp_url": self._endpoint.mcp_url(handle),
             "handle": handle,
@@ -138,6 +152,9 @@ def _environment(places: dict[str, str]) -> dict[str, str]:
         "OPENAI_API_BASE": places["base_url"],
         "OPENAI_API_KEY": "none",
         "OPENAI_MODEL": places["model"],
+        "ANTHROPIC_BASE_URL": places["anthropic_url"],
+        "ANTHROPIC_API_KEY": "none",
+        "ANTHROPIC_MODEL": places["model"],
         "SMARTPLAY_MCP_URL": places["mcp_url"],
         "SMARTPLAY_HANDLE": places["handle"],
         "NO_PROXY": here,

@@ -1,4 +1,4 @@
-"""The command `serve window`: a game's own context window behind OpenAI's interface, for any agent."""
+"""The command `serve window`: a game's own context window behind the interfaces of models, for any agent."""
 
 from __future__ import annotations
 
@@ -24,6 +24,12 @@ ADAPTER = "smartplay_openai"
 """The adapter that serves windows; imported at first use."""
 
 
+OnlyGameTools = Annotated[bool, typer.Option("--only-game-tools", help="Hide the agent's other tools from the model.")]
+ShowSystem = Annotated[
+    bool, typer.Option("--show-system", help="Show the model the agent's instructions, and count them.")
+]
+
+
 @with_episode_options(without=("protocol",))
 def window(
     game: options.Game,
@@ -41,9 +47,11 @@ def window(
     closing: Annotated[
         str, typer.Option(help="The tool with which an agent's framework closes a run.")
     ] = "final_answer",
+    only_game_tools: OnlyGameTools = False,
+    show_system: ShowSystem = False,
     most: Annotated[int, typer.Option(help="How many episodes may be open.", min=1)] = 1000,
     idle: Annotated[
-        float, typer.Option(help="Without --out: close an episode after N seconds without a request.")
+        float, typer.Option(help="Without --out: close a begun episode after N seconds without a request.")
     ] = 1800.0,
     out: Annotated[
         Path | None,
@@ -55,27 +63,30 @@ def window(
     """Serve a game's window as a model: an agent that uses it plays under the exact budget.
 
     The model of --player sees the window and nothing else. An agent's base_url is the address that is printed, its
-    model smartplay/HANDLE, its tools those of the MCP address. Each episode that ends is printed with its score.
+    model smartplay/HANDLE, its tools those of the MCP address; Anthropic's clients take the address without /v1. Each
+    episode that ends is printed with its score.
 
     Example: smartplay-tools serve window Hanoi3Disk-v0 --player openai:gpt-4o-mini --prompt-tokens 2000
     """
+    shown = {"only_game_tools": only_game_tools, "show_system": show_system}
     endpoint = open_endpoint(
         *(player, base_url, seed),
         host=host,
         port=port,
         token=token,
         closing=closing,
+        **shown,
         most=most,
         idle=idle if out is None else math.inf,  # the episodes of a run wait for their agents
         hosts=allow_host or (),
         origins=allow_origin or (),
     )
-    say(f"base_url {endpoint.base_url}  ({player} plays; stop with Ctrl-C)")
+    say(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  ({player} plays; stop with Ctrl-C)")
     if out is not None:
         from smartplay_tools.evaluation.runs import PlayerConfig
 
         offered = _Offered(endpoint, out)
-        config = PlayerConfig(name=player, agent=offered, options=server(base_url))
+        config = PlayerConfig(name=player, agent=offered, options={**server(base_url), **chosen(shown)})
         _serve_run(endpoint, plan_of(game, config, episodes, seed, episode), config, offered, out)
         return
     ends = _Ends()
@@ -102,6 +113,11 @@ def open_endpoint(player: str, base_url: str | None, seed: int, **where: Any) ->
 def server(base_url: str | None) -> dict[str, Any]:
     """Return the option of a player that names its server."""
     return {} if base_url is None else {"base_url": base_url}
+
+
+def chosen(options: Mapping[str, bool]) -> dict[str, Any]:
+    """Return the options that are on: a run has those of its player, and runs with others are not the same."""
+    return {name: True for name, is_on in options.items() if is_on}
 
 
 def plan_of(game: str, player: PlayerConfig, episodes: int, seed: int, episode: EpisodeOptions) -> Plan:

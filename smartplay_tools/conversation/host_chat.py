@@ -70,9 +70,9 @@ class HostChat:
         """Decide the open calls of the latest reply, in their order; return what they are answered with, by call id.
 
         A call whose id is in `play` is played, with the arguments given there unless they are None. A result among the
-        messages is the host's answer; to one of the game's own calls it is a refusal. Of the other calls, the game
-        answers those that no host can run, because their tool does not exist or their arguments are not an object, and
-        the rest was not run. Results of foreign tools are the host's own and not returned.
+        messages is the host's answer; to one of the game's own calls it is a refusal. Of the other calls, those that no
+        host can run, because their tool does not exist or their arguments are not an object, are answered here, and the
+        rest was not run. Results of foreign tools are the host's own and not returned.
         """
         session = self._begun
         turn, answers = session.latest_turn, dict[str, ToolResult]()
@@ -93,8 +93,10 @@ class HostChat:
                 elif call.id in results:
                     answers[call.id] = session.refuse(call.id, text_of(results[call.id]))
                 elif call.name in foreign:
-                    session.add({"role": "tool", "tool_call_id": call.id, "content": self._not_run})
-                    answers[call.id] = ToolResult(self._not_run, is_error=True)
+                    problem = call.arguments.problem
+                    text = self._not_run if problem is None else f"Error: The arguments {problem}."
+                    session.add({"role": "tool", "tool_call_id": call.id, "content": text})
+                    answers[call.id] = ToolResult(text, is_error=True)
                 elif call.name not in runnable or call.arguments.values is None:
                     answers[call.id] = session.answer(call.id)
                 else:

@@ -19,6 +19,7 @@ from smartplay_tools.web.admission import Names, is_bearer, is_loopback
 from smartplay_tools.web.bodies import LARGEST_CALL, Bounded
 
 BROWSER_HEADERS = (
+    "anthropic-version",
     "authorization",
     "content-type",
     "last-event-id",
@@ -26,6 +27,7 @@ BROWSER_HEADERS = (
     "mcp-name",
     "mcp-protocol-version",
     "mcp-session-id",
+    "x-api-key",
     "x-episode",
 )
 """Headers that clients in a browser send."""
@@ -62,9 +64,10 @@ def guarded(
     )
 
 
-def carries(request: Request, token: str) -> bool:
-    """Whether a request carries a bearer token."""
-    return is_bearer(request.headers.get("authorization"), token)
+def carries(request: Request, token: str, *, key_header: str | None = None) -> bool:
+    """Whether a request carries a token: as a bearer token, or alone in the header with this name."""
+    sent = request.headers.get(key_header) if key_header else None
+    return is_bearer(request.headers.get("authorization") if sent is None else f"Bearer {sent}", token)
 
 
 def check_address(host: str, token: str | None, hosts: Sequence[str]) -> None:

@@ -30,6 +30,8 @@ class HostedEpisode:
             load than a host waits for a server's first word.
     """
 
+    is_read_by_host = True
+
     def __init__(self, episode: Episode | Callable[[], Episode]) -> None:
         self._make = episode if callable(episode) else None
         self._making: asyncio.Future[Episode] | None = None

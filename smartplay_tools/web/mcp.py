@@ -45,6 +45,9 @@ HANDSHAKE_VERSIONS = ("2024-11-05", "2025-03-26", "2025-06-18", "2025-11-25")
 STATELESS_VERSIONS = ("2026-07-28",)
 """Versions of the protocol in which every request names its version in `_meta`."""
 
+ALWAYS_LOAD = "anthropic/alwaysLoad"
+"""A field of a tool's `_meta`: Claude Code then shows the tool to the model instead of hiding it behind a search."""
+
 VERSION_KEY = "io.modelcontextprotocol/protocolVersion"
 CAPABILITIES_KEY = "io.modelcontextprotocol/clientCapabilities"
 SERVER_KEY = "io.modelcontextprotocol/serverInfo"
@@ -114,7 +117,7 @@ async def respond(hosted: Hosted, message: Any) -> dict[str, Any] | None:
 async def _answer(hosted: Hosted, method: str, params: dict[str, Any]) -> dict[str, Any]:
     meta: dict[str, Any] = params.get("_meta", {})
     if method == "initialize":
-        return _initialized(params)
+        return _initialized(hosted, params)
     if VERSION_KEY not in meta:
         if method == "ping":
             return {}
@@ -130,13 +133,18 @@ def stateless_result(method: str, result: Mapping[str, Any]) -> dict[str, Any]:
     return stamped | ({"ttlMs": 0, "cacheScope": "private"} if method in CACHEABLE else {})
 
 
-def _initialized(params: Mapping[str, Any]) -> dict[str, Any]:
+def _initialized(hosted: Hosted, params: Mapping[str, Any]) -> dict[str, Any]:
     requested = params.get("protocolVersion")
     if not isinstance(requested, str):
         raise ProtocolError(INVALID_PARAMS, "initialize names a protocolVersion.")
     agreed = requested if requested in HANDSHAKE_VERSIONS else HANDSHAKE_VERSIONS[-1]
-    about = {"capabilities": CAPABILITIES, "serverInfo": SERVER_INFO, "instructions": INSTRUCTIONS}
-    return {"protocolVersion": agreed, **about}
+    return {"protocolVersion": agreed, "serverInfo": SERVER_INFO, **_about(hosted)}
+
+
+def _about(hosted: Hosted) -> dict[str, Any]:
+    """What a server says of itself: a model behind a window has tools only, and no use for a host's instructions."""
+    capabilities = CAPABILITIES if hosted.is_read_by_host else {"tools": CAPABILITIES["tools"]}
+    return {"capabilities": capabilities, "instructions": INSTRUCTIONS}
 
 
 def _check_version(meta: Mapping[str, Any]) -> None:
@@ -152,14 +160,14 @@ async def result_of(hosted: Hosted, method: str, params: Mapping[str, Any]) -> d
     """Return the result of a method; raise `ProtocolError` if the method or its parameters are invalid."""
     match method:
         case "server/discover":
-            about = {"capabilities": CAPABILITIES, "instructions": INSTRUCTIONS}
-            return {"supportedVersions": [*STATELESS_VERSIONS], **about}
+            return {"supportedVersions": [*STATELESS_VERSIONS], **_about(hosted)}
         case "tools/list":
             return {"tools": [_tool(spec) for spec in (await hosted.ready()).tools]}
         case "tools/call":
             return await _call(hosted, params)
         case "resources/list":
-            return {"resources": [_manual()] if (await hosted.ready()).config.manual != "none" else []}
+            is_listed = hosted.is_read_by_host and (await hosted.ready()).config.manual != "none"
+            return {"resources": [_manual()] if is_listed else []}
         case "resources/templates/list":
             return {"resourceTemplates": []}
         case "resources/read":
@@ -177,6 +185,7 @@ def _tool(spec: ToolSpec) -> dict[str, Any]:
         "inputSchema": dict(spec.parameters),
         "outputSchema": OUTPUT_SCHEMA,
         "annotations": {"title": title, **hints},
+        "_meta": {ALWAYS_LOAD: True},
     }
 
 
@@ -205,7 +214,7 @@ def call_result(result: ToolResult) -> dict[str, Any]:
 
 async def _read(hosted: Hosted, params: Mapping[str, Any]) -> str:
     uri, episode = params.get("uri"), await hosted.ready()
-    if uri != MANUAL or episode.config.manual == "none":
+    if uri != MANUAL or episode.config.manual == "none" or not hosted.is_read_by_host:
         raise ProtocolError(INVALID_PARAMS, f"There is no resource {str(uri)[:80]}.")
     if episode.config.manual == "pinned":
         return episode.manual_text

@@ -36,7 +36,8 @@ async def bind_episode(request: Request, store: Store[Any]) -> Response | None:
     handle = handle or request.query_params.get("episode") or request.headers.get("x-episode") or ""
     hosted = store.opened(handle) or await hosted_or_refusal(store.find, handle)
     if isinstance(hosted, Response):
-        return hosted
+        gone = store.gone(handle)
+        return hosted if gone is None else PlainTextResponse(gone.why, hosted.status_code)
     request.scope[HOSTED] = hosted
     request.scope["path"] = "/mcp"
     return None

@@ -13,6 +13,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -30,8 +31,22 @@ class FullError(SmartPlayError):
     """The largest number of open episodes is reached."""
 
 
+@dataclass(frozen=True)
+class Gone:
+    """What a server remembers of an episode that it has closed."""
+
+    result: EpisodeResult | None
+    why: str
+    """A sentence for whoever asks for the episode."""
+
+
 class Hosted(Protocol):
     """What a server plays: an episode, and how a call of its host's agent is answered."""
+
+    @property
+    def is_read_by_host(self) -> bool:
+        """Whether the host reads by itself, so that resources and prompts are of use to it."""
+        ...
 
     @property
     def episode(self) -> Episode:
@@ -56,7 +71,7 @@ class Store(ABC, Generic[H]):
     Arguments:
         folder: the folder of the transcripts; without it, episodes are lost when the process ends.
         most: the largest number of open episodes.
-        idle: seconds without a call after which an episode is closed.
+        idle: seconds without a call after which an episode is closed; one that was never asked for waits.
         clock: the time in seconds.
     """
 
@@ -71,12 +86,15 @@ class Store(ABC, Generic[H]):
         self._folder, self._most, self._idle, self._clock = folder, most, idle, clock
         self._hosted: dict[str, tuple[H, float]] = {}
         """Open episodes with the time of their last use, least recently used first."""
+        self._waiting: dict[str, H] = {}
+        """Open episodes that nobody has asked for yet."""
+        self._gone: dict[str, Gone] = {}
         self._busy: set[str] = set()
         """Handles whose episodes are being created, replayed or closed; this may take long, and others play on."""
         self._lock = threading.Condition()
 
     def __len__(self) -> int:
-        return len(self._hosted)
+        return len(self._hosted) + len(self._waiting)
 
     def open(self, game: str, *, seed: int, budget: Budget | None = None, **options: Any) -> str:
         """Begin an episode and return its handle; raise `FullError` if too many are open. `options` are `Episode`'s."""
@@ -90,7 +108,11 @@ class Store(ABC, Generic[H]):
     def hosted(self) -> list[H]:
         """Return what is open."""
         with self._lock:
-            return [hosted for hosted, _ in self._hosted.values()]
+            return [*self._waiting.values(), *(hosted for hosted, _ in self._hosted.values())]
+
+    def gone(self, handle: str) -> Gone | None:
+        """Return what is left of an episode that was closed here; None for any other."""
+        return self._gone.get(handle)
 
     def add(self, make: Callable[[str], H], handle: str | None = None) -> str:
         """Give a handle, a new one by default, to what a function makes of it; `FullError` if too many are open."""
@@ -98,15 +120,18 @@ class Store(ABC, Generic[H]):
         self._close_idle()
         with self._lock:
             self._make_way(handle)
-        self._host(handle, lambda: make(handle))
+        self._host(handle, lambda: make(handle), is_asked_for=False)
         return handle
 
     def opened(self, handle: str) -> H | None:
         """Return an episode if it is open; otherwise return None, even if its transcript exists."""
         with self._lock:
-            if handle not in self._hosted or self._is_idle(handle):
+            if handle in self._waiting:
+                hosted = self._waiting.pop(handle)
+            elif handle not in self._hosted or self._is_idle(handle):
                 return None
-            hosted, _ = self._hosted.pop(handle)
+            else:
+                hosted, _ = self._hosted.pop(handle)
             self._hosted[handle] = (hosted, self._clock())
             return hosted
 
@@ -133,7 +158,12 @@ class Store(ABC, Generic[H]):
         hosted.episode.close()
         with self._lock:
             self._hosted.pop(handle, None)
+        self._let_go(handle, hosted, "The episode is over, and was closed.")
         return hosted.episode.result
+
+    def _let_go(self, handle: str, hosted: H, why: str) -> None:
+        """Remember what is left of an episode that was closed."""
+        self._gone[handle] = Gone(hosted.episode.result, why)
 
     @abstractmethod
     def _begin(self, handle: str, game: str, **options: Any) -> H:
@@ -147,15 +177,18 @@ class Store(ABC, Generic[H]):
         """Refuse a budget that cannot be enforced over MCP."""
 
     def _make_way(self, handle: str) -> None:
-        if len(self._hosted) + len(self._busy) >= self._most:
+        if len(self) + len(self._busy) >= self._most:
             raise FullError(f"{self._most} episodes are open, which is the largest number allowed.")
         self._busy.add(handle)
 
-    def _host(self, handle: str, make: Callable[[], H]) -> H:
+    def _host(self, handle: str, make: Callable[[], H], *, is_asked_for: bool = True) -> H:
         try:
             hosted = make()
             with self._lock:
-                self._hosted[handle] = (hosted, self._clock())
+                if is_asked_for:
+                    self._hosted[handle] = (hosted, self._clock())
+                else:
+                    self._waiting[handle] = hosted
             return hosted
         finally:
             self._done_with(handle)
@@ -170,6 +203,7 @@ class Store(ABC, Generic[H]):
             try:
                 hosted.episode.close()
             finally:
+                self._let_go(handle, hosted, f"The episode was closed after {self._idle:g} seconds without a request.")
                 self._done_with(handle)
 
     def _done_with(self, handle: str) -> None:

@@ -51,7 +51,7 @@ from tests.adapters.conformance import (
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_agents import ReadingModel
 from tests.adapters.scripted_langchain import ScriptedModel
-from tests.adapters.window_host import INTERFACES, HostAgent, openai_client
+from tests.adapters.window_host import INTERFACES, HostAgent, client_of
 
 Script = Iterable[sp.Message]
 
@@ -154,7 +154,7 @@ def window_endpoint(episode: sp.Episode, script: Script, *, interface: str, own_
             agent.play()
         else:
             tools = {name: partial(agent.run_named, name) for name in ("observe", "act", "read_manual")}
-            with openai_client(endpoint) as client:
+            with client_of(interface, endpoint) as client:
                 INTERFACES[interface](client, endpoint.model(handle), tools, stream=True)
     return stub.received
 
@@ -198,6 +198,7 @@ WINDOW = {
     "LangGraph": Window(langgraph, LANGCHAIN),
     "Window endpoint, tools over MCP": Window(partial(window_endpoint, interface="mcp"), WINDOW_ENDPOINT),
     "Window endpoint, chat completions": Window(partial(window_endpoint, interface="chat"), WINDOW_ENDPOINT),
+    "Window endpoint, Messages": Window(partial(window_endpoint, interface="messages"), WINDOW_ENDPOINT),
     "Window endpoint, Responses": Window(partial(window_endpoint, interface="responses"), WINDOW_ENDPOINT),
     "OpenAI player": Window(partial(openai_player, play=waiting), OPENAI),
     "OpenAI player, async": Window(partial(openai_player, play=on_a_loop), OPENAI),

@@ -264,10 +264,30 @@ class TestEpisodes:
         assert left.episode.end_reason == "closed"
         assert episodes.find(busy) is not None
 
+    def test_who_has_not_begun_keeps_his_place(self):
+        now = [0.0]
+        episodes = EpisodeStore(idle=60, clock=lambda: now[0])
+        handle = episodes.open(GAME, seed=1)
+        now[0] = 1000
+        assert not episodes.find(handle).episode.done
+
+    def test_whoever_comes_too_late_is_told_why(self):
+        now = [0.0]
+        episodes = EpisodeStore(idle=60, clock=lambda: now[0])
+        handle = episodes.open(GAME, seed=1)
+        episodes.find(handle)
+        now[0] = 100
+        with HttpServer(episodes, port=0) as server:
+            refused = post(f"{server.url}/mcp/{handle}", json=CALL, headers=ACCEPT)
+        told = "The episode was closed after 60 seconds without a request."
+        assert (refused.status_code, refused.text) == (404, told)
+        assert episodes.gone(handle).result.end_reason == "closed"
+
     def test_with_a_folder_it_is_told_that_the_episode_is_over(self, tmp_path):
         now = [0.0]
         episodes = EpisodeStore(folder=tmp_path, idle=60, clock=lambda: now[0])
         handle = episodes.open(GAME, seed=1)
+        episodes.find(handle)
         now[0] = 100
         with ThreadPoolExecutor(8) as pool:
             found = list(pool.map(episodes.find, [handle] * 8))

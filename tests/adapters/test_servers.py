@@ -12,6 +12,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -61,6 +62,12 @@ def serve_window(stack: ExitStack, folder: Path, **address: Any) -> Case:
     return Case(server, "/v1/chat/completions", completion(f"smartplay/{server.open(GAME, seed=7)}"))
 
 
+def serve_window_at(path: str, stack: ExitStack, folder: Path, **address: Any) -> Case:
+    """The other interfaces of a window; what a request lacks there is not missed."""
+    server, _, body, _ = serve_window(stack, folder, **address)
+    return Case(server, path, {**body, "max_tokens": 100, "input": "Play.", "tools": []})
+
+
 def serve_tools_of_a_window(stack: ExitStack, folder: Path, **address: Any) -> Case:
     server, _, body, _ = serve_window(stack, folder, **address)
     return Case(server, f"/mcp/{body['model'].removeprefix('smartplay/')}", LIST_TOOLS)
@@ -106,6 +113,9 @@ def serve_openenv(stack: ExitStack, folder: Path, **address: Any) -> Case:
 SERVERS: dict[str, tuple[Make, int]] = {
     "LocalEndpoint, endpoint_app": (serve_openai, REQUEST),
     "WindowEndpoint, window_app": (serve_window, REQUEST),
+    "WindowEndpoint: /v1/responses": (partial(serve_window_at, "/v1/responses"), REQUEST),
+    "WindowEndpoint: /v1/messages": (partial(serve_window_at, "/v1/messages"), REQUEST),
+    "WindowEndpoint: /v1/messages/count_tokens": (partial(serve_window_at, "/v1/messages/count_tokens"), REQUEST),
     "WindowEndpoint: /mcp": (serve_tools_of_a_window, CALL),
     "HttpServer, http_app": (serve_mcp, CALL),
     "HttpServer: /episodes": (serve_operator, CALL),

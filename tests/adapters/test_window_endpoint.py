@@ -20,7 +20,7 @@ import smartplay_tools as sp
 from smartplay_tools.players import ModelCallError
 from smartplay_tools.records import replay
 from tests.adapters.conformance import WAY, act, calling
-from tests.adapters.window_host import INTERFACES, TOOLS, WORDS, HostAgent, openai_client
+from tests.adapters.window_host import INTERFACES, TOOLS, WORDS, HostAgent, client_of
 
 BUDGET = sp.Budget(prompt_tokens=700)
 GAME = "Hanoi3Disk-v0"
@@ -61,11 +61,11 @@ class TestAGame:
         assert endpoint.result(handle) == expected
 
     @pytest.mark.parametrize("stream", [False, True])
-    @pytest.mark.parametrize("interface", ["chat", "responses"])
-    def test_is_played_through_openais_client(self, endpoint, interface, stream):
+    @pytest.mark.parametrize("interface", INTERFACES)
+    def test_is_played_through_the_providers_client(self, endpoint, interface, stream):
         handle = endpoint.open(GAME, seed=7, budget=BUDGET)
         tools = dict(zip(("observe", "act", "read_manual"), endpoint.functions(handle), strict=True))
-        with openai_client(endpoint) as client:
+        with client_of(interface, endpoint) as client:
             INTERFACES[interface](client, endpoint.model(handle), tools, stream)
         assert endpoint.result(handle).score == 3.0
 

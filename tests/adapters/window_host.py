@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import anthropic
 import httpx2
 import openai
 from smartplay_openai import WindowEndpoint
@@ -30,6 +31,10 @@ def own_tools() -> list[dict[str, Any]]:
 
 
 TOOLS = own_tools()
+MESSAGES_TOOLS: list[Any] = [
+    {"name": function["name"], "description": function["description"], "input_schema": function["parameters"]}
+    for function in (tool["function"] for tool in TOOLS)
+]
 WORDS = [
     {"role": "system", "content": "You are a helpful agent with a long prompt of your own."},
     {"role": "user", "content": "Play."},
@@ -102,6 +107,15 @@ def openai_client(endpoint: WindowEndpoint) -> openai.OpenAI:
     return openai.OpenAI(base_url=endpoint.base_url, api_key="none", http_client=http)
 
 
+def anthropic_client(endpoint: WindowEndpoint) -> anthropic.Anthropic:
+    http = anthropic.DefaultHttpxClient(trust_env=False)
+    return anthropic.Anthropic(base_url=endpoint.url, api_key="none", http_client=http)
+
+
+def client_of(interface: str, endpoint: WindowEndpoint) -> Any:
+    return (anthropic_client if interface == "messages" else openai_client)(endpoint)
+
+
 def by_chat(client: Any, model: str, tools: dict[str, Any], stream: bool) -> None:
     messages: list[Any] = list(WORDS)
     for _ in range(60):
@@ -138,8 +152,29 @@ def by_responses(client: Any, model: str, tools: dict[str, Any], stream: bool) -
             items.append({"type": "function_call_output", "call_id": call.call_id, "output": text})
 
 
-INTERFACES: dict[str, Callable[..., None]] = {"chat": by_chat, "responses": by_responses}
-"""Plays an episode through OpenAI's client to the end."""
+def by_messages(client: Any, model: str, tools: dict[str, Any], stream: bool) -> None:
+    messages: list[Any] = [{"role": "user", "content": "Play."}]
+    for _ in range(60):
+        asked = {"model": model, "max_tokens": 1000, "system": "Be quick.", "messages": messages}
+        asked["tools"] = MESSAGES_TOOLS
+        if stream:
+            with client.messages.stream(**asked) as parts:
+                message = parts.get_final_message()
+        else:
+            message = client.messages.create(**asked)
+        calls = [block for block in message.content if block.type == "tool_use"]
+        assert message.stop_reason == ("tool_use" if calls else "end_turn")
+        if not calls:
+            return
+        messages.append({"role": "assistant", "content": message.content})
+        texts = [tools[call.name](**call.input) for call in calls]
+        results = [{"type": "tool_result", "tool_use_id": call.id} for call in calls]
+        content = [{**result, "content": text} for result, text in zip(results, texts, strict=True)]
+        messages.append({"role": "user", "content": content})
+
+
+INTERFACES: dict[str, Callable[..., None]] = {"chat": by_chat, "responses": by_responses, "messages": by_messages}
+"""Plays an episode through OpenAI's or Anthropic's client to the end."""
 
 
 if __name__ == "__main__":

@@ -42,10 +42,13 @@ async def read_request(request: Request, read: Callable[[dict[str, Any]], T]) ->
     return await run_in_threadpool(read_aside)
 
 
-def wrong_key() -> Response:
-    """Return the refusal of a request without the key."""
-    error = RequestError(401, "The API key is wrong or missing.", code="invalid_api_key")
-    return json_response(error.body(), 401, {"www-authenticate": "Bearer", **error.headers})
+WRONG_KEY = RequestError(
+    401,
+    "The API key is wrong or missing.",
+    code="invalid_api_key",
+    headers={"www-authenticate": "Bearer", "x-should-retry": "false"},
+)
+"""The refusal of a request without the key."""
 
 
 def json_response(body: Mapping[str, Any], status: int = 200, headers: Mapping[str, str] | None = None) -> Response:

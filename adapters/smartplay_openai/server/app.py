@@ -21,11 +21,12 @@ from smartplay_openai.problems import RequestError, bad
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.server.answers import (
     HANDLERS,
+    WRONG_KEY,
     event_stream,
     json_response,
     model_object,
     read_request,
-    wrong_key,
+    refuse,
 )
 from smartplay_openai.server.limits import SimulatedLimits
 from smartplay_openai.tool_choice import ToolChoice
@@ -60,7 +61,7 @@ def endpoint_app(
     endpoint = _Endpoint(players, limits or SimulatedLimits())
 
     async def admit(request: Request) -> Response | None:
-        return None if api_key is None or carries(request, api_key) else wrong_key()
+        return None if api_key is None or carries(request, api_key) else await refuse(request, WRONG_KEY)
 
     routes = [
         *(Route(interface.path, endpoint.handler(interface), methods=["POST"]) for interface in (CHAT, RESPONSES)),

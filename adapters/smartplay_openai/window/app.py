@@ -1,7 +1,8 @@
 """The window endpoint as an ASGI application and as a server.
 
-    /v1/chat/completions, /v1/responses   the model `smartplay/HANDLE` is the episode of that handle
-    /mcp/HANDLE                           its tools, for the host's agent
+    /v1/chat/completions, /v1/responses, /v1/messages   the model `smartplay/HANDLE` is the episode of that handle
+    /v1/messages/count_tokens                           the tokens of its latest prompt
+    /mcp/HANDLE                                         its tools, for the host's agent
 
 Requests have no power over the window; what of them is ignored is named in the header `x-smartplay-ignored`, and is
 logged once an episode.
@@ -21,20 +22,20 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from smartplay_openai.chat import CHAT
-from smartplay_openai.interface import Interface
 from smartplay_openai.problems import RequestError, bad
-from smartplay_openai.responses import RESPONSES
 from smartplay_openai.server.answers import (
     HANDLERS,
+    WRONG_KEY,
     event_stream,
     json_response,
     model_object,
     read_request,
-    wrong_key,
 )
-from smartplay_openai.window.completion_request import read_completion
 from smartplay_openai.window.episode import WindowEpisode
+from smartplay_openai.window.formats import CHAT_FORMAT, Format
+from smartplay_openai.window.messages_format import MESSAGES_FORMAT
+from smartplay_openai.window.notices import Shown
+from smartplay_openai.window.responses_format import RESPONSES_FORMAT
 from smartplay_openai.window.store import PlayerOf, WindowStore
 from smartplay_tools import AsyncPlayer, Episode, EpisodeResult, Player, SmartPlayError
 from smartplay_tools.web import LARGEST_REQUEST, FullError, Server, carries, check_address, guarded
@@ -43,8 +44,18 @@ from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 PREFIX = "smartplay/"
 """What stands before the handle in the name of a model."""
 
+FORMATS: Sequence[Format] = (CHAT_FORMAT, RESPONSES_FORMAT, MESSAGES_FORMAT)
+
+COUNT_PATH = f"{MESSAGES_FORMAT.path}/count_tokens"
+
+KEY_HEADER = "x-api-key"
+"""The header with which Anthropic's clients send a key; OpenAI's send a bearer token."""
+
 RETRY_COUNT = "x-stainless-retry-count"
-"""The header in which OpenAI's clients count their retries."""
+"""The header in which OpenAI's and Anthropic's clients count their retries."""
+
+LONGEST_HEADER = 4_000
+"""Characters of a header; servers and clients take few more. The log has the whole text."""
 
 
 def window_app(
@@ -63,12 +74,13 @@ def window_app(
         surface = request.url.path.lstrip("/").partition("/")[0]
         if surface not in ("mcp", "v1"):
             return PlainTextResponse("Not found", 404)
-        if token is not None and not carries(request, token):
-            return wrong_key()
+        if token is not None and not carries(request, token, key_header=KEY_HEADER):
+            return refused(WRONG_KEY, _format_of(request))
         return await bind_episode(request, store) if surface == "mcp" else None
 
     routes = [
-        *(Route(interface.path, _handler(store, interface), methods=["POST"]) for interface in (CHAT, RESPONSES)),
+        *(Route(form.path, _handler(store, form), methods=["POST"]) for form in FORMATS),
+        Route(COUNT_PATH, _counter(store), methods=["POST"]),
         Route("/v1/models", _list_models),
         Route("/v1/models/{name:path}", _model_shower(store)),
         mcp_route(),
@@ -79,7 +91,7 @@ def window_app(
         yield
         await store.aclose()
 
-    app = Starlette(routes=routes, exception_handlers=HANDLERS, lifespan=lifespan)
+    app = Starlette(routes=routes, exception_handlers={**HANDLERS, RequestError: _refuse}, lifespan=lifespan)
     return guarded(app, admit, hosts=hosts, origins=origins, largest=LARGEST_REQUEST)
 
 
@@ -100,6 +112,10 @@ class WindowEndpoint(Server):
         hosts, origins: names under which it is reached, and web pages that may use it.
         folder: where the records go; episodes then go on after a restart.
         closing: the name of a tool by which frameworks want a run to be closed, as smolagents does; None for none.
+        only_game_tools: whether the agent's other tools are hidden from the model. A coding agent has a dozen, which
+            take thousands of tokens of every prompt.
+        show_system: whether the model is shown the agent's instructions, as they are in its first request; they are
+            in the head of every prompt, and counted.
         options: `most` and `idle`, as for the episodes of the MCP server.
     """
 
@@ -114,10 +130,13 @@ class WindowEndpoint(Server):
         origins: Sequence[str] = (),
         folder: Path | None = None,
         closing: str | None = "final_answer",
+        only_game_tools: bool = False,
+        show_system: bool = False,
         **options: Any,
     ) -> None:
         check_address(host, token, hosts)
-        self.store = WindowStore(player, closing=closing, folder=folder, **options)
+        shown = Shown(only_game_tools, show_system)
+        self.store = WindowStore(player, closing=closing, shown=shown, folder=folder, **options)
         super().__init__(window_app(self.store, token=token, hosts=hosts, origins=origins), host, port, lifespan=True)
         self.base_url = f"{self.url}/v1"
 
@@ -143,11 +162,12 @@ class WindowEndpoint(Server):
 
     def ignored(self, handle: str) -> str:
         """Say what of the host's own messages and fields has not reached the model."""
-        return self._episode(handle).ignored
+        return self.store.ignored(handle)
 
     def result(self, handle: str) -> EpisodeResult | None:
-        """Return an episode's result, once it is over."""
-        return self._episode(handle).episode.result
+        """Return an episode's result, once it is over; it stays when the episode is closed."""
+        gone = self.store.gone(handle)
+        return self._episode(handle).episode.result if gone is None else gone.result
 
     def close(self, handle: str) -> EpisodeResult | None:
         """End an episode and return its result."""
@@ -160,23 +180,45 @@ class WindowEndpoint(Server):
         return episode
 
 
-def _handler(store: WindowStore, interface: Interface) -> Any:
+def _handler(store: WindowStore, form: Format) -> Any:
     async def handle(request: Request) -> Response:
-        body, completion = await read_request(request, lambda body: (body, read_completion(interface, body)))
+        body, completion = await read_request(request, lambda body: (body, form.read(body, request.headers)))
         episode = await _episode(store, body.get("model"))
         try:
             reply = await episode.reply(completion, is_retry=_is_retry(request))
         except SmartPlayError as error:
             raise RequestError(400, str(error), code="episode_refused") from error
-        answer = interface.write(reply.message, str(body["model"]), reply.usage)
-        ignored = completion.ignored.encode("ascii", "replace").decode()
-        headers = {"x-smartplay-ignored": ignored} if ignored else {}
+        answer = form.write(reply.message, reply.usage, body)
+        ignored = episode.ignored_of(completion).encode("ascii", "replace").decode()
+        headers = {"x-smartplay-ignored": ignored[:LONGEST_HEADER]} if ignored else {}
         if body.get("stream"):
-            events = event_stream(interface.stream(answer, body))
+            events = event_stream(form.stream(answer, body))
             return StreamingResponse(events, media_type="text/event-stream", headers=headers)
         return json_response(answer, 200, headers)
 
     return handle
+
+
+def _counter(store: WindowStore) -> Any:
+    async def count(request: Request) -> Response:
+        """Answer how long a prompt is: as long as the latest one that the model was sent, whatever the host sends."""
+        model = await read_request(request, lambda body: body.get("model"))
+        return json_response({"input_tokens": (await _episode(store, model)).prompt_tokens})
+
+    return count
+
+
+def _format_of(request: Request) -> Format:
+    return MESSAGES_FORMAT if request.url.path.startswith(MESSAGES_FORMAT.path) else CHAT_FORMAT
+
+
+async def _refuse(request: Request, error: RequestError) -> Response:
+    return refused(error, _format_of(request))
+
+
+def refused(error: RequestError, form: Format) -> Response:
+    """Return a refusal in the form of an interface."""
+    return json_response(form.refusal(error), error.status, error.headers)
 
 
 def _is_retry(request: Request) -> bool:
@@ -194,7 +236,8 @@ async def _episode(store: WindowStore, model: Any) -> WindowEpisode:
     except SmartPlayError as error:
         raise RequestError(500, "The record of this episode cannot be continued.", code="record_refused") from error
     if episode is None:
-        problem = f"There is no episode {model[:80]!r}; the model is {PREFIX}HANDLE."
+        gone = store.gone(handle)
+        problem = gone.why if gone else f"There is no episode {model[:80]!r}; the model is {PREFIX}HANDLE."
         raise RequestError(404, problem, code="model_not_found")
     return episode
 

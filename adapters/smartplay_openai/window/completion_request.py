@@ -1,19 +1,35 @@
-"""A request of the host's agent, as far as the window endpoint looks at it: call ids, results and tools."""
+"""A request of the host's agent, as far as the window endpoint looks at it: call ids, results, tools, and its purpose.
+
+Messages are not checked, because they have no power over the window: a request with a picture, with items of a kind
+that is new, or with a history that a provider would refuse is as good as any other.
+"""
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
-from smartplay_openai.interface import Interface
 from smartplay_tools import ToolSpec
-from smartplay_tools.messages import text_of
 
-NOT_IGNORED = {"model", "messages", "input", "tools", "stream", "stream_options", "store", "instructions"}
-"""Fields of a request that the endpoint uses, or that are told of as messages."""
+
+@dataclass
+class Ignored:
+    """What of a request's messages and fields does not reach the model."""
+
+    characters: Counter[str] = field(default_factory=Counter)
+    """By the role of the messages."""
+    kinds: Counter[str] = field(default_factory=Counter)
+    """Parts and items that have no text, by their type."""
+    fields: Sequence[str] = ()
+
+    def hear(self, role: str, content: Any) -> str:
+        """Count a message, and return its text."""
+        text, kinds = read_text(content)
+        self.characters[role] += len(text)
+        self.kinds.update(kinds)
+        return text
 
 
 @dataclass(frozen=True)
@@ -27,28 +43,50 @@ class CompletionRequest:
     tools: Sequence[ToolSpec]
     results: Mapping[str, str]
     body: str
-    ignored: str
+    ignored: Ignored = field(default_factory=Ignored)
+    system: str = ""
+    """The host's instructions."""
+    left_out: Sequence[str] = ()
+    """Tools that no host runs or that take no JSON, which the model is not shown."""
+    forbids_calls: bool = False
+    """Whether the reply has to be words, as for a summary of the agent's own."""
+    answer_schema: Mapping[str, Any] | None = None
+    """The JSON Schema that the text of an answer has to have."""
+    continues: bool = False
+    """Whether it has only what is new, and the tools are those of the request before."""
+    is_of_sub_agent: bool = False
 
     def holds(self, call_id: str) -> bool:
         """Whether the request mentions a call."""
         return call_id in self.body
 
 
-def read_completion(interface: Interface, body: Mapping[str, Any]) -> CompletionRequest:
-    """Read a request; one that OpenAI would refuse raises `RequestError`."""
-    prompt = interface.read(body)
-    results = {
-        message.get("tool_call_id", ""): text_of(message) for message in prompt.messages if message["role"] == "tool"
-    }
-    return CompletionRequest(prompt.tools, results, json.dumps(body), _ignored(prompt.messages, body))
+def read_text(content: Any) -> tuple[str, Counter[str]]:
+    """Return the text of a message or a result; a part that has no text is named in it, and counted by its type."""
+    if isinstance(content, str) or content is None:
+        return content or "", Counter()
+    texts: list[str] = []
+    kinds: Counter[str] = Counter()
+    for part in content if isinstance(content, list) else [content]:
+        text = part.get("text") if isinstance(part, Mapping) else part
+        if isinstance(text, str):
+            texts.append(text)
+        else:
+            kind = str(part.get("type")) if isinstance(part, Mapping) else type(part).__name__
+            kinds[kind] += 1
+            texts.append(f"[{kind} that is not shown]")
+    return "".join(texts), kinds
 
 
-def _ignored(messages: Sequence[Mapping[str, Any]], body: Mapping[str, Any]) -> str:
-    """Say what of a request does not reach the model."""
-    characters: Counter[str] = Counter()
-    for message in messages:
-        if message["role"] in ("system", "developer", "user"):
-            characters[message["role"]] += len(text_of(message))
-    texts = [f"{role} messages ({count:,} characters)" for role, count in characters.items()]
-    fields = sorted(field for field, value in body.items() if field not in NOT_IGNORED and value is not None)
-    return ", ".join([*texts, *fields])
+def objects(values: Any) -> Iterable[Mapping[str, Any]]:
+    """Return the objects in a list; nothing if it is not one."""
+    return [value for value in values if isinstance(value, Mapping)] if isinstance(values, list) else []
+
+
+def json_schema(holder: Any) -> Mapping[str, Any] | None:
+    """Return the schema in a `response_format`, a `text.format` or an `output_format` of the type `json_schema`."""
+    if not isinstance(holder, Mapping) or holder.get("type") != "json_schema":
+        return None
+    inner = holder.get("json_schema")
+    schema = (inner if isinstance(inner, Mapping) else holder).get("schema")
+    return schema if isinstance(schema, Mapping) else {"type": "object"}

@@ -9,16 +9,20 @@ call that is sent twice, late, in another order or while the first is still unde
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import logging
 from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 from smartplay_openai.problems import RequestError
+from smartplay_openai.window.asking import ask
 from smartplay_openai.window.completion_request import CompletionRequest
+from smartplay_openai.window.from_threads import FromThreads
 from smartplay_openai.window.names import HostTools, tell_apart
-from smartplay_openai.window.pending_reply import PendingReply, Slot
+from smartplay_openai.window.notices import Notices, Shown
+from smartplay_openai.window.pending_reply import PendingReply, Slot, call_id
+from smartplay_openai.window.side_requests import SideRequests, in_schema
 from smartplay_tools import (
     AgentSession,
     AsyncPlayer,
@@ -31,10 +35,11 @@ from smartplay_tools import (
     ToolSpec,
     Usage,
 )
+from smartplay_tools.context import Turn
 from smartplay_tools.conversation import AttachedPlayer, HostChat
 from smartplay_tools.episode import tool_functions
 from smartplay_tools.errors import PlayerLeftError
-from smartplay_tools.messages import MessageToolCall, assistant_message
+from smartplay_tools.messages import assistant_message
 from smartplay_tools.prompts import GAME_IS_OVER
 
 NO_RESULT = "Error: The host's agent gave no result for this call."
@@ -42,14 +47,6 @@ NO_RESULT = "Error: The host's agent gave no result for this call."
 
 NOT_CALLED = "Error: The model has made no such call; nothing was played."
 """The answer to a call that the latest reply does not have."""
-
-NO_TOOLS = "This endpoint plays a game: it answers requests that offer the game's tools, from the MCP server beside it."
-"""The answer to a request without the game's tools, as agents send for plans and titles. The model is not asked."""
-
-LOST = 20
-"""After this many requests in a row without the latest reply's call ids, the host is assumed not to keep ids."""
-
-log = logging.getLogger("smartplay_openai.window")
 
 
 class WindowEpisode:
@@ -61,7 +58,10 @@ class WindowEpisode:
         player: who is asked with the window's prompts.
         session: the session that a record was continued with.
         closing: the name of a tool by which frameworks want a run to be closed, as smolagents does.
+        shown: what of the host's the model is shown.
     """
+
+    is_read_by_host = False
 
     def __init__(
         self,
@@ -71,18 +71,33 @@ class WindowEpisode:
         *,
         session: AgentSession | None = None,
         closing: str | None = "final_answer",
+        shown: Shown | None = None,
     ) -> None:
         self.handle, self.episode, self.player = handle, episode, player
         self._chat = HostChat(session or episode, player=player.name)
         self._closing, self._is_resumed = closing, session is not None
+        self._shown = shown or Shown()
+        self._notices = Notices(handle, self._shown)
+        self._call_id = partial(call_id, handle)
+        self._sent: set[str] = set()
+        """The ids of all calls that the host was sent."""
+        self._side = SideRequests(handle, episode, lambda body: any(sent in body for sent in self._sent))
+        self._tools: Sequence[ToolSpec] = ()
+        """Those of the latest request that had some."""
+        self._spent = Usage(requests=0)
+        """What the replies of this turn have taken."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._latest = self._of_record(episode.tools)
         self._turn: asyncio.Task[PendingReply] | None = None
         self._asking, self._calling = asyncio.Lock(), asyncio.Lock()
         self._by_key: dict[str, Slot] = {}
         self._failure: RequestError | None = None
-        self.ignored = ""
-        """What of the host's requests has not reached the model."""
+
+    @property
+    def prompt_tokens(self) -> int:
+        """The tokens of the latest prompt; of the first, before there is one."""
+        view = self._chat.session.view if self._chat.session is not None else None
+        return view.tokens if view else self.episode.counter.prompt(self.episode.head, self.episode.tools)
 
     async def ready(self) -> Episode:
         """Return the episode."""
@@ -94,11 +109,11 @@ class WindowEpisode:
         `is_retry` says that the client calls it one. A turn that has begun continues when its request is cancelled, and
         the request that comes instead gets its reply.
         """
-        tools = tell_apart(request.tools, self.episode.tools, self._closing)
-        if not tools.names:
-            text = GAME_IS_OVER if self.episode.done else NO_TOOLS
-            return PendingReply({"role": "assistant", "content": text}, Usage(requests=0))
-        self._note_ignored(request)
+        request = self._in_full(request)
+        tools = self._tell_apart(request)
+        if (words := self._side.answer(request, tools, self._call_id(-2, 0))) is not None:
+            return words
+        self._notices.note(request, tools)
         self._loop = asyncio.get_running_loop()
         async with self._asking:
             if self._turn is not None:
@@ -108,10 +123,23 @@ class WindowEpisode:
             if self._failure is not None:
                 raise self._failure
             if self._latest is not None and not self._goes_on_from(self._latest, request):
-                self._count_repeat(self._latest, is_retry)
+                self._latest.count_repeat(is_retry=is_retry)
                 return self._latest
             self._turn = asyncio.create_task(self._next(request, tools))
             return await self._finish_turn()
+
+    def _tell_apart(self, request: CompletionRequest) -> HostTools:
+        only = self._shown.only_game_tools
+        return tell_apart(request.tools, self.episode.tools, self._closing, only_game_tools=only)
+
+    def _in_full(self, request: CompletionRequest) -> CompletionRequest:
+        """Return a request with the tools of those before it, if it has only what is new."""
+        if not request.continues:
+            self._tools = request.tools or self._tools
+            return request
+        if not self._tools:
+            raise RequestError(404, "This endpoint does not know the thread: send it whole.", code="thread_not_found")
+        return replace(request, tools=self._tools)
 
     async def call(self, name: str, arguments: Any, call_id: str | None = None) -> ToolResult:
         """Play a call of the latest reply that the host's agent runs; one that is played already is answered again.
@@ -134,7 +162,7 @@ class WindowEpisode:
 
     def functions(self) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
         """Return the tools as plain functions, for an agent in another thread of this process."""
-        return tool_functions(_FromThreads(self))
+        return tool_functions(FromThreads(self.episode.tools, self.call_from_thread))
 
     def call_from_thread(self, name: str, arguments: Any) -> ToolResult:
         """Play a call as `call` does, from a thread that is not the server's."""
@@ -162,35 +190,31 @@ class WindowEpisode:
         """Whether the request comes after a reply, of which it knows at least one call. Nothing comes after the end."""
         return any(request.holds(slot.host_id) for slot in reply.sent)
 
-    def _count_repeat(self, reply: PendingReply, is_retry: bool) -> None:
-        reply.repeats += not is_retry and bool(reply.slots)
-        if reply.repeats > LOST:
-            raise RequestError(
-                400,
-                "The requests do not have the ids of the latest reply's tool calls. Use an agent that sends the tool "
-                "calls of the model back to it.",
-                code="call_ids_lost",
-            )
-
     # A turn.
 
     async def _next(self, request: CompletionRequest, tools: HostTools) -> PendingReply:
         """Close the latest turn, ask the model until it makes a call that the host can run, and keep that reply."""
-        session = self._chat.session or self._begin(tools)
+        session = self._chat.session or self._begin(request, tools)
         async with self._calling:
             await asyncio.to_thread(self._settle, self._latest.slots if self._latest else (), request.results)
+        self._spent = Usage(requests=0)
         while (reply := await self._ask(session)) is not None:
             await session.areceive(reply.message, reply.usage)
-            pending = self._pending(session, tools.names, {tool.name for tool in tools.foreign}, reply.usage)
+            assert session.latest_turn is not None
+            foreign = {tool.name for tool in tools.foreign}
+            pending = self._pending(session.latest_turn, self._spent, tools.names, foreign)
             if pending.sent:
                 self._latest, self._by_key = pending, {}
+                self._sent |= {slot.host_id for slot in pending.sent}
                 return pending
             await asyncio.to_thread(self._settle, pending.slots)
-        self._latest = self._last_words(tools)
+        self._latest = self._last_words(request, tools)
         return self._latest
 
-    def _begin(self, tools: HostTools) -> AgentSession:
-        session = self._chat.begin(foreign_tools=tools.foreign)
+    def _begin(self, request: CompletionRequest, tools: HostTools) -> AgentSession:
+        is_shown = self._shown.system and bool(request.system)
+        system: list[Message] = [{"role": "system", "content": request.system}] if is_shown else []
+        session = self._chat.begin(system=system, foreign_tools=tools.foreign)
         if isinstance(self.player, AttachedPlayer):
             self.player.attach(session)
         return session
@@ -200,7 +224,7 @@ class WindowEpisode:
         messages: list[Message] = []
         slots = [slot for slot in slots if slot.result is None]
         for slot in slots:
-            text = results.get(slot.host_id, NO_RESULT if slot.is_foreign else None)
+            text = results.get(slot.host_id, NO_RESULT if slot.is_foreign and slot.is_sent else None)
             if text is not None:
                 messages.append({"role": "tool", "tool_call_id": slot.call.id, "content": text})
             slot.is_delivered = True
@@ -219,11 +243,8 @@ class WindowEpisode:
     async def _send(self, prompt: Prompt) -> Reply:
         """Ask the model. Where it gives no reply the episode ends, and the host is told so whenever it asks."""
         try:
-            if isinstance(self.player, AsyncPlayer):
-                reply = await self.player.areply(prompt)
-            else:
-                reply = await asyncio.to_thread(self._blocking, self.player.reply, prompt)
-            return Reply(assistant_message(reply.message), reply.usage)
+            reply = await ask(self.player, prompt)
+            message = assistant_message(reply.message)
         except Exception as error:
             assert self._chat.session is not None
             self._chat.session.give_up(error)
@@ -232,81 +253,44 @@ class WindowEpisode:
             problem = f"The model gave no reply, which ends the episode: {error}"
             self._failure = RequestError(500, problem, code="player_failed")
             raise self._failure from error
+        self._spent += reply.usage or self._counted(message)
+        return Reply(message, reply.usage)
 
-    @staticmethod
-    def _blocking(ask: Callable[[Prompt], Reply], prompt: Prompt) -> Reply:
-        try:
-            return ask(prompt)
-        except StopIteration as error:  # which no coroutine may raise
-            raise RuntimeError("The player has no more replies.") from error
+    def _counted(self, message: Message) -> Usage:
+        """Return our count of a reply and of the prompt it answers."""
+        return Usage(prompt=self.prompt_tokens, reply=self.episode.counter.message(message))
 
     # What the host gets.
 
-    def _pending(
-        self, session: AgentSession, names: Mapping[str, str], foreign: Set[str], usage: Usage | None = None
-    ) -> PendingReply:
-        """Return the latest reply as the host gets it: calls under the host's names and under ids that only we make."""
-        assert session.message is not None
-        assert session.latest_turn is not None
-        slots, calls = [], []
-        for position, call in enumerate(session.latest_turn.calls):
-            name = call.name if call.name in foreign else names.get(call.name)
-            host_id = self._host_id(session.latest_turn.number, position)
-            is_sent = name is not None and call.arguments.values is not None
-            slots.append(Slot(call, host_id, call.name in foreign, is_sent))
-            if is_sent:
-                function: Any = {"name": name, "arguments": call.arguments.text or "{}"}
-                calls.append(MessageToolCall(id=host_id, type="function", function=function))
-        message: Message = {"role": "assistant", "content": session.message["content"]}
-        if calls:
-            message = {**message, "tool_calls": calls}
-        counted = Usage(
-            prompt=session.view.tokens if session.view else 0, reply=self.episode.counter.message(session.message)
-        )
-        return PendingReply(message, usage or counted, slots)
+    def _pending(self, turn: Turn, usage: Usage, names: Mapping[str, str], foreign: Set[str]) -> PendingReply:
+        return PendingReply.of(turn, usage, names=names, foreign=foreign, call_id=self._call_id)
 
     def _of_record(self, tools: Sequence[ToolSpec]) -> PendingReply | None:
         """Return the latest reply of a session that continues from its record, if the host was sent it."""
         session = self._chat.session
-        if session is None or session.message is None:
+        if session is None or session.latest_turn is None:
             return None
         own = {tool.name: tool.name for tool in self.episode.tools}
-        pending = self._pending(session, own, {tool.name for tool in tools} - own.keys())
+        usage = self._counted(session.latest_turn.assistant)
+        pending = self._pending(session.latest_turn, usage, own, {tool.name for tool in tools} - own.keys())
+        self._sent |= {slot.host_id for slot in pending.sent}
         return pending if pending.sent else None
 
-    def _host_id(self, number: int, position: int) -> str:
-        """Return an id that cannot be guessed, is not used twice, and is the same after a restart."""
-        digest = hashlib.sha256(f"{self.handle} {number} {position}".encode()).hexdigest()
-        return f"call_{digest[:24]}"
-
-    def _last_words(self, tools: HostTools) -> PendingReply:
-        message: Message = {"role": "assistant", "content": GAME_IS_OVER}
+    def _last_words(self, request: CompletionRequest, tools: HostTools) -> PendingReply:
+        message: Message = {"role": "assistant", "content": in_schema(request, GAME_IS_OVER)}
         if tools.closing is not None:
-            message = {**message, "tool_calls": [tools.close(self._host_id(-1, 0), GAME_IS_OVER)]}
+            message = {**message, "tool_calls": [tools.close(self._call_id(-1, 0), GAME_IS_OVER)]}
         return PendingReply(message, Usage(requests=0))
 
     def _error(self, text: str) -> ToolResult:
         return ToolResult(text, is_error=True, done=self.episode.done, data={"step": self.episode.progress.steps})
 
-    def _note_ignored(self, request: CompletionRequest) -> None:
-        if request.ignored and not self.ignored:
-            log.warning(
-                "%s: the model sees the game's window only; ignored of the host's requests: %s.",
-                self.handle,
-                request.ignored,
-            )
-        self.ignored = request.ignored or self.ignored
-
-
-class _FromThreads:
-    """An episode as the tool functions call it."""
-
-    def __init__(self, episode: WindowEpisode) -> None:
-        self._episode = episode
+    def ignored_of(self, request: CompletionRequest) -> str:
+        """Say what of a request does not reach the model."""
+        return self._notices.of(request, self._tell_apart(request))
 
     @property
-    def tools(self) -> tuple[ToolSpec, ...]:
-        return self._episode.episode.tools
-
-    def call(self, name: str, arguments: Any) -> ToolResult:
-        return self._episode.call_from_thread(name, arguments)
+    def ignored(self) -> str:
+        """What of the host's requests has not reached the model."""
+        side = [f"{count:,} requests {kind}" for kind, count in self._side.counts.items()]
+        return ", ".join(filter(None, [self._notices.latest, *side]))

@@ -26,21 +26,34 @@ class HostTools:
     closing: ToolSpec | None
     """The tool by which the host's framework wants a run to be closed."""
 
+    hidden: tuple[str, ...] = ()
+    """Names of other tools that the model is not shown."""
+
     def close(self, call_id: str, text: str) -> MessageToolCall:
         """Return the call that closes the host's run."""
         assert self.closing is not None
-        arguments = plainest_value(self.closing.parameters)
-        properties = self.closing.parameters.get("properties")
-        for name, schema in properties.items() if isinstance(properties, Mapping) else ():
-            if isinstance(schema, Mapping) and schema.get("type", "string") in ("string", "any"):
-                arguments[name] = text
-                break
-        function: Any = {"name": self.closing.name, "arguments": json.dumps(arguments)}
+        function: Any = {"name": self.closing.name, "arguments": filled(self.closing.parameters, text)}
         return {"id": call_id, "type": "function", "function": function}
 
 
-def tell_apart(tools: Sequence[ToolSpec], own: Sequence[ToolSpec], closing: str | None) -> HostTools:
-    """Tell the tools of a request apart; `own` are the game's, `closing` names the tool that closes a run."""
+def filled(schema: Mapping[str, Any], text: str) -> str:
+    """Return the plainest JSON of a schema, with a text in the first of its properties that may hold one."""
+    value = plainest_value(schema)
+    properties = schema.get("properties")
+    for name, inner in properties.items() if isinstance(value, dict) and isinstance(properties, Mapping) else ():
+        if isinstance(inner, Mapping) and inner.get("type", "string") in ("string", "any") and "enum" not in inner:
+            value[name] = text
+            break
+    return json.dumps(value)
+
+
+def tell_apart(
+    tools: Sequence[ToolSpec], own: Sequence[ToolSpec], closing: str | None, *, only_game_tools: bool = False
+) -> HostTools:
+    """Tell the tools of a request apart; `own` are the game's, `closing` names the tool that closes a run.
+
+    With `only_game_tools` the others are hidden.
+    """
     names: dict[str, str] = {}
     foreign = []
     for tool in tools:
@@ -49,7 +62,10 @@ def tell_apart(tools: Sequence[ToolSpec], own: Sequence[ToolSpec], closing: str 
             names.setdefault(ours.name, tool.name)
         elif tool.name != closing:
             foreign.append(tool)
-    return HostTools(names, tuple(foreign), next((tool for tool in tools if tool.name == closing), None))
+    closes = next((tool for tool in tools if tool.name == closing), None)
+    if only_game_tools:
+        return HostTools(names, (), closes, tuple(tool.name for tool in foreign))
+    return HostTools(names, tuple(foreign), closes)
 
 
 def _is_same(tool: ToolSpec, own: ToolSpec) -> bool:

@@ -6,14 +6,26 @@ call is meant has to be told from its name and its arguments.
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any
 
+from smartplay_openai.problems import RequestError
 from smartplay_tools import Message, ToolResult, Usage
 from smartplay_tools.arguments import Arguments, read
-from smartplay_tools.messages import Call
+from smartplay_tools.context import Turn
+from smartplay_tools.messages import Call, MessageToolCall
+
+LOST = 20
+"""After this many requests in a row without the latest reply's call ids, the host is assumed not to keep ids."""
+
+
+def call_id(handle: str, number: int, position: int) -> str:
+    """Return an id that cannot be guessed, is not used twice, and is the same after a restart."""
+    digest = hashlib.sha256(f"{handle} {number} {position}".encode()).hexdigest()
+    return f"call_{digest[:24]}"
 
 
 @dataclass
@@ -42,10 +54,56 @@ class PendingReply:
     slots: list[Slot] = field(default_factory=list)
     repeats: int = 0
 
+    @classmethod
+    def of(
+        cls,
+        turn: Turn,
+        usage: Usage,
+        *,
+        names: Mapping[str, str],
+        foreign: Set[str],
+        call_id: Callable[[int, int], str],
+    ) -> PendingReply:
+        """Return a turn's reply as the host gets it: its words and thoughts, and the calls that the host can run.
+
+        Arguments:
+            turn: the turn that the reply has opened.
+            usage: what the reply took.
+            names: the host's names of the game's tools.
+            foreign: the names of the host's own tools.
+            call_id: returns the id of a call, given the number of its turn and its place in it.
+        """
+        slots, calls = [], []
+        for position, call in enumerate(turn.calls):
+            name = call.name if call.name in foreign else names.get(call.name)
+            slot = Slot(call, call_id(turn.number, position), call.name in foreign)
+            slot.is_sent = name is not None and call.arguments.values is not None
+            slots.append(slot)
+            if slot.is_sent:
+                function: Any = {"name": name, "arguments": call.arguments.text or "{}"}
+                calls.append(MessageToolCall(id=slot.host_id, type="function", function=function))
+        message: Message = {"role": "assistant", "content": turn.assistant["content"]}
+        if calls:
+            message = {**message, "tool_calls": calls}
+        if thoughts := turn.assistant.get("reasoning_content"):
+            message = {**message, "reasoning_content": thoughts}
+        return cls(message, usage, slots)
+
     @property
     def sent(self) -> Sequence[Slot]:
         """The calls that the host was sent."""
         return [slot for slot in self.slots if slot.is_sent]
+
+    def count_repeat(self, *, is_retry: bool) -> None:
+        """Take note that it is given again; `RequestError` for a host that seems not to keep the ids of calls."""
+        self.repeats += not is_retry and bool(self.slots)
+        if self.repeats > LOST:
+            raise RequestError(
+                400,
+                "The requests do not have the ids of the latest reply's tool calls. Use an agent that sends the tool "
+                "calls of the model back to it.",
+                code="call_ids_lost",
+            )
 
     def called(self, name: str, arguments: Any) -> Slot | None:
         """Find the call that a host runs: the first that waits, else one that was answered, else one that it edited."""

@@ -1,0 +1,170 @@
+"""Anthropic's Messages interface at the window, for Claude Code, the Claude Agent SDK and Anthropic's clients.
+
+It is read as leniently as OpenAI's: `cache_control`, thinking, betas and the tools of Anthropic's servers are left out
+and named. The client's tool runner sends, in a `thread`, only the results of the latest calls; a thread that a restart
+has made unknown is refused with the code at which the client sends everything again.
+"""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from smartplay_openai.interface import Event, halves
+from smartplay_openai.problems import RequestError, bad
+from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects, read_text
+from smartplay_openai.window.formats import SUB_AGENT_HEADERS, Format, fields_of
+from smartplay_tools import Message, ToolSpec, Usage
+from smartplay_tools.messages import calls_of, text_of
+
+OURS, THEIRS = "call_", "toolu_"
+"""What the ids of calls begin with: in the window, and in this interface."""
+
+USED = {"messages", "system", "tools", "thread"}
+PLACEHOLDER = "DeferredToolPlaceholder"
+"""A tool of Claude Code's that stands for those it has not loaded."""
+
+COMPACTION = "CRITICAL: Respond with TEXT ONLY"
+"""With these words Claude Code asks for a summary of its own messages, in a request that offers all tools."""
+
+NOTHING = "..."
+"""Replaces an empty message, which the interface does not have."""
+
+KINDS = {
+    400: "invalid_request_error",
+    401: "authentication_error",
+    404: "not_found_error",
+    413: "request_too_large",
+    503: "overloaded_error",
+}
+"""The types of errors by status; any other is an `api_error`."""
+
+
+class MessagesFormat(Format):
+    """Anthropic's Messages."""
+
+    path = "/v1/messages"
+
+    def read(self, body: Mapping[str, Any], headers: Mapping[str, str]) -> CompletionRequest:
+        """Return what a request says."""
+        if not isinstance(body.get("messages"), list):
+            raise bad("messages is a list.", "messages")
+        ignored = Ignored(fields=fields_of(body, USED))
+        system = [ignored.hear("system", body["system"])] if body.get("system") else []
+        results: dict[str, str] = {}
+        for message in objects(body["messages"]):
+            role, content = str(message.get("role")), message.get("content")
+            blocks = content if isinstance(content, list) else [{"type": "text", "text": content or ""}]
+            kept = [block for block in objects(blocks) if not _is_result(block, results)]
+            if kept and not any(block.get("type") == "tool_use" for block in kept):
+                text = ignored.hear(role, kept)
+                system += [text] if role == "system" else []
+        tools, left_out = _tools(body)
+        text = json.dumps(body)
+        if "cache_control" in text:
+            ignored.fields = sorted({*ignored.fields, "cache_control"})
+        thread = body.get("thread")
+        output = body.get("output_config")
+        return CompletionRequest(
+            tools,
+            {_ours(call_id): result for call_id, result in results.items()},
+            text.replace(THEIRS, OURS),
+            ignored,
+            "\n\n".join(system),
+            left_out,
+            forbids_calls=_forbids_calls(body),
+            answer_schema=json_schema(
+                output.get("format") if isinstance(output, Mapping) else body.get("output_format")
+            ),
+            continues=isinstance(thread, Mapping) and thread.get("type") == "continue",
+            is_of_sub_agent=any(name in headers for name in SUB_AGENT_HEADERS),
+        )
+
+    def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the message; tokens read from and written to the cache are counted apart, as the interface does."""
+        text, calls = text_of(message), calls_of(message)
+        blocks: list[dict[str, Any]] = [{"type": "text", "text": text}] if text.strip() or not calls else []
+        for call in calls:
+            function = call["function"]
+            given = {"name": function["name"], "input": json.loads(function["arguments"] or "{}")}
+            blocks.append({"type": "tool_use", "id": THEIRS + call["id"].removeprefix(OURS), **given})
+        if blocks[0].get("text") == "":
+            blocks[0]["text"] = NOTHING
+        return {
+            "id": f"msg_{uuid.uuid4().hex[:24]}",
+            "type": "message",
+            "role": "assistant",
+            "model": str(body["model"]),
+            "content": blocks,
+            "stop_reason": "tool_use" if calls else "end_turn",
+            "stop_sequence": None,
+            "usage": {
+                "input_tokens": usage.prompt - usage.cached - usage.written,
+                "cache_creation_input_tokens": usage.written,
+                "cache_read_input_tokens": usage.cached,
+                "output_tokens": usage.reply,
+            },
+        }
+
+    def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
+        """Yield the message's events: text and input in two pieces each, so that readers have to join them."""
+        begun = {**answer, "content": [], "stop_reason": None, "usage": {**answer["usage"], "output_tokens": 0}}
+        yield _event("message_start", message=begun)
+        for index, block in enumerate(answer["content"]):
+            is_text = block["type"] == "text"
+            empty: dict[str, Any] = {"text": ""} if is_text else {"input": {}}
+            yield _event("content_block_start", index=index, content_block={**block, **empty})
+            for piece in halves(block["text"] if is_text else json.dumps(block["input"])):
+                kind, field = ("text_delta", "text") if is_text else ("input_json_delta", "partial_json")
+                yield _event("content_block_delta", index=index, delta={"type": kind, field: piece})
+            yield _event("content_block_stop", index=index)
+        end = {"stop_reason": answer["stop_reason"], "stop_sequence": None}
+        yield _event("message_delta", delta=end, usage=answer["usage"])
+        yield _event("message_stop")
+
+    def refusal(self, error: RequestError) -> dict[str, Any]:
+        """Return the body of an error; its code is where the client looks for one."""
+        details = {"details": {"error_code": error.code}} if error.code else {}
+        told = {"type": KINDS.get(error.status, "api_error"), "message": str(error), **details}
+        return {"type": "error", "error": told}
+
+
+def _is_result(block: Mapping[str, Any], results: dict[str, str]) -> bool:
+    """Whether a block is the result of a call, which is taken note of."""
+    if block.get("type") != "tool_result":
+        return False
+    results[str(block.get("tool_use_id"))] = read_text(block.get("content"))[0]
+    return True
+
+
+def _tools(body: Mapping[str, Any]) -> tuple[list[ToolSpec], list[str]]:
+    tools, left_out = [], []
+    for tool in objects(body.get("tools")):
+        name, schema = str(tool.get("name")), tool.get("input_schema")
+        # Claude Code marks tools that it has loaded later with `defer_loading`, too; they are as good as others.
+        if isinstance(schema, Mapping) and name != PLACEHOLDER:
+            tools.append(ToolSpec(name, str(tool.get("description") or ""), schema))
+        elif name != PLACEHOLDER:
+            left_out.append(f"{name} ({tool.get('type') or 'no schema'})")
+    return tools, left_out
+
+
+def _forbids_calls(body: Mapping[str, Any]) -> bool:
+    choice = body.get("tool_choice")
+    if isinstance(choice, Mapping) and choice.get("type") == "none":
+        return True
+    messages = list(objects(body["messages"]))
+    return bool(messages) and COMPACTION in read_text(messages[-1].get("content"))[0]
+
+
+def _ours(call_id: str) -> str:
+    return OURS + call_id.removeprefix(THEIRS)
+
+
+def _event(kind: str, **data: Any) -> Event:
+    return kind, {"type": kind, **data}
+
+
+MESSAGES_FORMAT = MessagesFormat()

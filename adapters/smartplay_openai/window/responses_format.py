@@ -1,0 +1,121 @@
+"""Responses at the window: the items of a request, and tools in namespaces.
+
+Codex sends the tools of an MCP server as one tool of the type `namespace`. Its functions are flattened, with the
+namespace before their names, and a call carries both apart again. What is stored at a provider (`previous_response_id`,
+`conversation`) is not needed here: the ids of the calls whose results a request has say where it is.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from itertools import groupby
+from typing import Any
+
+from smartplay_openai.interface import Event
+from smartplay_openai.problems import bad, read_tools
+from smartplay_openai.responses import RESPONSES
+from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects, read_text
+from smartplay_openai.window.formats import SUB_AGENT_HEADERS, Format, fields_of, functions_of
+from smartplay_tools import Message, Usage
+
+BETWEEN = "__"
+"""What stands between a namespace and the name of its function."""
+
+USED = {"input", "instructions", "tools", "previous_response_id", "conversation"}
+SILENT = ("function_call", "function_call_output", "message")
+"""Items that are read, or told of as messages."""
+
+
+class ResponsesFormat(Format):
+    """Responses."""
+
+    path = RESPONSES.path
+
+    def read(self, body: Mapping[str, Any], headers: Mapping[str, str]) -> CompletionRequest:
+        """Return what a request says."""
+        items = body.get("input", [])
+        if isinstance(items, str):
+            items = [{"role": "user", "content": items}]
+        if not isinstance(items, list):
+            raise bad("input is a text or a list of items.", "input")
+        tools, _ = flat_tools(body)
+        functions, left_out = functions_of({"tools": tools})
+        ignored = Ignored(fields=fields_of(body, USED))
+        system = [ignored.hear("system", body["instructions"])] if body.get("instructions") else []
+        system += _hear(items, ignored)
+        text = body.get("text")
+        return CompletionRequest(
+            read_tools({"tools": functions}, None),
+            {
+                str(item.get("call_id")): read_text(item.get("output"))[0]
+                for item in objects(items)
+                if item.get("type") == "function_call_output"
+            },
+            json.dumps(body),
+            ignored,
+            "\n\n".join(system),
+            left_out,
+            forbids_calls=body.get("tool_choice") == "none",
+            answer_schema=json_schema(text.get("format") if isinstance(text, Mapping) else None),
+            is_of_sub_agent=any(name in headers for name in SUB_AGENT_HEADERS),
+        )
+
+    def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the response; calls of a namespace carry its name and their own apart."""
+        answer = RESPONSES.write(message, str(body["model"]), usage)
+        _, apart = flat_tools(body)
+        for item in answer["output"]:
+            if item["type"] == "function_call" and item["name"] in apart:
+                item["namespace"], item["name"] = apart[item["name"]]
+        return answer
+
+    def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
+        """Yield the response's events."""
+        return RESPONSES.stream(answer, body)
+
+
+def flat_tools(body: Mapping[str, Any]) -> tuple[Any, dict[str, tuple[str, str]]]:
+    """Return a request's tools with those of namespaces beside the others, and which flat name is which of these."""
+    tools = body.get("tools")
+    if not isinstance(tools, list):
+        return tools, {}
+    flat: list[Any] = []
+    apart: dict[str, tuple[str, str]] = {}
+    for tool in tools:
+        if not isinstance(tool, Mapping) or tool.get("type") != "namespace":
+            flat.append(tool)
+            continue
+        for inner in objects(tool.get("tools")):
+            name = f"{tool.get('name')}{BETWEEN}{inner.get('name')}"
+            apart[name] = str(tool.get("name")), str(inner.get("name"))
+            flat.append({**inner, "name": name})
+    return flat, apart
+
+
+def _hear(items: list[Any], ignored: Ignored) -> list[str]:
+    """Count what of the items does not reach the model; return the texts of the system.
+
+    Consecutive items of the assistant are one reply; one without a call is the host's, because ours have calls.
+    """
+    system = []
+    for is_reply, group in groupby(objects(items), _is_of_assistant):
+        said = list(group)
+        if is_reply and any(item.get("type") == "function_call" for item in said):
+            said = [item for item in said if item.get("type") not in (None, "message")]
+        for item in said:
+            kind = str(item.get("type") or "message")
+            if kind == "message":
+                role = str(item.get("role"))
+                text = ignored.hear(role, item.get("content"))
+                system += [text] if role in ("system", "developer") else []
+            elif kind not in SILENT:
+                ignored.kinds[kind] += 1
+    return system
+
+
+def _is_of_assistant(item: Mapping[str, Any]) -> bool:
+    return item.get("type") != "function_call_output" and item.get("role", "assistant") == "assistant"
+
+
+RESPONSES_FORMAT = ResponsesFormat()
