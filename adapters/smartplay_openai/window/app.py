@@ -32,7 +32,7 @@ from smartplay_openai.server.answers import (
     read_request,
 )
 from smartplay_openai.window.episode import WindowEpisode
-from smartplay_openai.window.formats import CHAT_FORMAT, Format
+from smartplay_openai.window.formats import CHAT_FORMAT, HostFormat
 from smartplay_openai.window.messages_format import MESSAGES_FORMAT
 from smartplay_openai.window.notices import Shown
 from smartplay_openai.window.responses_format import RESPONSES_FORMAT
@@ -44,7 +44,7 @@ from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 PREFIX = "smartplay/"
 """What stands before the handle in the name of a model."""
 
-FORMATS: Sequence[Format] = (CHAT_FORMAT, RESPONSES_FORMAT, MESSAGES_FORMAT)
+FORMATS: Sequence[HostFormat] = (CHAT_FORMAT, RESPONSES_FORMAT, MESSAGES_FORMAT)
 
 COUNT_PATH = f"{MESSAGES_FORMAT.path}/count_tokens"
 
@@ -180,7 +180,7 @@ class WindowEndpoint(Server):
         return episode
 
 
-def _handler(store: WindowStore, form: Format) -> Any:
+def _handler(store: WindowStore, form: HostFormat) -> Any:
     async def handle(request: Request) -> Response:
         body, completion = await read_request(request, lambda body: (body, form.read(body, request.headers)))
         episode = await _episode(store, body.get("model"))
@@ -208,7 +208,7 @@ def _counter(store: WindowStore) -> Any:
     return count
 
 
-def _format_of(request: Request) -> Format:
+def _format_of(request: Request) -> HostFormat:
     return MESSAGES_FORMAT if request.url.path.startswith(MESSAGES_FORMAT.path) else CHAT_FORMAT
 
 
@@ -216,7 +216,7 @@ async def _refuse(request: Request, error: RequestError) -> Response:
     return refused(error, _format_of(request))
 
 
-def refused(error: RequestError, form: Format) -> Response:
+def refused(error: RequestError, form: HostFormat) -> Response:
     """Return a refusal in the form of an interface."""
     return json_response(form.refusal(error), error.status, error.headers)
 

@@ -20,7 +20,7 @@ SUB_AGENT_HEADERS = ("x-claude-code-agent-id", "x-openai-subagent")
 """Headers that Claude Code and Codex send with the requests of sub-agents only."""
 
 
-class Format(ABC):
+class HostFormat(ABC):
     """An interface at which hosts ask for the model's reply."""
 
     path: ClassVar[str]
@@ -42,7 +42,7 @@ class Format(ABC):
         return error.body()
 
 
-class ChatFormat(Format):
+class ChatFormat(HostFormat):
     """Chat completions."""
 
     path = CHAT.path

@@ -15,7 +15,7 @@ from typing import Any
 from smartplay_openai.interface import Event, halves
 from smartplay_openai.problems import RequestError, bad
 from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects, read_text
-from smartplay_openai.window.formats import SUB_AGENT_HEADERS, Format, fields_of
+from smartplay_openai.window.formats import SUB_AGENT_HEADERS, HostFormat, fields_of
 from smartplay_tools import Message, ToolSpec, Usage
 from smartplay_tools.messages import calls_of, text_of
 
@@ -42,7 +42,7 @@ KINDS = {
 """The types of errors by status; any other is an `api_error`."""
 
 
-class MessagesFormat(Format):
+class MessagesFormat(HostFormat):
     """Anthropic's Messages."""
 
     path = "/v1/messages"

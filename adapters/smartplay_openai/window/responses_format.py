@@ -16,7 +16,7 @@ from smartplay_openai.interface import Event
 from smartplay_openai.problems import bad, read_tools
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects, read_text
-from smartplay_openai.window.formats import SUB_AGENT_HEADERS, Format, fields_of, functions_of
+from smartplay_openai.window.formats import SUB_AGENT_HEADERS, HostFormat, fields_of, functions_of
 from smartplay_tools import Message, Usage
 
 BETWEEN = "__"
@@ -27,7 +27,7 @@ SILENT = ("function_call", "function_call_output", "message")
 """Items that are read, or told of as messages."""
 
 
-class ResponsesFormat(Format):
+class ResponsesFormat(HostFormat):
     """Responses."""
 
     path = RESPONSES.path
