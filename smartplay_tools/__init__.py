@@ -17,6 +17,7 @@ from smartplay_tools.games.gymnasium_names import announce_games
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
+    from smartplay_tools.context.strategies import Choice, Past, Strategy, register_strategy
     from smartplay_tools.conversation.loop import aplay, play
     from smartplay_tools.conversation.session import AgentSession, Conversation
     from smartplay_tools.episode.config import EpisodeConfig
@@ -52,6 +53,7 @@ __all__ = [
     "AgentSession",
     "AsyncPlayer",
     "Budget",
+    "Choice",
     "Conversation",
     "Episode",
     "EpisodeConfig",
@@ -59,11 +61,13 @@ __all__ = [
     "GameSpec",
     "InvalidArgumentError",
     "Message",
+    "Past",
     "Player",
     "Prompt",
     "Reply",
     "ScriptedPlayer",
     "SmartPlayError",
+    "Strategy",
     "TextGame",
     "ToolResult",
     "ToolSpec",
@@ -76,6 +80,7 @@ __all__ = [
     "play",
     "read_transcript",
     "register",
+    "register_strategy",
     "replay",
     "resume",
     "schema",
@@ -86,6 +91,12 @@ if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(
         __name__,
         {
+            "context.strategies": (
+                "Choice",
+                "Past",
+                "Strategy",
+                "register_strategy",
+            ),
             "conversation.loop": (
                 "aplay",
                 "play",

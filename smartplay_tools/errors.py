@@ -9,6 +9,7 @@
     ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
     ├── DiskFullError         a disk has no space left for the records of a run
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
+    ├── StrategyError         a strategy's choice cannot be shown; ends an episode, never reaches users
     ├── ModelCallError        a model gave no reply (in `players.attempts`); ends an episode as player_error
     └── TranscriptError       a file is not a transcript, or cannot be written, read or replayed
 
@@ -32,6 +33,7 @@ __all__ = [
     "PromptOverflowError",
     "ResetNeededError",
     "SmartPlayError",
+    "StrategyError",
     "TranscriptError",
     "UnknownNameError",
     "damage_named",
@@ -86,6 +88,10 @@ class DiskFullError(SmartPlayError):
 
 class PromptOverflowError(SmartPlayError):
     """The pinned parts of a prompt need more than `prompt_tokens`."""
+
+
+class StrategyError(SmartPlayError):
+    """A strategy's choice cannot be shown: it does not fit, or names a turn that does not exist."""
 
 
 class TranscriptError(SmartPlayError, ValueError):

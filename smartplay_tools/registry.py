@@ -3,15 +3,22 @@
 Players, executors, Minecraft's engines and the classes of games are found this way, so none of them is imported before
 it is asked for. A registry may have a group of entry points too, under which installed packages declare more things;
 their names are read from the packages' metadata, which imports nothing.
+
+`FILE.py:CLASS` names a class in a file of the user's, without a package around it. The name alone says where the class
+is, so it goes to worker processes as text, and each imports the file itself.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import pkgutil
-from collections.abc import Iterator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from hashlib import sha256
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, UnknownNameError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, UnknownNameError, in_one_line
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -45,6 +52,46 @@ def declared_in(group: str) -> Sequence[EntryPoint]:
 def package_of(declared: EntryPoint) -> str:
     """Return the name of the package that declares an entry point."""
     return declared.dist.name if declared.dist else declared.value
+
+
+def is_in_file(name: str) -> bool:
+    """Return whether a name is that of a class in a file."""
+    return name.rpartition(":")[0].endswith(".py")
+
+
+def read_file(name: str, kind: str = "player") -> Callable[..., Any]:
+    """Import the file of `FILE.py:CLASS` and return the class; `InvalidArgumentError` if it is not there.
+
+    `kind` is what the class is called in messages.
+    """
+    path, _, attribute = name.rpartition(":")
+    held = getattr(_module(Path(path), kind), attribute, None)
+    if not callable(held):
+        raise InvalidArgumentError(f"{path} has no class {attribute!r}; name a {kind} of it as {path}:CLASS.")
+    read: Callable[..., Any] = held
+    return read
+
+
+def _module(path: Path, kind: str) -> Any:
+    """Return the module of a file, imported once in each process, with its folder among the places of imports."""
+    name = f"smartplay_file_{sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise InvalidArgumentError(f"There is no file {path}; name a {kind} of your own as FILE.py:CLASS.")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    if (folder := str(path.resolve().parent)) not in sys.path:
+        sys.path.append(folder)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever the user's file does when it is imported
+        del sys.modules[name]
+        raise InvalidArgumentError(
+            f"{path} cannot be imported: {type(error).__name__}: {in_one_line(error)}."
+        ) from error
+    return module
 
 
 class Registry(Mapping[str, Any]):

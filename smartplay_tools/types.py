@@ -88,8 +88,16 @@ Count = Annotated[int, Field(strict=True, ge=0)]
 Cap = Annotated[int, Field(strict=True, ge=1)]
 
 
-STRATEGIES: Mapping[str, Any] = {"beyond_history": "drop", "notes_tokens": None, "summary_tokens": None}
+STRATEGIES: Mapping[str, Any] = {
+    "beyond_history": "drop",
+    "notes_tokens": None,
+    "summary_tokens": None,
+    "strategy": None,
+}
 """The fields of a budget that say what becomes of the past, and their defaults: it is dropped."""
+
+WORDS = ("beyond_history", "strategy")
+"""Those of them whose values are words; the others are numbers."""
 
 
 class Budget(Recorded):
@@ -123,6 +131,9 @@ class Budget(Recorded):
     """Cap on the agent's notes, which stay visible when older turns leave; None: there is no tool `take_notes`."""
     summary_tokens: Cap | None = None
     """Cap on the summary that the agent is asked for when turns leave the window; None: it is not asked."""
+    strategy: Annotated[str, Field(strict=True, min_length=1)] | None = None
+    """The strategy that chooses the turns of a prompt: FILE.py:CLASS, or the name of one that an installed package
+    declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
 
     @property
     def strategies(self) -> tuple[str, ...]:
@@ -171,6 +182,8 @@ def _in_words(name: str, value: Any) -> str:
             return "masking" if value == "mask" else "dropping"
         case "notes_tokens" | "summary_tokens" if value is None:
             return f"no {_CAPPED[name]}"
+    if name == "strategy":
+        return "no strategy of one's own" if value is None else f"strategy {value.rpartition('/')[2]}"
     if isinstance(value, str):
         return f"{_CAPPED[name]} {value}"
     return f"{_CAPPED[name]} unlimited" if value is None else f"{_CAPPED[name]} <= {value:,}"
@@ -373,6 +386,7 @@ EndReason = Literal[
     "stalled_turns",
     "player_error",
     "game_error",
+    "strategy_error",
     "run_budget",
     "host",
     "closed",
@@ -453,7 +467,7 @@ class EpisodeResult(Recorded):
     """Usages that a provider reported with numbers that cannot be tokens; they count as none."""
     end_reason: EndReason
     error: str | None = None
-    """The exception's type and message for `player_error` and `game_error`; its traceback is in the transcript."""
+    """The exception's type and message for an end whose name ends in `_error`; its traceback is in the transcript."""
     detail: str | None = None
     """The host's name for the limit that ended the episode (`host`)."""
     state_hash: str

@@ -117,6 +117,10 @@ def check_prompt(messages: list[Json], tools: list[Json], judge: Judge, k: int, 
     assert not waiting, f"calls without a result: {waiting}"
     kept = [i for i, _ in judge.shown(k, judge.first(k + 1) if purpose == "summary" else None)]
     body = messages[len(judge.original_head) + len(judge.summary(k)) :]
+    texts = judge.texts(k)
+    for at, i in enumerate(i for i in kept if i in texts):
+        place = sum(len(judge.turns[j]["messages"]) for j in kept if j < i)
+        assert body.pop(place) == {"role": "user", "content": texts[i]}, f"text {at}"
     if purpose == "summary":
         assert body.pop() == judge.question
     expected = [(i, m) for i in kept for m in range(len(judge.turns[i]["messages"]))]
@@ -127,22 +131,28 @@ def check_prompt(messages: list[Json], tools: list[Json], judge: Judge, k: int, 
         if observation is not None and one["content"] != MARKER:
             assert judge.history is None or observation >= t - judge.history, "an observation outlives its limit"
             shown.add(observation)
-    run = [i for i in kept if i >= judge.first(k)]
-    assert run == list(range(run[0], run[-1] + 1)) if run else True, "the run has a gap"
-    assert shown <= {*range(min(shown, default=0), max(shown, default=0) + 1)}
+    if judge.choices is None:
+        run = [i for i in kept if i >= judge.first(k)]
+        assert run == list(range(run[0], run[-1] + 1)) if run else True, "the run has a gap"
+        assert shown <= {*range(min(shown, default=0), max(shown, default=0) + 1)}
     if purpose == "play":
         known = {o for turn in judge.turns[:k] for o in turn["shows"]} - {None}
         assert not known or t in shown, "the current observation is missing"
         assert k == 0 or kept[-1] == k - 1, "the newest turn is missing"
 
 
-def check_episode(events: Sequence[Json], sent: Sequence[Json], n: Count) -> Judge:
-    """Check a whole conversation: every prompt that was sent, every result, every number, and its end."""
+def check_episode(
+    events: Sequence[Json], sent: Sequence[Json], n: Count, choices: dict[int, Any] | None = None
+) -> Judge:
+    """Check a whole conversation: every prompt that was sent, every result, every number, and its end.
+
+    `choices` are those of a brought strategy, as it returned them.
+    """
     budget = events[0]["budget"]
     [head] = [event for event in events if event["event"] == "head"]
     summaries = [event for event in events if event["event"] == "summary"]
     texts = [(event["turn"], event["text"]) for event in summaries]
-    judge = Judge(head["messages"], head["tools"], turns_of(events), budget, n, texts)
+    judge = Judge(head["messages"], head["tools"], turns_of(events), budget, n, texts, choices)
     check_summaries(summaries, judge)
     spent, k, asked = 0, 0, 0
     for prompt in sent:
@@ -215,6 +225,8 @@ def check_end(events: Sequence[Json], judge: Judge, spent: int, answered: int) -
             continue
         k, result = len(judge.turns), event["result"]
         assert (result["end_reason"] == "prompt_tokens") <= (not judge.pins_fit(k))
+        if result["end_reason"] == "strategy_error":
+            assert judge.size_of_view(k) > judge.cap
         if result["end_reason"] == "episode_tokens":
             due = judge.asks(k) and all(turn < k for turn, _ in judge.summaries)
             view = judge.request(k) if due else judge.view(k)

@@ -14,6 +14,7 @@ import copy
 import json
 import random
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
@@ -33,6 +34,7 @@ ODD_REPLIES: list[Any] = [
     {"role": "assistant", "content": None, "extra": object()},
 ]  # fmt: skip
 GAMES = scripts.GAMES
+ODD = f"{Path(__file__).parent / 'data' / 'odd_strategy.py'}:Odd"
 EXAMPLE = [
     {"role": "user", "content": "An example:"},
     {"role": "assistant", "content": None, "tool_calls": [
@@ -45,6 +47,9 @@ def strategy(chance: random.Random) -> dict[str, Any]:
     """Return the fields of a budget about past turns; sometimes none."""
     if chance.random() < 0.2:
         return {}
+    if chance.random() < 0.3:
+        odd = f"{ODD}:seed={chance.randrange(999)}:wild={chance.choice(['true', 'false'])}"
+        return {"strategy": odd, "notes_tokens": chance.choice([None, 2, 12, 40])}
     return {
         "beyond_history": chance.choice(["drop", "mask"]),
         "notes_tokens": chance.choice([None, 2, 12, 40]),
@@ -202,7 +207,8 @@ def hostile_conversation(chance: random.Random, counts: Counter[str]) -> None:
     episode.close()
     counts["prompts"] += len(sent)
     counts["episodes"] += 1
-    checker.check_episode(scripts.as_json(events), sent, tokenizer.count)
+    choices = None if episode.strategies.brought is None else scripts.choices_of(episode.strategies.brought)
+    checker.check_episode(scripts.as_json(events), sent, tokenizer.count, choices)
     found = replay(events, tokenizer=tokenizer)
     assert found.identical, found.differences
 

@@ -36,6 +36,7 @@ class Judge:
         budget: Json,
         n: Count,
         summaries: Sequence[tuple[int, str]] = (),
+        choices: dict[int, Any] | None = None,
     ) -> None:
         self.n = functools.cache(n)
         self.original_head, self.tools, self.turns = head, tools, turns
@@ -46,6 +47,8 @@ class Judge:
         self.notes_cap, self.summary_cap = budget.get("notes_tokens"), budget.get("summary_tokens")
         self.summaries = list(summaries)
         """(turns at the time, text shown from then on) of every summary."""
+        self.choices = choices
+        """With a brought strategy: (turns, masked turns, texts by turn) that it chose after k turns."""
         self._costs: dict[Any, int] = {}
         self._folds: dict[int, tuple[int, bool]] = {0: (0, False)}
 
@@ -216,6 +219,8 @@ class Judge:
         return fits and not old and not any(self.outlived(i, k, self.history) for i in range(f, k))
 
     def pins_fit(self, k: int) -> bool:
+        if self.choices is not None:
+            return k == 0 or not self.overflows(k)
         return k == 0 or not self.fold(k)[1]
 
     def first(self, k: int) -> int:
@@ -229,14 +234,38 @@ class Judge:
 
     def shown(self, k: int, stop: int | None = None) -> list[tuple[int, bool]]:
         """The turns of the view of k turns, or of that part of it that lies before turn `stop`."""
+        if self.choices is not None:
+            return self.chosen(k)
         turns = self.layout(self.first(k), k, notes=k > 0 and self.notes_fit(k))
         return [(i, hidden) for i, hidden in turns if stop is None or i < stop]
 
+    def chosen(self, k: int) -> list[tuple[int, bool]]:
+        """The turns that a brought strategy shows after k turns, with the pinned ones, and whether each is hidden."""
+        if k == 0:
+            return []
+        turns, masked, _ = self.choices.get(k, ((), (), {}))
+        o, q = self.current(k), self.noted(k) if self.notes_fit(k) else None
+        shown = {k - 1, *turns} | ({o, q} - {None})
+        return [(i, i in masked or (i == q and i not in (o, k - 1))) for i in sorted(shown)]
+
+    def texts(self, k: int) -> dict[int, str]:
+        """The texts of a brought strategy, by the turn before which each stands."""
+        return {} if self.choices is None or k not in self.choices else self.choices[k][2]
+
     def traced(self, k: int, stop: int | None = None) -> list[tuple[int, int, Json]]:
         """The messages of a view, each with its turn and its place in it; the head is turn -2, the summary turn -1."""
-        body = [(i, m, one) for i, hidden in self.shown(k, stop) for m, one in enumerate(self.seen(i, k, hidden))]
+        body = []
+        for i, hidden in self.shown(k, stop):
+            if i in self.texts(k):
+                body.append((i, -1, {"role": "user", "content": self.texts(k)[i]}))
+            body += [(i, m, one) for m, one in enumerate(self.seen(i, k, hidden))]
         summary = [(-1, 0, one) for one in self.summary(k)]
         return [*((-2, m, one) for m, one in enumerate(self.head(k))), *summary, *body]
+
+    def size_of_view(self, k: int) -> int:
+        """The tokens of a prompt to play, whether or not it fits."""
+        messages = [one for _, _, one in self.traced(k)]
+        return self.tokens(messages) + tools_tokens(self.tools, self.n) + PRIMING
 
     def view(self, k: int) -> Json | None:
         """Everything that the prompt to play says after k turns; None where the pinned parts do not fit."""
@@ -252,7 +281,7 @@ class Judge:
         return said | {"prefix_tokens": said["tokens"] - self.asking - PRIMING, "covers": stop}
 
     def _said(self, traced: list[tuple[int, int, Json]], shown: list[tuple[int, bool]], k: int, turns: int) -> Json:
-        body = [(i, m, one) for i, m, one in traced if i >= 0]
+        body = [(i, m, one) for i, m, one in traced if i >= 0 and m >= 0]
         marked = [[i, m - 1] for i, m, one in body if m and one is not self.turns[i]["messages"][m]]
         seen = {self.turns[i]["shows"][m] for i, m, one in body if [i, m - 1] not in marked} - {None}
         messages = [one for _, _, one in traced]

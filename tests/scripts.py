@@ -162,6 +162,12 @@ def as_json(value: Any) -> Any:
     return json.loads(json.dumps(value))
 
 
+def choices_of(odd: Any) -> dict[int, Any]:
+    """What `tests/data/odd_strategy.py` chose, as a record holds it."""
+    texts = {k: {turn: as_json(text) for turn, text in said.items()} for k, (_, _, said) in odd.chosen.items()}
+    return {k: (*odd.chosen[k][:2], texts[k]) for k in odd.chosen}
+
+
 def view_as_json(view: View) -> dict[str, Any]:
     numbers = {name: getattr(view, name) for name in ("tokens", "shown_steps", "dropped_turns", "prefix_tokens")}
     marked = [list(pair) for pair in view.masked_results]

@@ -27,7 +27,7 @@ from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.records.rows import warnings
 from smartplay_tools.types import EpisodeResult, Usage
 
-FAILED = ("player_error", "game_error")
+FAILED = ("player_error", "game_error", "strategy_error")
 
 
 @with_episode_options()

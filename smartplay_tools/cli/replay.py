@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import track
 
 from smartplay_tools.cli import options
+from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.evaluation.runs.audit import EpisodeAudit, audit
 from smartplay_tools.records.replays import replay as run_again
 from smartplay_tools.records.run_folder import RunFolder
@@ -29,6 +30,9 @@ def replay(
         str | None,
         typer.Option(help="The tokenizer of the record, if its file was moved: hf:PATH_OR_NAME or a name."),
     ] = None,
+    strategy: Annotated[
+        str | None, typer.Option(help="The strategy that the records name, FILE.py:CLASS, if it is in a file.")
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Play records again and compare them bit for bit; the exit code is 1 if anything differs or is incomplete.
@@ -37,8 +41,10 @@ def replay(
 
     Example: smartplay-tools replay run.jsonl
     """
+    if strategy is not None:
+        load_strategy(strategy)
     if path.is_dir():
-        same = _replay_run(path, workers, tokenizer, as_json=as_json)
+        same = _replay_run(path, workers, tokenizer, strategy, as_json=as_json)
     else:
         same = _replay_file(path, tokenizer, as_json=as_json)
     if not same:
@@ -63,12 +69,12 @@ def _replay_file(path: Path, tokenizer: str | None, *, as_json: bool) -> bool:
     return replayed.identical
 
 
-def _replay_run(path: Path, workers: int | None, tokenizer: str | None, *, as_json: bool) -> bool:
+def _replay_run(path: Path, workers: int | None, tokenizer: str | None, strategy: str | None, *, as_json: bool) -> bool:
     folder = RunFolder(path)
     rows = folder.rows()
     total = len(rows)
     progress = Console(stderr=True, quiet=as_json or not Console(stderr=True).is_terminal)
-    going = audit(folder, workers or os.cpu_count() or 1, tokenizer, rows=rows)
+    going = audit(folder, workers or os.cpu_count() or 1, tokenizer, strategy=strategy, rows=rows)
     shown = track(going, "replaying", total, console=progress, transient=True, disable=progress.quiet)
     findings = sorted(shown, key=lambda one: one.key)
     differing = [finding for finding in findings if finding.differences]

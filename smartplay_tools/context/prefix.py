@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from itertools import takewhile
 
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.context.view import Selection
+from smartplay_tools.context.view import Head, Selection
 from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.messages import Message
 from smartplay_tools.tokens import PRIMING, TokenCounter
@@ -22,18 +22,24 @@ def common_tokens(
     before: Side, now: Side, summary_before: Message | None, summary: Message | None, tools: int, counter: TokenCounter
 ) -> int:
     """Return the tokens of tools and messages at the beginning of two neighbouring views that are the same."""
-    head, head_before = now[0].head, before[0].head
-    if head is not head_before:
-        if head.tools != head_before.tools:
-            return 0
-        pairs = zip(head.messages, head_before.messages, strict=False)
-        return tools + counter.messages(message for message, was in takewhile(_are_equal, pairs))
-    shared = head.tokens - PRIMING
+    shared, is_same = common_head(before[0].head, now[0].head, tools, counter)
+    if not is_same:
+        return shared
     if summary != summary_before:
         return shared
     if summary is not None:
         shared += counter.message(summary)
     return shared + _common_turns(before, now, counter)
+
+
+def common_head(was: Head, head: Head, tools: int, counter: TokenCounter) -> tuple[int, bool]:
+    """Return the tokens of tools and messages that two heads begin with, and whether they are the same head."""
+    if head is was:
+        return head.tokens - PRIMING, True
+    if head.tools != was.tools:
+        return 0, False
+    pairs = zip(head.messages, was.messages, strict=False)
+    return tools + counter.messages(message for message, _ in takewhile(_are_equal, pairs)), False
 
 
 def _common_turns(before: Side, now: Side, counter: TokenCounter) -> int:
@@ -46,7 +52,7 @@ def _common_turns(before: Side, now: Side, counter: TokenCounter) -> int:
         if index is None or index != was:
             return shared
         turn = state.index.turns[index]
-        tokens, is_whole = _common_messages(turn, chosen_before.oldest_of(turn), chosen.oldest_of(turn), counter)
+        tokens, is_whole = common_messages(turn, chosen_before.oldest_of(turn), chosen.oldest_of(turn), counter)
         shared += tokens
         if not is_whole:
             return shared
@@ -67,12 +73,12 @@ def _common_run(before: Side, now: Side, first: int, counter: TokenCounter) -> i
     if changed is None:
         return state.run(first, stop)
     turn = state.index.turns[changed]
-    tokens, is_whole = _common_messages(turn, chosen_before.oldest, chosen.oldest, counter)
+    tokens, is_whole = common_messages(turn, chosen_before.oldest, chosen.oldest, counter)
     # Before the changed turn everything is masked in both views.
     return state.run(first, stop) if is_whole else state.run(first, changed) + tokens
 
 
-def _common_messages(turn: Turn, oldest_before: int, oldest: int, counter: TokenCounter) -> tuple[int, bool]:
+def common_messages(turn: Turn, oldest_before: int, oldest: int, counter: TokenCounter) -> tuple[int, bool]:
     """The tokens of a turn's messages up to the first that is masked in one view only, and whether there is none."""
     masked, masked_before = turn.masked(oldest), turn.masked(oldest_before)
     messages: Sequence[Message] = turn.seen(oldest)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import takewhile
@@ -25,6 +25,12 @@ class Selection:
     """Observations before this one are masked."""
     hidden: int | None = None
     """The pinned turn of which every observation is masked: that with the notes."""
+    is_chosen: bool = False
+    """Whether a brought strategy has chosen the turns; `pinned` are then all but the newest."""
+    masked: frozenset[int] = frozenset()
+    """Turns of which a brought strategy has every observation masked."""
+    texts: Mapping[int, str] = field(default_factory=dict)
+    """The texts of a brought strategy, by the turn before which each stands."""
 
     def __iter__(self) -> Iterator[int]:
         yield from self.pinned
@@ -35,7 +41,16 @@ class Selection:
 
     def oldest_of(self, turn: Turn) -> int:
         """Return the oldest observation that is shown of a turn of the selection."""
-        return turn.step + 1 if turn.number == self.hidden else self.oldest
+        is_hidden = turn.number == self.hidden or turn.number in self.masked
+        return turn.step + 1 if is_hidden else self.oldest
+
+    @property
+    def ranges(self) -> list[list[int]]:
+        """The turns as a record holds them: ranges, first and last included."""
+        if not self.is_chosen:
+            run = [[self.first, self.last]] if self.last >= 0 else []
+            return [*([index, index] for index in self.pinned), *run]
+        return ranges_of(self)
 
 
 @dataclass
@@ -94,6 +109,17 @@ class Head:
     def canonical(self) -> list[bytes]:
         """The canonical JSON of its messages; examples of calls keep their ids, which are the head's own."""
         return [head_bytes(message) for message in self.messages]
+
+
+def ranges_of(numbers: Iterable[int]) -> list[list[int]]:
+    """Return ascending numbers as ranges, first and last included."""
+    ranges: list[list[int]] = []
+    for number in numbers:
+        if ranges and ranges[-1][1] == number - 1:
+            ranges[-1][1] = number
+        else:
+            ranges.append([number, number])
+    return ranges
 
 
 def with_manual(head: Sequence[Message], manual: str) -> list[Message]:

@@ -96,6 +96,17 @@ class ContextWindow:
 
     def append(self, turn: Turn) -> None:
         """Add a complete turn and decide what is shown after it, and whether a summary is asked for first."""
+        summary, was_first = self._now.summary, self._now.selection.first
+        state = self._after(turn)
+        first = self._first(state, was_first, 0 if summary is None else summary.tokens)
+        self._now = Contents(state, state.selected(first), summary)
+        if self._form is not None and first > was_first and not self._overflows:
+            assert self._before is not None
+            leaving = replace(self._before.selection, last=first - 1)
+            self._leaving = Contents(self._before.state, leaving, summary, self._form.question)
+
+    def _after(self, turn: Turn) -> WindowState:
+        """Add a turn; return what is old and what is pinned after it."""
         self._before, self._leaving = self._now, None
         self._index.append(turn)
         last = len(self._index.turns) - 1
@@ -103,15 +114,9 @@ class ContextWindow:
             self._newest = last
         for stretches in (self._stretches, self._stretches_after_move):
             stretches.append(last, has_step=turn.step > self._now.state.step)
-        summary, was_first = self._now.summary, self._now.selection.first
         oldest = self._ageing.oldest(turn.step, self.budget.history, self._now.state.oldest)
         state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual))
-        state = self._pin(state, self._strategies.pinned(turn))
-        first = self._first(state, was_first, 0 if summary is None else summary.tokens)
-        self._now = Contents(state, state.selected(first), summary)
-        if self._form is not None and first > was_first and not self._overflows:
-            leaving = replace(self._before.selection, last=first - 1)
-            self._leaving = Contents(self._before.state, leaving, summary, self._form.question)
+        return self._pin(state, self._strategies.pinned(turn))
 
     def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:
         """Begin all further views with another head and other tools, from the next appended turn on."""

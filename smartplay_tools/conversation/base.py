@@ -20,7 +20,7 @@ from smartplay_tools.context.view import View
 from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError
+from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError
 from smartplay_tools.messages import Call, Message, assistant_message, calls_of, read_calls
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult, Prompt, ToolSpec, Usage
@@ -237,6 +237,9 @@ class BaseConversation(ABC):
             view = self._next_view()
         except PromptOverflowError:
             self.episode.end("prompt_tokens")
+            return None
+        except StrategyError as error:
+            self.episode.end("strategy_error", error.__cause__ or error)
             return None
         max_tokens = self._max_tokens(view.tokens)
         if max_tokens is not None and max_tokens < max(1, self.episode.budget.reply_tokens or 1):

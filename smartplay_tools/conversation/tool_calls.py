@@ -13,7 +13,8 @@ from typing import Any
 
 from smartplay_tools import prompts
 from smartplay_tools.arguments import read
-from smartplay_tools.context.view import View
+from smartplay_tools.context.choosing import ChoosingWindow
+from smartplay_tools.context.view import View, ranges_of
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply, Pending
 from smartplay_tools.episode import budgets
@@ -47,7 +48,8 @@ class ToolConversation(BaseConversation):
         foreign_tools: Sequence[ToolSpec] = (),
     ) -> None:
         whole_head, tools = self._use_head(episode, head, foreign_tools)
-        self._window = ContextWindow(whole_head, tools, episode.budget, episode.counter, episode.strategies)
+        kind = ContextWindow if episode.strategies.brought is None else ChoosingWindow
+        self._window = kind(whole_head, tools, episode.budget, episode.counter, episode.strategies)
         self._idle_in_a_row = 0
         self._results: dict[int, ToolResult] = {}
         self._edits: dict[int, str] = {}
@@ -182,13 +184,14 @@ class ToolConversation(BaseConversation):
 
     def _shown(self, view: View) -> dict[str, Any]:
         chosen = view.selection
-        run = [[chosen.first, chosen.last]] if chosen.last >= 0 else []
-        turns = [*([index, index] for index in chosen.pinned), *run]
+        turns = chosen.ranges
         sha256 = prompt_sha256(self._window.canonical(view.purpose), self._tools_bytes)
         if not self.episode.budget.strategies:
             return {"turns": turns, "masked": view.masked_results, "sha256": sha256}
         # What is masked follows from these; a list of it would grow with the window.
-        why = {"oldest": chosen.oldest, "notes": chosen.hidden}
+        why: dict[str, Any] = {"oldest": chosen.oldest, "notes": chosen.hidden}
+        if self.episode.budget.strategy is not None:
+            why |= {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
         return {"turns": turns, "purpose": view.purpose, **why, "summary": view.summaries, "sha256": sha256}
 
     def _complete_turn(self) -> None:

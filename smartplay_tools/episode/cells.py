@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.config import RULES, CellConfig, Setting, read_rules
 from smartplay_tools.errors import InvalidArgumentError
@@ -52,6 +53,9 @@ def cell_config(
             budget=budget or Budget(),
             tokenizer=counter.tokenizer.name,
             tokenizer_sha256=sha256_of(counter),
+            strategy_sha256=None
+            if budget is None or budget.strategy is None
+            else load_strategy(budget.strategy).sha256,
             player=player,
             player_options=dict(player_options or {}),
             **rules,

@@ -106,6 +106,8 @@ class CellConfig(Rules):
     """The name of the tokenizer that counts budget tokens."""
     tokenizer_sha256: str | None = None
     """The sha256 of the tokenizer's vocabulary; None if the tokenizer does not give one."""
+    strategy_sha256: str | None = None
+    """The sha256 of the file of the budget's strategy; None if it is not in a file."""
     prompts: str = prompts.VERSION
     """The version of the prompts around the games."""
     player: str | None = None

@@ -110,8 +110,12 @@ class Episode:
         *,
         tokenizer: str | Tokenizer | None = None,
         transcript: Sink | None = None,
+        is_recorded: bool = False,
     ) -> Self:
-        """Return the episode of a config; `tokenizer` is required if the config names a tokenizer object of yours."""
+        """Return the episode of a config; `tokenizer` is required if the config names a tokenizer object of yours.
+
+        A config that `is_recorded` does not decide what is imported: see `recorded_strategy`.
+        """
         counter = shared_counter(config.tokenizer if tokenizer is None else tokenizer)
         # The file may have been moved; only its content matters.
         asked, given = config.tokenizer, counter.tokenizer.name
@@ -123,7 +127,7 @@ class Episode:
                 f"not with {counter.tokenizer.name!r} ({given})."
             )
         episode = cls.__new__(cls)
-        episode._open(config, config.spec, counter, transcript)
+        episode._open(config, config.spec, counter, transcript, is_recorded=is_recorded)
         return episode
 
     def _open(
@@ -132,6 +136,8 @@ class Episode:
         spec: GameSpec,
         counter: TokenCounter,
         transcript: Sink | None,
+        *,
+        is_recorded: bool = False,
     ) -> None:
         self.config = config
         """Everything that determines this episode."""
@@ -141,6 +147,7 @@ class Episode:
         try:
             self.game.reset(seed=config.seed)
             self._session = GameSession(spec, self.game, config.budget, counter, config.manual, config.context)
+            self._session.strategies.bring(config.strategy_sha256, is_recorded=is_recorded)
             self._transcript = None if transcript is None else TranscriptWriter(transcript)
         except BaseException:
             self.game.close()

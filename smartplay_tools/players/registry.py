@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Any, Literal, overload
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.players.files import is_in_file, load_from_file
-from smartplay_tools.registry import Registry
+from smartplay_tools.players.files import load_from_file
+from smartplay_tools.registry import Registry, is_in_file
 from smartplay_tools.types import AsyncPlayer, Player
 
 PLAYERS: dict[str, str] = {

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.context.turns import Turn
@@ -32,11 +33,12 @@ PARTS = {
     "observations": "observations",
     "masked": "markers of masked observations",
     "other": "other results",
+    "texts": "texts of the strategy",
 }
 """The parts of a prompt and their names, in the order in which they are counted and drawn. The manual is a part once it
 was read; the summary includes the request for one; notes are the calls that take them."""
 
-_OBSERVATIONS, _MASKED, _OTHER = map(list(PARTS).index, ("observations", "masked", "other"))
+_OBSERVATIONS, _MASKED, _OTHER, _TEXTS = map(list(PARTS).index, ("observations", "masked", "other", "texts"))
 
 COUNTED_WITH = (DEFAULT_TOKENIZER, "approximate")
 """The tokenizers that count without a file of somebody else's."""
@@ -44,7 +46,7 @@ COUNTED_WITH = (DEFAULT_TOKENIZER, "approximate")
 Tokens = list[int]
 """A number of tokens for each of `PARTS`."""
 
-Reason = Literal["history", "full", "block", "pin"]
+Reason = Literal["history", "full", "block", "pin", "choice"]
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,8 @@ class Departure:
     prompt: int
     """The turn whose prompt was the first without it."""
     reason: Reason
-    """It was older than the history; it did not fit; slack gave up more at once than had to go; its pin was gone."""
+    """It was older than the history; it did not fit; slack gave up more at once than had to go; its pin was gone;
+    a brought strategy did not choose it."""
     needs: int
     """The tokens that it would have taken."""
     age: int
@@ -110,6 +113,8 @@ class Accounts:
         total["summary"] = self._summary(view) + (self._form.question_tokens if self._form and is_request else 0)
         tokens = list(total.values())
         oldest, notes = _oldest(view, self._index.turns), view.get("notes")
+        if self._budget.strategy is not None:
+            return self._chosen_parts(view, tokens)
         for first, last in view["turns"]:
             if first == last == notes:
                 tokens = _plus(tokens, _minus(self._hidden[last + 1], self._hidden[first]))
@@ -119,6 +124,17 @@ class Accounts:
             if edge <= last:
                 tokens = _plus(tokens, self._parts_of(self._index.turns[edge], oldest))
                 tokens = _plus(tokens, _minus(self._whole[last + 1], self._whole[edge + 1]))
+        return tokens
+
+    def _chosen_parts(self, view: ViewEvent, tokens: Tokens) -> Tokens:
+        """Add the parts of the turns and the texts that a brought strategy has chosen."""
+        hidden = {*_numbers(view["hidden"]), view["notes"]}
+        for number in _numbers(view["turns"]):
+            turn = self._index.turns[number]
+            oldest = turn.step + 1 if number in hidden else view["oldest"]
+            tokens = _plus(tokens, self._parts_of(turn, oldest))
+        for _, text in view["texts"]:
+            tokens[_TEXTS] += self._counter.message(text_message(text))
         return tokens
 
     def departures(self) -> Iterator[Departure]:
@@ -149,7 +165,9 @@ class Accounts:
         for turn in reversed(gone):
             age = step - turns[turn].step
             facts = (turn, view["turn"])
-            if turn < run:
+            if budget.strategy is not None:
+                yield Departure(*facts, "choice", needs[turn], age)
+            elif turn < run:
                 yield Departure(*facts, "pin", needs[turn], age)
             elif history is not None and age > history:
                 yield Departure(*facts, "history", needs[turn], age, keeps=age)

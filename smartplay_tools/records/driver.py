@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Driven: TypeAlias = Conversation | AgentSession | PaperConversation
 
-BUDGET_ENDS = ("prompt_tokens", "episode_tokens")
+BUDGET_ENDS = ("prompt_tokens", "episode_tokens", "strategy_error")
 """Reasons for which an episode ends when the next prompt is requested."""
 
 EXTERNAL_ENDS = ("player_error", "run_budget", "host", "closed")
@@ -64,7 +64,7 @@ class Driver:
         self.record = MemoryRecord()
         """The new record."""
         config = config or EpisodeConfig.from_event(recorded[0])
-        self.episode = Episode.from_config(config, tokenizer=tokenizer, transcript=self.record)
+        self.episode = Episode.from_config(config, tokenizer=tokenizer, transcript=self.record, is_recorded=True)
         self.episode.on_step(on_step)
         self.conversation: Driven | None = None
         self.has_host_part = False

@@ -6,10 +6,11 @@ events contain the texts. The sha256 in the `view` event verifies the rebuilt pr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.turns import Turn, TurnBuilder
 from smartplay_tools.context.view import Head, Selection, with_manual
@@ -70,6 +71,8 @@ class PromptParts(NamedTuple):
     """The summary, if one is shown."""
     turns: Sequence[tuple[Turn, int]]
     """Each with the oldest observation that is shown of it."""
+    texts: Mapping[int, Message]
+    """The texts of a brought strategy, by the turn before which each stands."""
     after: Sequence[Message]
     """The question for a summary, if the prompt asks for one."""
 
@@ -96,6 +99,9 @@ class Rebuilder:
         messages, lines = [*shown.head.messages, *shown.before], shown.head.canonical.copy()
         lines += map(head_bytes, shown.before)
         for turn, oldest in shown.turns:
+            if turn.number in shown.texts:
+                messages.append(shown.texts[turn.number])
+                lines.append(head_bytes(shown.texts[turn.number]))
             messages.extend(turn.seen(oldest))
             lines.extend(turn.canonical_seen(oldest))
         messages += shown.after
@@ -115,16 +121,18 @@ class Rebuilder:
             self._head_of(self._turns[seen_turns - 1].manual if seen_turns else None),
             before,
             [(turn, oldest_of(turn)) for first, last in view["turns"] for turn in self._turns[first : last + 1]],
+            {turn: text_message(text) for turn, text in view.get("texts", ())},
             [self._form.question] if self._form is not None and purpose == "summary" else [],
         )
 
     def _masks(self, view: Event) -> Callable[[Turn], int]:
         """Return which is the oldest observation that a view shows of a turn."""
         if "oldest" in view:
-            return Selection((), 0, -1, view["oldest"], view["notes"]).oldest_of
-        if not (masked := {(turn, item) for turn, item in view["masked"]}):
+            masked = frozenset(at for first, last in view.get("hidden", ()) for at in range(first, last + 1))
+            return Selection((), 0, -1, view["oldest"], view["notes"], masked=masked).oldest_of
+        if not (results := {(turn, item) for turn, item in view["masked"]}):
             return lambda turn: 0
-        return lambda turn: _boundary(turn, masked)
+        return lambda turn: _boundary(turn, results)
 
     def _head_of(self, manual: str | None) -> Head:
         if manual not in self._heads:

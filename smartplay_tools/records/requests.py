@@ -162,6 +162,8 @@ class _Units:
                     head, messages = shown.head, [*map(self.of, shown.head.messages)]
                 units = [tools, *messages, *map(self.of, shown.before)]
                 for turn, oldest in shown.turns:
+                    if turn.number in shown.texts:
+                        units.append(self.of(shown.texts[turn.number]))
                     is_masked = turn.shows and oldest > turn.shows[0]
                     units += self._partly(turn, oldest) if is_masked else whole.get(turn.number) or self.turn(turn)
                 yield event, [*units, *map(self.of, shown.after)]

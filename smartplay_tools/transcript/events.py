@@ -66,6 +66,10 @@ class ViewEvent(TypedDict):
     """With strategies: observations before this one are masked."""
     notes: NotRequired[int | None]
     """With strategies: the pinned turn with the notes, of which every observation is masked."""
+    hidden: NotRequired[list[list[int]]]
+    """With a brought strategy: ranges of the turns of which it has every observation masked."""
+    texts: NotRequired[list[Any]]
+    """With a brought strategy: its texts, each as [turn, text], a user message before that turn."""
     summary: NotRequired[int]
     """With strategies: how many `summary` events there were before; the text of the last one is shown."""
     question: NotRequired[int]

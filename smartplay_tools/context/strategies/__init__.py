@@ -7,19 +7,27 @@ rest of the package asks it and names none of them. To add one, write its class,
 """
 
 from smartplay_tools.context.strategies.ageing import turns_leave
-from smartplay_tools.context.strategies.base import Strategy, StrategyTool, ToolAnswer, share_kept
+from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer, share_kept
+from smartplay_tools.context.strategies.brought import load_strategy, register_strategy
+from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, Strategy
 from smartplay_tools.context.strategies.every import KINDS, Strategies, refusal
 from smartplay_tools.context.strategies.summaries import Summaries, Summary
 
 __all__ = [
     "KINDS",
+    "BudgetStrategy",
+    "Choice",
+    "Past",
+    "PastTurn",
     "Strategies",
     "Strategy",
     "StrategyTool",
     "Summaries",
     "Summary",
     "ToolAnswer",
+    "load_strategy",
     "refusal",
+    "register_strategy",
     "share_kept",
     "turns_leave",
 ]

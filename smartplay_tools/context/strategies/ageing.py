@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from smartplay_tools.context.strategies.base import Strategy, share_kept
+from smartplay_tools.context.strategies.base import BudgetStrategy, share_kept
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
@@ -30,7 +30,7 @@ class Stretches:
             self.first = turn - self._follow
 
 
-class Ageing(Strategy):
+class Ageing(BudgetStrategy):
     """Drops what is too old, or masks it. Every window has this strategy; a budget asks for masking."""
 
     name = "beyond_history"

@@ -35,7 +35,7 @@ class StrategyTool:
     answer: Callable[[str], ToolAnswer]
 
 
-class Strategy:
+class BudgetStrategy:
     """One way to deal with the past, in one episode. A method that is not overridden changes nothing."""
 
     name: ClassVar[str]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from smartplay_tools.context.strategies.ageing import Ageing
-from smartplay_tools.context.strategies.base import Strategy
+from smartplay_tools.context.strategies.base import BudgetStrategy
+from smartplay_tools.context.strategies.brought import Brought, load_strategy, make_strategy, recorded_strategy
+from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.strategies.notes import Notes
 from smartplay_tools.context.strategies.summaries import Summaries
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
-KINDS: tuple[type[Strategy], ...] = (Ageing, Notes, Summaries)
+KINDS: tuple[type[BudgetStrategy], ...] = (Ageing, Notes, Summaries, Brought)
 """Every strategy, in the order in which they are asked."""
 
 
@@ -29,7 +31,19 @@ class Strategies:
         """R: the tokens that a window leaves free when it moves."""
         self.reserved_for = ", ".join(f"{s.name}={getattr(budget, s.name)}" for s in asked if s.reserve)
         """The fields of the budget that need the reserve."""
-        self._pinning = [strategy for strategy in asked if type(strategy).pinned is not Strategy.pinned]
+        self.brought: Strategy | None = None
+        """The strategy that chooses the turns, once it was brought; None where the window does."""
+        self._name = budget.strategy
+        self._pinning = [strategy for strategy in asked if type(strategy).pinned is not BudgetStrategy.pinned]
+
+    def bring(self, digest: str | None, *, is_recorded: bool) -> None:
+        """Make the strategy that the budget names, if it names one; `digest` is that of its file.
+
+        What `is_recorded` imports nothing that the user has not named.
+        """
+        if self._name is not None:
+            loaded = recorded_strategy(self._name, digest) if is_recorded else load_strategy(self._name)
+            self.brought = make_strategy(self._name, loaded)
 
     def pinned(self, turn: Turn) -> int | None:
         """Return the turn to pin after this one; None for none."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from smartplay_tools.arguments import text_parameters
-from smartplay_tools.context.strategies.base import Strategy, StrategyTool, ToolAnswer
+from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import NOTES_TOOL, Budget, ToolSpec
 
 
-class Notes(Strategy):
+class Notes(BudgetStrategy):
     """Adds `take_notes` and pins the turn with the newest notes that were accepted."""
 
     name = "notes_tokens"

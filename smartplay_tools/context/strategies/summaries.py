@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from smartplay_tools import prompts
 from smartplay_tools.context.strategies.ageing import drops_old_turns, turns_leave
-from smartplay_tools.context.strategies.base import Strategy, share_kept
+from smartplay_tools.context.strategies.base import BudgetStrategy, share_kept
 from smartplay_tools.messages import Message
 from smartplay_tools.tokens import TokenCounter, truncation
 from smartplay_tools.types import Budget
@@ -31,7 +31,7 @@ class Summary:
     """The budget tokens of the message."""
 
 
-class Summaries(Strategy):
+class Summaries(BudgetStrategy):
     """Asks for a summary of the turns that leave, and shows it after the head."""
 
     name = "summary_tokens"

@@ -20,7 +20,7 @@ from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
 from smartplay_tools.records.rows import LATER as ROWS_LATER
 from smartplay_tools.records.rows import Row
-from smartplay_tools.types import STRATEGIES, Budget, EpisodeResult, Tokens, Usage
+from smartplay_tools.types import STRATEGIES, WORDS, Budget, EpisodeResult, Tokens, Usage
 
 _STRINGS = ("key", "game", "engine", "player", *RULES, "tokenizer", "prompts")
 _TOKENS = ("prompt", "reply", "prefix")
@@ -52,10 +52,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     **{name: (name, "string") for name in ("end_reason", "error", "detail")},
     **{f"budget_{name}": (f"budget.{name}", "int64") for name in _CAPS},
     "budget_slack": ("budget.slack", "float64"),
-    **{
-        f"budget_{name}": (f"budget.{name}", "int64" if usual is None else "string")
-        for name, usual in STRATEGIES.items()
-    },
+    **{f"budget_{name}": (f"budget.{name}", "string" if name in WORDS else "int64") for name in STRATEGIES},
     **{name: (name, "int64") for name in sorted(EpisodeResult.later)},
     **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in sorted(Tokens.later)},
     **{name: (name, "json") for name in ("asked", "options", "player_options", "deviations", "versions")},

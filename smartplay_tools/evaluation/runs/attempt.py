@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conversation, play
 from smartplay_tools.conversation.paper import PaperConversation
@@ -117,6 +118,7 @@ def begun(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
 
 def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
     assert task.previous is not None
+    _load_strategy(task)
     events = read_transcript(task.previous)
     if not remembers_nothing(player):
         _ask_again(player, events)
@@ -126,6 +128,12 @@ def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
         resumed.episode.close()
         raise _DifferentReplyError("The record has no conversation that could go on.")
     return conversation
+
+
+def _load_strategy(task: Task) -> None:
+    """Import the strategy of an episode's plan, which the record of an earlier attempt may not do by itself."""
+    if (strategy := task.planned.cell.budget.strategy) is not None:
+        load_strategy(strategy)
 
 
 def remembers_nothing(player: Player | AsyncPlayer) -> bool:
@@ -194,6 +202,7 @@ def _held(task: Task, agent: Agent, stop: StopFlag) -> Held:
     key = task.planned.key
     if task.previous is not None and agent.goes_on:
         try:
+            _load_strategy(task)
             resumed = resume(task.previous, transcript=task.record, session=True)
             session = resumed.conversation if isinstance(resumed.conversation, AgentSession) else None
             return Held(key, resumed.episode, session, stop)

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.records.parallel import parallel_map, worth
 from smartplay_tools.records.record import Record
@@ -33,23 +34,34 @@ class EpisodeAudit:
 
 
 def audit(
-    folder: RunFolder, workers: int, tokenizer: str | None = None, *, rows: Sequence[Row] | None = None
+    folder: RunFolder,
+    workers: int,
+    tokenizer: str | None = None,
+    *,
+    strategy: str | None = None,
+    rows: Sequence[Row] | None = None,
 ) -> Iterator[EpisodeAudit]:
     """Yield a finding for every finished episode of a run, as they come.
 
     At most `workers` processes replay them, including this one, and only this one if no other knows a game that it has
-    registered. `tokenizer` names the records' tokenizer if its file was moved; rows are read from the folder unless
-    they are given.
+    registered. `tokenizer` names the records' tokenizer if its file was moved, `strategy` is the
+    name of their strategy, if that is in a file. Rows are read from the folder unless they are given.
     """
     rows = folder.rows() if rows is None else rows
     records = [(folder.transcript(row["key"]), row) for row in rows]
     processes = worth(workers, (record for record, _ in records), WORTH_A_PROCESS)
-    with parallel_map(functools.partial(_audit_all, tokenizer=tokenizer), records, processes) as results:
+    with parallel_map(
+        functools.partial(_audit_all, tokenizer=tokenizer, strategy=strategy), records, processes
+    ) as results:
         for _, findings in results:
             yield from findings
 
 
-def _audit_all(records: Sequence[tuple[Path, Row]], *, tokenizer: str | None) -> list[EpisodeAudit]:
+def _audit_all(
+    records: Sequence[tuple[Path, Row]], *, tokenizer: str | None, strategy: str | None
+) -> list[EpisodeAudit]:
+    if strategy is not None:
+        load_strategy(strategy)
     return [_audit(record, row, tokenizer=tokenizer) for record, row in records]
 
 

@@ -16,8 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.agents import Agent, AgentFunction, FunctionAgent, is_agent
-from smartplay_tools.players.files import is_in_file, read_file
 from smartplay_tools.records.prices import Price
+from smartplay_tools.registry import is_in_file, read_file
 from smartplay_tools.types import AsyncPlayer, Player
 
 PlayerFactory: TypeAlias = Callable[..., Player | AsyncPlayer]

@@ -13,7 +13,7 @@ from smartplay_tools.records.record import Record
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-COLOURS = ("#9A8FC8", "#B08D57", "#E69F00", "#CC79A7", "#009E73", "#9ECAE9", "#0072B2", "#D55E00", "#BBBBBB")
+COLOURS = ("#9A8FC8", "#B08D57", "#E69F00", "#CC79A7", "#009E73", "#9ECAE9", "#0072B2", "#D55E00", "#BBBBBB", "#56B4E9")
 """The colours of `PARTS`. Their order, from the bottom upwards, is the same everywhere."""
 
 

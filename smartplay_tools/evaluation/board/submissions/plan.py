@@ -145,6 +145,12 @@ def _unsafe(cell: CellConfig, allowed: Allowed) -> Iterator[Finding]:
         )
     if unsafe := {name: value for name, value in cell.options.items() if not _is_plain(name, value)}:
         yield error("plan", f"{game} was played with the options {unsafe!r}, which are not replayed.")
+    if (strategy := cell.budget.strategy) is not None and (".py:" in strategy or not allowed.plugins):
+        yield error(
+            "plan",
+            f"{game} was played with the strategy {strategy[:100]!r}; those of installed packages alone are replayed, "
+            "with --plugins.",
+        )
     if cell.tokenizer not in TOKENIZERS and allowed.tokenizer is None:
         yield error(
             "plan", f"{game} was counted with the tokenizer {cell.tokenizer!r}; name it with --tokenizer to replay it."

@@ -54,13 +54,15 @@ function summaryIn(episode, view) {
 }
 
 // The results of a view whose observation was masked, as [turn, item]: listed, or those that are older than the view's
-// oldest observation. Of the turn with the notes, which is pinned before the others, all are.
+// oldest observation. Of the turn with the notes, which is pinned before the others, all are, and of those that a
+// strategy of the user's has masked.
 function markedResults(episode, view) {
   if (view.oldest === undefined) return view.masked ?? [];
   const marked = [];
+  const isHidden = (at) => at === view.notes || (view.hidden ?? []).some(([first, last]) => first <= at && at <= last);
   for (const [first, last] of view.turns) {
     for (let at = first; at <= last; at += 1) {
-      const oldest = at === view.notes ? Infinity : view.oldest;
+      const oldest = isHidden(at) ? Infinity : view.oldest;
       episode.turns[at].items.forEach(({ call }, item) => {
         if (call?.observation_step !== undefined && call.observation_step < oldest) marked.push([at, item]);
       });
@@ -86,9 +88,11 @@ function windowParts(episode, words, number, view) {
   const summary = summaryIn(episode, view);
   if (summary) parts.push({ message: { role: "user", content: `${words.summary}\n${summary}` }, what: "summary" });
   const marks = new Set(markedResults(episode, view).map(([turn, item]) => `${turn}.${item}`));
+  const texts = new Map(view.texts ?? []);
   for (const [first, last] of view.turns) {
     for (let at = first; at <= last; at += 1) {
       const turn = episode.turns[at];
+      if (texts.has(at)) parts.push({ message: { role: "user", content: texts.get(at) }, what: "strategy" });
       parts.push({ message: turn.message, turn: at, what: at === view.notes ? "notes" : undefined });
       turn.items.forEach((item, index) => {
         const marked = marks.has(`${at}.${index}`);

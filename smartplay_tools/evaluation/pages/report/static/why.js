@@ -59,6 +59,7 @@ function leftWords(episode, now, turn) {
     );
   if (reason === "pin")
     return `${begin}it had been kept for its notes, or as the latest turn with the current observation, and no longer was.`;
+  if (reason === "choice") return `${begin}the strategy ${episode.budget.strategy} did not choose it.`;
   if (reason === "block")
     return `${begin}older turns had to go, and with a slack of ${slack} a window gives up a block of turns at once, so that it then stands still for a while.`;
   if (slack > 0)

@@ -1,0 +1,202 @@
+"""The window of a brought strategy: it shows what the strategy chooses, and keeps the two rules whatever that is.
+
+The strategy is asked once after every turn. What it chooses is never sent unless it fits and every turn of it exists;
+anything else, and whatever the strategy raises, ends the episode. Age is the window's alone: an observation that is
+older than `history` is masked in every turn. A prompt takes as long as what it shows is long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import islice, zip_longest
+
+from smartplay_tools.context.prefix import Side, common_head, common_messages
+from smartplay_tools.context.strategies import Choice, Past, PastTurn, Strategies, Strategy
+from smartplay_tools.context.strategies.choices import PastTurns
+from smartplay_tools.context.turns import Turn
+from smartplay_tools.context.view import Selection, View
+from smartplay_tools.context.window import Contents, ContextWindow
+from smartplay_tools.context.window_state import WindowState
+from smartplay_tools.errors import PromptOverflowError, StrategyError
+from smartplay_tools.messages import Message
+from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.transcript.hashing import head_bytes
+from smartplay_tools.types import Purpose, ResolvedBudget, ToolSpec
+
+
+class ChoosingWindow(ContextWindow):
+    """A window whose turns a brought strategy chooses."""
+
+    def __init__(
+        self,
+        head: Sequence[Message],
+        tools: Sequence[ToolSpec],
+        budget: ResolvedBudget,
+        counter: TokenCounter,
+        strategies: Strategies,
+    ) -> None:
+        super().__init__(head, tools, budget, counter, strategies)
+        assert strategies.brought is not None
+        self._chooser: Strategy = strategies.brought
+        self._failure: Exception | None = None
+
+    def append(self, turn: Turn) -> None:
+        """Add a complete turn, and ask the strategy what is shown after it."""
+        state, cap = self._after(turn), self.budget.prompt_tokens
+        selection = chosen_selection(state, Choice())
+        room = None if cap is None else cap - self._tokens(state, selection)
+        self._overflows = room is not None and room < 0
+        if not self._overflows and self._failure is None:
+            try:
+                selection = self._choose(state, room)
+            except Exception as error:  # whatever the strategy does
+                self._failure = error
+        self._now = Contents(state, selection, None)
+
+    def view(self) -> View:
+        """Return the contents of the next prompt; `PromptOverflowError` if the pinned parts do not fit.
+
+        A choice that cannot be shown is a `StrategyError`, whose cause is what the strategy has raised.
+        """
+        state, chosen = self._now.state, self._now.selection
+        tokens = self._tokens(state, chosen)
+        if self._overflows:
+            raise PromptOverflowError(f"The pinned parts of the prompt take {tokens} tokens.")
+        if self._failure is not None:
+            raise StrategyError("The strategy has failed.") from self._failure
+        before, prefix = self._before, 0
+        if before is not None:
+            prefix = self._prefix((before.state, before.selection), (state, chosen))
+        return self._view_of(self._now, "play", tokens, prefix)
+
+    def canonical(self, purpose: Purpose = "play") -> list[bytes]:
+        """Return the canonical JSON of the prompt's messages, of which its sha256 is made."""
+        state, chosen = self._now.state, self._now.selection
+        lines = state.head.canonical.copy()
+        for index in chosen:
+            if index in chosen.texts:
+                lines.append(head_bytes(text_message(chosen.texts[index])))
+            lines += state.index.turns[index].canonical_seen(chosen.oldest_of(state.index.turns[index]))
+        return lines
+
+    def _choose(self, state: WindowState, room: int | None) -> Selection:
+        choice = self._chooser.choose(past_of(state, self._text_tokens), room)
+        selection = chosen_selection(state, choice)
+        takes = self._tokens(state, selection) - self._tokens(state, chosen_selection(state, Choice()))
+        if room is not None and takes > room:
+            raise StrategyError(f"The choice takes {takes} tokens, and there is room for {room}.")
+        return selection
+
+    def _view_of(self, contents: Contents, purpose: Purpose, tokens: int, prefix: int) -> View:
+        state, chosen = contents.state, contents.selection
+        turns, shown = state.index.turns, list(state.head.messages)
+        steps: set[int] = set()
+        for index in chosen:
+            if index in chosen.texts:
+                shown.append(text_message(chosen.texts[index]))
+            oldest = chosen.oldest_of(turns[index])
+            shown += turns[index].seen(oldest)
+            steps.update(step for step in turns[index].shows if step >= oldest)
+        return View(
+            tools=self._tools,
+            tokens=tokens,
+            shown_steps=len(steps),
+            dropped_turns=state.turns - len(chosen),
+            prefix_tokens=prefix,
+            selection=chosen,
+            shown=tuple(shown),
+            turns=turns,
+            purpose=purpose,
+        )
+
+    # What a selection takes.
+
+    def _text_tokens(self, text: str) -> int:
+        return self._counter.message(text_message(text))
+
+    def _tokens(self, state: WindowState, chosen: Selection) -> int:
+        turns = sum(_turn_tokens(state, chosen, index) for index in chosen)
+        return state.head.tokens + turns + sum(map(self._text_tokens, chosen.texts.values()))
+
+    def _prefix(self, before: Side, now: Side) -> int:
+        """The tokens at the beginning that are the same as in the view before the latest turn."""
+        (state, chosen), (state_before, chosen_before) = now, before
+        shared, is_same = common_head(state_before.head, state.head, self._tools_tokens, self._counter)
+        if not is_same:
+            return shared
+        for index, was in zip_longest(chosen, chosen_before):
+            if index != was or chosen.texts.get(index) != chosen_before.texts.get(was):
+                return shared
+            if index in chosen.texts:
+                shared += self._text_tokens(chosen.texts[index])
+            turn = state.index.turns[index]
+            oldest, oldest_before = chosen.oldest_of(turn), chosen_before.oldest_of(turn)
+            tokens, is_whole = common_messages(turn, oldest_before, oldest, self._counter)
+            shared += tokens
+            if not is_whole:
+                return shared
+        return shared
+
+
+def text_message(text: str) -> Message:
+    """Return the message that shows a text of a strategy."""
+    return {"role": "user", "content": text}
+
+
+def past_of(state: WindowState, text_tokens: Callable[[str], int]) -> Past:
+    """Return what a strategy is shown after the turns of a state."""
+    pinned = {index for index in (state.last, state.newest, state.notes) if index is not None}
+
+    def make(number: int) -> PastTurn:
+        turn, masked = state.index.turns[number], state.index.masked(number, number + 1)
+        tokens = state.run(number, number + 1)
+        return PastTurn(number, turn.step, turn.shows, tokens, masked, number in pinned, turn, state.oldest)
+
+    turns = PastTurns(state.turns, make)
+    return Past(turns, state.step, state.oldest, tuple(sorted(pinned)), text_tokens)
+
+
+def chosen_selection(state: WindowState, choice: Choice) -> Selection:
+    """Return a choice with the pinned turns; `StrategyError` if it is not one that can be shown."""
+    if not isinstance(choice, Choice):
+        raise StrategyError(f"A strategy returns a Choice, not {type(choice).__name__}.")
+    pinned = {index for index in (state.last, state.newest, state.notes) if index is not None}
+    shown = pinned | _numbers(choice.turns, state.turns)
+    masked = _numbers(choice.masked, state.turns)
+    for index in sorted(masked):
+        if index in pinned or index not in shown:
+            why = "which is pinned" if index in pinned else "which it does not show"
+            raise StrategyError(f"The choice masks turn {index}, {why}.")
+    texts = _texts(choice.texts, shown)
+    earlier = tuple(sorted(shown - {state.last}))
+    return Selection(earlier, state.last, state.last, state.oldest, state.notes, True, frozenset(masked), texts)
+
+
+def _numbers(given: Iterable[int], turns: int) -> set[int]:
+    numbers: set[int] = set()
+    for number in islice(given, turns + 1):  # an endless one names a turn twice, or one that does not exist
+        if not isinstance(number, int) or isinstance(number, bool):
+            raise StrategyError(f"A choice names turns by their numbers, not by {number!r}.")
+        if not 0 <= number < turns:
+            raise StrategyError(f"The choice names turn {number}, and there are turns 0 to {turns - 1}.")
+        if number in numbers:
+            raise StrategyError(f"The choice names turn {number} twice.")
+        numbers.add(number)
+    return numbers
+
+
+def _texts(given: Mapping[int, str], shown: set[int]) -> Mapping[int, str]:
+    if not isinstance(given, Mapping):
+        raise StrategyError(f"The texts of a choice are a mapping from turns to texts, not {type(given).__name__}.")
+    for index, text in given.items():
+        if index not in shown or isinstance(index, bool):
+            raise StrategyError(f"The choice has a text before turn {index!r}, which it does not show.")
+        if not isinstance(text, str) or not text:
+            raise StrategyError(f"The text before turn {index} is {text!r}, not a text.")
+    return dict(sorted(given.items()))
+
+
+def _turn_tokens(state: WindowState, chosen: Selection, index: int) -> int:
+    if index == chosen.hidden or index in chosen.masked:
+        return state.index.masked(index, index + 1)
+    return state.run(index, index + 1)

@@ -1,0 +1,109 @@
+"""Choices: what a strategy of somebody else's is shown of the past, and what it answers.
+
+Everything that it is given is read lazily, so what a strategy does not look at costs nothing, and everything is a copy,
+so what it does with it changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, overload, runtime_checkable
+
+from smartplay_tools.context.turns import Turn
+from smartplay_tools.messages import Message, copy_of
+
+
+@dataclass(frozen=True, slots=True)
+class PastTurn:
+    """A turn, as a strategy sees it: a reply and everything up to the next one."""
+
+    number: int
+    """Its number, by which a choice names it; the first is 0."""
+    step: int
+    """The newest observation at its end."""
+    shows: tuple[int, ...]
+    """The observations that its results show, in their order."""
+    tokens: int
+    """What it takes as it would be shown now, old observations masked."""
+    masked_tokens: int
+    """What it takes with all its observations masked."""
+    is_pinned: bool
+    """Whether it is shown in any case; its tokens are not part of the room."""
+    turn: Turn = field(repr=False)
+    oldest: int = field(repr=False)
+
+    @property
+    def messages(self) -> list[Message]:
+        """Its messages as they would be shown now, as copies."""
+        return list(map(copy_of, self.turn.seen(self.oldest)))
+
+
+class PastTurns(Sequence[PastTurn]):
+    """The turns so far, each made when it is read."""
+
+    def __init__(self, count: int, make: Callable[[int], PastTurn]) -> None:
+        self._count, self._make = count, make
+        self.reads = 0
+        """How many turns were read."""
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, at: int) -> PastTurn: ...
+
+    @overload
+    def __getitem__(self, at: slice) -> Sequence[PastTurn]: ...
+
+    def __getitem__(self, at: int | slice) -> PastTurn | Sequence[PastTurn]:
+        places = range(self._count)[at]
+        if isinstance(places, int):
+            self.reads += 1
+            return self._make(places)
+        self.reads += len(places)
+        return [self._make(place) for place in places]
+
+
+@dataclass(frozen=True, slots=True)
+class Past:
+    """What has happened until a turn's end, which the next prompt may show."""
+
+    turns: Sequence[PastTurn]
+    """Every turn, the newest last."""
+    step: int
+    """The newest observation."""
+    oldest: int
+    """Observations before this one are masked, whatever is chosen."""
+    pinned: tuple[int, ...]
+    """The turns that are shown in any case: the newest, the latest that shows the newest observation, the notes."""
+    text_tokens: Callable[[str], int]
+    """Returns what a text of a choice takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What a prompt shows of the past, in addition to the pinned turns and in the order of the conversation."""
+
+    turns: Iterable[int] = ()
+    """The numbers of turns, in any order; pinned ones may be among them."""
+    masked: Iterable[int] = ()
+    """Those of them that are shown with all their observations masked. Pinned turns cannot be."""
+    texts: Mapping[int, str] = field(default_factory=dict)
+    """Texts by the number of a shown turn; each is a user message before that turn."""
+
+
+@runtime_checkable
+class Strategy(Protocol):
+    """A way to deal with the past that anybody can bring: a class with this one method.
+
+    An object belongs to one episode and may remember. Its constructor takes the options that its name has
+    (`FILE.py:CLASS:turns=3`). It must be a function of what it was given: no clock, no randomness of its own.
+    """
+
+    def choose(self, past: Past, room: int | None) -> Choice:
+        """Return what the next prompt shows; called once after every turn, in order.
+
+        `room` is what `prompt_tokens` leaves beside the head and the pinned turns; None without a cap.
+        """
+        ...

@@ -1,0 +1,179 @@
+"""Strategies that are brought: by file, by name, by an entry point; what is refused, recorded, replayed and moved."""
+
+from __future__ import annotations
+
+import random
+import re
+import shutil
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools import registry
+from smartplay_tools.cli import app
+from smartplay_tools.context.strategies import brought
+from smartplay_tools.context.token_index import TokenIndex
+from smartplay_tools.records import Record, replay, resume
+from smartplay_tools.records.accounts import Accounts
+from tests import fuzz, scripts
+
+RPS = "RockPaperScissorDifferentScore-v0"
+HERE = Path(__file__).parent
+PAGE = (HERE.parent / "docs" / "add-a-strategy.md").read_text(encoding="utf-8")
+CODE = re.findall(r"^```python\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)[0]
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """The page's strategy in a file, known to nobody yet."""
+    monkeypatch.setattr(brought, "_LOADED", {})
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "first_and_newest.py").write_text(CODE, encoding="utf-8")
+    return "first_and_newest.py:FirstAndNewest"
+
+
+def forget():
+    """Forget every strategy, as another process would."""
+    brought._LOADED.clear()
+
+
+def played(strategy, **budget):
+    events = []
+    budget = sp.Budget(**{"prompt_tokens": 800, **budget}, strategy=strategy)
+    with sp.Episode(RPS, seed=2, budget=budget, transcript=events) as episode:
+        result = sp.play(episode, sp.get_player("rule-notes"))
+    return result, scripts.as_json(events)
+
+
+def test_its_record_is_replayed_resumed_and_counted(file):
+    result, events = played(f"{file}:turns=2", notes_tokens=60)
+    assert result.end_reason == "rollout"
+    assert result.deviations["strategy"] == {"paper": None, "played": f"{file}:turns=2"}
+    assert replay(events).identical
+    with resume(events[: len(events) // 2], transcript=[]) as resumed:
+        assert resumed.conversation is not None
+    record = Record(events)
+    accounts = Accounts.of(record)
+    assert all(sum(accounts.parts(view)) == view["tokens"] for view in record.views)
+    assert {departure.reason for departure in accounts.departures()} == {"choice"}
+
+
+def test_prompts_are_rebuilt_without_it(file):
+    _, events = played(file)
+    forget()
+    Path("first_and_newest.py").unlink()
+    sent = list(Record(events).sent_prompts())
+    assert sent
+    assert all(one.sha256 == one.recorded_sha256 for one in sent)
+
+
+def test_a_record_imports_no_file_by_itself(file):
+    _, events = played(file)
+    forget()
+    for play_again in (replay, lambda record: resume(record, transcript=[])):
+        with pytest.raises(sp.InvalidArgumentError, match="name it with --strategy"):
+            play_again(events)
+    shutil.move("first_and_newest.py", "moved.py")
+    brought.load_strategy("moved.py:FirstAndNewest")
+    assert replay(events).identical
+    forget()
+    Path("first_and_newest.py").write_text(CODE + "\n# changed\n", encoding="utf-8")
+    brought.load_strategy(file)
+    with pytest.raises(sp.InvalidArgumentError, match="is not what it was"):
+        replay(events)
+
+
+@pytest.mark.parametrize(
+    ("strategy", "sentence"),
+    [
+        ("nowhere.py:Any", "There is no file nowhere.py"),
+        ("first_and_newest.py:Other", "has no class 'Other'"),
+        ("unheard-of", "There is no strategy 'unheard-of'"),
+        ("first_and_newest.py:FirstAndNewest:size=3", "cannot be made with these options: TypeError"),
+        ("first_and_newest.py:sp", "has no class 'sp'"),
+        ("first_and_newest.py:FirstAndNewest:turns=3:turns=4", "each key once"),
+        ("raises.py:Any", "raises.py cannot be imported: ZeroDivisionError"),
+    ],
+)
+def test_what_cannot_be_brought_is_one_sentence(file, strategy, sentence):
+    Path("raises.py").write_text("1 / 0", encoding="utf-8")
+    with pytest.raises(sp.SmartPlayError, match=re.escape(sentence)):
+        sp.Episode(RPS, seed=1, budget=sp.Budget(strategy=strategy))
+
+
+@pytest.mark.parametrize("budget", [{"slack": 0.5}, {"beyond_history": "mask"}, {"summary_tokens": 30, "slack": 0.5}])
+def test_what_decides_the_same_is_refused(file, budget):
+    with pytest.raises(sp.InvalidArgumentError, match="chooses the turns itself"):
+        sp.Episode(RPS, seed=1, budget=sp.Budget(prompt_tokens=900, strategy=file, **budget))
+    with pytest.raises(sp.InvalidArgumentError, match="needs a window over tool calls"):
+        sp.Episode(RPS, seed=1, context="host", budget=sp.Budget(strategy=file))
+
+
+def test_an_entry_point_is_a_name(file, monkeypatch):
+    class Declared:
+        name, value, dist = "first", "first_and_newest:FirstAndNewest", None
+
+        def load(self):
+            return registry.read_file(file)
+
+    monkeypatch.setattr(registry, "declared_in", lambda group: [Declared()] if group == brought.ENTRY_POINTS else [])
+    result, events = played("first:turns=2")
+    assert result.end_reason == "rollout"
+    forget()
+    assert replay(events).identical
+    with pytest.raises(sp.InvalidArgumentError, match="is taken"):
+        sp.register_strategy("first", Declared)
+
+
+def test_a_failure_has_its_traceback_and_is_a_result(file, tmp_path):
+    broken = f"{HERE / 'data' / 'broken_strategies.py'}:Raises"
+    run = sp.evaluate([RPS], ["random"], trials=1, budgets=[sp.Budget(strategy=broken)], out=tmp_path / "run")
+    [row] = run.rows
+    assert row["end_reason"] == "strategy_error"
+    assert row["error"] == "ZeroDivisionError: integer division or modulo by zero"
+    assert run.failures == []
+    record = Record.read(run.transcript(row["key"]))
+    assert "broken_strategies.py" in record.traceback
+    assert replay(record.path).identical
+
+
+@pytest.mark.slow
+def test_the_commands_take_it(file, tmp_path):
+    run = tmp_path / "run"
+    asked = ["sweep", "--games", RPS, "--players", "rule", "--prompt-tokens", "800", "--trials", "2", "--workers", "1"]
+    done = CliRunner().invoke(app, [*asked, "--strategy", f"none,{file}", "--out", str(run), "--quiet"])
+    assert done.exit_code == 0, done.output
+    assert "first_and_newest" in (run / "summary.csv").read_text(encoding="utf-8")
+    forget()
+    assert CliRunner().invoke(app, ["replay", str(run)]).exit_code == 1
+    assert CliRunner().invoke(app, ["replay", str(run), "--strategy", file]).exit_code == 0
+
+
+def test_a_choice_costs_what_it_shows(monkeypatch):
+    """The window itself looks at no turn that is neither shown nor pinned."""
+    sums = []
+    original = TokenIndex.whole
+    monkeypatch.setattr(TokenIndex, "whole", lambda *given: sums.append(1) or original(*given))
+    good = brought.load_strategy(f"{HERE / 'data' / 'broken_strategies.py'}:Good")
+    monkeypatch.setitem(brought._LOADED, "good", good)
+    counts = []
+    budget = sp.Budget(strategy="good", prompt_tokens=900, tool_calls=None, stalled_turns=None)
+    with sp.Episode(RPS, seed=1, budget=budget) as episode:
+        conversation = sp.Conversation(episode)
+        for _ in range(200):
+            sums.clear()
+            conversation.receive(sp.call("observe"))
+            conversation.prompt()
+            counts.append(len(sums))
+    assert max(counts[100:]) <= max(counts[:100])
+
+
+def test_the_judge_agrees(monkeypatch):
+    counts = Counter()
+    monkeypatch.setattr(fuzz, "strategy", lambda chance: {"strategy": f"{fuzz.ODD}:seed={chance.randrange(999)}"})
+    for number in range(40):
+        fuzz.hostile_conversation(random.Random(f"brought {number}"), counts)
+    assert counts["prompts"] > 50

@@ -1,0 +1,84 @@
+"""The contract test of strategies finds what breaks it, and passes what keeps it: those of the window, too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.testing import check_strategy
+from smartplay_tools.testing.strategies import check_reading, digests
+
+FILE = Path(__file__).parent / "data" / "broken_strategies.py"
+BROKEN = {
+    "TooMuch": r"The choice takes \d+ tokens, and there is room for \d+\.",
+    "NoSuchTurn": r"The choice names turn 1, and there are turns 0 to 0\.",
+    "Twice": "The choice names turn 0 twice",
+    "HidesTheNewest": "The choice masks turn 0, which is pinned",
+    "NotText": "The text before turn 0 is 5, not a text",
+    "Raises": "ZeroDivisionError",
+    "ReturnsNothing": "A strategy returns a Choice, not list",
+    "Draws": "not played alike again",
+    "Clock": "not played alike again",
+    "Shared": "not played alike again",
+    "ReadsEverything": "reads 301 turns after 300 of them and 101 after 100",
+}
+"""Broken strategies, and what is said of each, in the same process."""
+WINDOW = (
+    sp.Budget(),
+    sp.Budget(slack=0.5),
+    sp.Budget(beyond_history="mask", history=2, slack=0.3),
+    sp.Budget(notes_tokens=20),
+    sp.Budget(notes_tokens=20, summary_tokens=30, slack=0.5, history=None, prompt_tokens=1_200),
+)
+
+
+def named(name: str) -> sp.Budget:
+    return sp.Budget(strategy=f"{FILE}:{name}")
+
+
+def held_to_it(budget: sp.Budget, episodes: int) -> None:
+    digests(budget, episodes)
+    check_reading(budget)
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_what_is_broken_is_found(name):
+    with pytest.raises(AssertionError, match=BROKEN[name]):
+        held_to_it(named(name), 6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "seconds", "sentence"),
+    [
+        ("SetOrder", 600, "played differently in another process"),
+        ("Blocks", 4, "the strategy blocks"),
+        ("Raises", 600, "ZeroDivisionError"),
+        ("NoMethod", 600, "has no method choose"),
+    ],
+)
+def test_what_is_broken_elsewhere_is_found(name, seconds, sentence):
+    with pytest.raises(AssertionError, match=sentence):
+        check_strategy(f"{FILE}:{name}", episodes=6, seconds=seconds)
+
+
+@pytest.mark.slow
+def test_what_keeps_the_contract_passes():
+    check_strategy(f"{FILE}:Good:most=4", episodes=40)
+
+
+def test_what_keeps_the_contract_passes_in_the_same_process():
+    held_to_it(named("Good"), 8)
+
+
+@pytest.mark.parametrize("budget", WINDOW, ids=lambda budget: budget.describe() or "dropping")
+def test_the_strategies_of_the_window_keep_it(budget):
+    digests(budget, 4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("budget", WINDOW, ids=lambda budget: budget.describe() or "dropping")
+def test_the_strategies_of_the_window_keep_it_in_two_processes(budget):
+    check_strategy(budget, episodes=30)
