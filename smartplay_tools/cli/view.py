@@ -61,18 +61,18 @@ def view(
 
     Example: smartplay-tools view runs
     """
-    from smartplay_tools.evaluation.pages.view import SiteRun, ViewServer, find_runs
+    from smartplay_tools.evaluation.pages.view import RunList, SiteRun, ViewServer
 
     playing = None if play is None else _play(play, out, seed, episode, pictures=pictures)
     if playing is None:
         _check_no_play(context)
-        runs = find_runs(folders or [Path()])
+        runs = RunList(folders or [Path()])
     else:
         own = playing.folder.path.resolve()
-        others = find_runs(folders) if folders else []
-        runs = [SiteRun(own, own.name), *(run for run in others if run.folder.path != own)]
+        runs = RunList(folders or [], always=[SiteRun(own, own.name)])
     server = ViewServer(runs, host=host, port=port, token=token, hosts=allow_host or (), play=playing, plugins=plugins)
-    counted = "1 run" if len(runs) == 1 else f"{len(runs)} runs"
+    count = len(runs.current())
+    counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet, but new ones appear,"
     served = counted if playing is None else f"{counted}, and {play} to play (its record is in {out}),"
     typer.echo(f"{served} at {server.entry} - Ctrl-C stops.", err=True)
     with playing or nullcontext():

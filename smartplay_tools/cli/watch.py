@@ -8,6 +8,7 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from urllib.parse import quote
 
 from rich.console import Console
 
@@ -25,7 +26,7 @@ def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as folder:
         path = transcript or Path(folder) / "episode.jsonl"
         with ViewServer([SiteRecord(path)]) as server:
-            page = f"{server.url}watch/0/{PLAYING}"
+            page = f"{server.url}episode/{quote(path.name)}/{PLAYING}"
             console.print(f"The episode is shown at {page}", highlight=False, soft_wrap=True)
             if open_browser:
                 webbrowser.open(page)

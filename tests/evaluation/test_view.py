@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import html
 import json
 import os
 import shutil
@@ -55,17 +58,18 @@ def get(url: str, **headers: str) -> tuple[int, Any, str]:
 
 def test_runs_and_episodes(site):
     runs = json.loads(get(f"{site}/api/runs")[2])
-    assert [(run["name"], run["finished"], run["planned"]) for run in runs] == [("one", 4, 4), ("deep/two", 1, 1)]
-    found = json.loads(get(f"{site}/api/runs/0/episodes")[2])
+    shown = [(run["name"], run["finished"], run["planned"]) for run in runs]
+    assert shown == [("deep/two", 1, 1), ("one", 4, 4)], "the newest first"
+    found = json.loads(get(f"{site}/api/runs/one/episodes")[2])
     first = dict(zip(found["columns"], found["episodes"][0], strict=True))
     assert (first["game"], first["status"], first["score"], first["mistakes"]) == (HANOI, "finished", 3.0, 0)
-    status, headers, page = get(f"{site}/episode/0/{first['record']}")
+    status, headers, page = get(f"{site}/episode/one/{first['record']}")
     assert (status, headers["content-type"]) == (200, "text/html; charset=utf-8")
     assert "Content-Security-Policy" in page
 
 
 def test_every_page_allows_its_own_scripts_only(site):
-    for path in ("/", "/compare", "/watch/0/running/0123456789abcdef.1", "/static/view.js"):
+    for path in ("/", "/static/view.js"):
         status, headers, text = get(site + path)
         assert status == 200
         assert headers["content-security-policy"].startswith("default-src 'none'; script-src 'self';")
@@ -75,13 +79,18 @@ def test_every_page_allows_its_own_scripts_only(site):
 
 def test_what_is_not_there(site):
     for path in (
-        "/api/runs/7/episodes",
-        "/episode/0/episodes/..%2f..%2fmanifest",
-        "/episode/0/../../etc/passwd",
-        "/episode/0/episodes/0123456789abcdef",
+        "/api/runs/nowhere/episodes",
+        "/episode/one/episodes/..%2f..%2fmanifest",
+        "/episode/one/../../etc/passwd",
+        "/episode/..%2fone/episodes/0123456789abcdef",
+        "/episode/one/episodes/0123456789abcdef",
+        "/api/episode/one/running/0123456789abcdef.1",
+        "/compare",
+        "/compare?episode=one/episodes/0123456789abcdef",
+        "/compare?episode=one&episode=two",
         "/report",
-        "/report?run=7",
-        "/report?run=0&run=-1",
+        "/report?run=nowhere",
+        "/report?run=one&run=nowhere",
         "/report?run=../one",
         "/static/app.py",
         "/static/..%2fapp.py",
@@ -95,10 +104,13 @@ def test_what_is_not_there(site):
 
 @pytest.mark.slow
 def test_the_report_of_a_run_and_the_comparison_of_two(site):
-    status, headers, page = get(f"{site}/report?run=0")
+    waiting = get(f"{site}/report?run=one")[2]
+    assert 'http-equiv="refresh" content="0;url=/report?run=one&amp;made=1"' in waiting
+    status, headers, page = get(f"{site}/report?run=one&made=1")
     assert (status, headers["content-security-policy"]) == (200, "frame-ancestors 'self'")
+    assert get(f"{site}/report?run=one")[2] == page, "it is kept"
     assert page.count('<script type="application/octet-stream" id="episode-') == 4
-    both = get(f"{site}/report?run=0&run=1")[2]
+    both = get(f"{site}/report?run=one&run=deep/two&made=1")[2]
     assert "Side by side" in both
     assert "smartplay-tools" in both
 
@@ -111,9 +123,9 @@ def test_a_damaged_run_does_not_hide_the_others(runs, tmp_path):
         view.ViewServer(view.find_runs([tmp_path])) as server,
         urllib.request.urlopen(f"{server.url}api/live", timeout=60) as stream,
     ):
-        first, second = json.loads(stream.readline().removeprefix(b"data: "))
-    assert "is not a transcript" in first["error"]
-    assert second["finished"] == 4
+        shown = {run["name"]: run for run in json.loads(stream.readline().removeprefix(b"data: "))}
+    assert "is not a transcript" in shown["a"]["error"]
+    assert shown["b"]["finished"] == 4
 
 
 def test_other_hosts_and_pages_are_refused(site):
@@ -159,7 +171,7 @@ def test_what_goes_on_is_streamed(runs, tmp_path):
         (one,) = now[0]["playing"]
         assert (one["game"], one["record"], now[0]["running"]) == (HANOI, f"running/{key}.1", 1)
         assert one["calls"] > 0
-        status, _, page = get(f"{server.url}episode/0/running/{key}.1")
+        status, _, page = get(f"{server.url}episode/run/running/{key}.1")
         assert (status, f"episode-{key}.1" in page) == (200, True)
 
 
@@ -169,7 +181,7 @@ def test_damaged_folders_are_sentences(runs, tmp_path):
     with view.ViewServer(view.find_runs([tmp_path])) as server:
         (run,) = json.loads(get(f"{server.url}api/runs")[2])
         assert "is damaged" in run["error"]
-        status, _, text = get(f"{server.url}api/runs/0/episodes")
+        status, _, text = get(f"{server.url}api/runs/one/episodes")
         assert (status, "is damaged" in text) == (404, True)
 
 
@@ -198,8 +210,10 @@ def test_thousands_of_episodes_are_listed_again_without_reading(runs, tmp_path):
 
 
 def test_the_command_says_what_is_wrong(tmp_path):
-    done = CliRunner().invoke(app, ["view", str(tmp_path)])
-    assert (done.exit_code, "holds no run" in done.output) == (2, True)
+    done = CliRunner().invoke(app, ["view", str(tmp_path / "nowhere")])
+    assert (done.exit_code, "There is no folder" in done.output) == (2, True)
+    with pytest.raises(sp.InvalidArgumentError, match="holds no run"):
+        view.find_runs([tmp_path])
 
 
 def test_a_single_record_is_shown_before_during_and_after_its_episode(tmp_path):
@@ -239,11 +253,81 @@ def test_play_watch_serves_the_live_page_until_it_is_interrupted(tmp_path):
             assert page.startswith("http://127.0.0.1:")
             assert get(page)[0] == 200
             assert playing.stderr.readline() == "The page stays until Ctrl-C.\n"
-            (run,) = json.loads(get(f"{page.partition('/watch/')[0]}/api/runs")[2])
+            (run,) = json.loads(get(f"{page.partition('/episode/')[0]}/api/runs")[2])
             assert (run["name"], run["finished"]) == ("game.jsonl", 1)
-            assert "episode-game" in get(page.replace("/watch/", "/episode/"))[2]
+            assert 'id="episode-0000000000000000.1"' in get(page)[2]
             playing.send_signal(signal.SIGINT)
             out, _ = playing.communicate(timeout=60)
             assert (playing.returncode, "terminated" in out) == (0, True)
         finally:
             playing.kill()
+
+
+def test_runs_appear_and_vanish_while_the_site_is_served(runs, tmp_path):
+    listed = view.RunList([tmp_path])
+    assert listed.current() == []
+    shutil.copytree(runs / "one", tmp_path / "a" / "one")
+    listed._looked = float("-inf")  # as after a second
+    (run,) = listed.current()
+    assert run.name == "a/one"
+    shutil.copytree(runs / "deep" / "two", tmp_path / "two")
+    os.utime(tmp_path / "two" / "manifest.json", (2e9, 2e9))
+    listed._looked = float("-inf")
+    assert [each.name for each in listed.current()] == ["two", "a/one"]
+    assert listed.named("a/one") is run, "what was read of it is kept"
+    shutil.rmtree(tmp_path / "two")
+    listed._looked = float("-inf")
+    assert [each.name for each in listed.current()] == ["a/one"]
+
+
+def test_two_folders_with_runs_of_the_same_name_have_two_names(runs, tmp_path):
+    for name in ("a", "b"):
+        shutil.copytree(runs / "one", tmp_path / name / "one")
+    names = {run.name for run in view.find_runs([tmp_path / "a", tmp_path / "b"])}
+    assert len(names) == 2
+    assert "one" in names
+
+
+def test_old_addresses_lead_on_or_say_why_not(site):
+    status, headers, _ = get(f"{site}/watch/one/running/0123456789abcdef.1")
+    assert (status, headers["location"]) == (301, "/episode/one/running/0123456789abcdef.1")
+    status, _, text = get(f"{site}/episode/0/episodes/0123456789abcdef")
+    assert (status, "no longer by its position" in text) == (404, True)
+
+
+def test_an_episode_s_page_knows_its_list_and_its_neighbours(site):
+    records = [row[0] for row in json.loads(get(f"{site}/api/runs/one/episodes")[2])["episodes"]]
+    page = get(f"{site}/episode/one/{records[1]}")[2]
+    facts = json.loads(html.unescape(page.partition('data-site="')[2].partition('"')[0]))
+    assert facts["home"] == "/#run=one"
+    assert (facts["previous"], facts["next"]) == (f"/episode/one/{records[0]}", f"/episode/one/{records[2]}")
+    assert "updates" not in facts, "it is over"
+    assert "connect-src" in page
+
+
+def test_new_turns_are_answered_when_the_record_has_grown(runs, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(runs / "one", folder)
+    key = json.loads((folder / "manifest.json").read_text())["episodes"][0]["key"]
+    whole = (folder / "episodes" / f"{key}.jsonl").read_text().splitlines(keepends=True)
+    (folder / "episodes" / f"{key}.jsonl").unlink()
+    (folder / "results.jsonl").write_text("")
+    record = folder / "running" / f"{key}.1.jsonl"
+    record.write_text("".join(whole[:12]))
+    with view.ViewServer(view.find_runs([folder])) as server:
+        address = f"{server.url}api/episode/run/running/{key}.1"
+        first = json.loads(get(address)[2])
+        assert (first["playing"], "being played" in first["figures"]) == (True, True)
+        record.write_text("".join(whole[:30]))
+        second = json.loads(get(f"{address}?after={first['version']}")[2])
+        assert second["version"] != first["version"]
+        assert len(unpacked(second["data"])["turns"]) > len(unpacked(first["data"])["turns"])
+        record.rename(folder / "episodes" / f"{key}.jsonl")
+        (folder / "episodes" / f"{key}.jsonl").write_text("".join(whole))
+        last = json.loads(get(f"{address}?after={second['version']}")[2])
+        assert (last["playing"], unpacked(last["data"])["status"]) == (False, "finished")
+
+
+def unpacked(data: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(data)))
+    return found

@@ -87,6 +87,8 @@ def shown(page: Any) -> list[str]:
 def test_a_list_is_filtered_sorted_and_linked(show, site):
     page = show(site)
     assert page.locator("#runs .run").count() == 3
+    page.locator("#runs .run b", has_text="one").click()
+    sync_api.expect(page.locator("#count")).to_have_text("8 episodes")
     assert page.locator("#count").inner_text() == "8 episodes"
     page.keyboard.press("/")
     page.keyboard.type("hanoi random")
@@ -102,50 +104,61 @@ def test_a_list_is_filtered_sorted_and_linked(show, site):
 
 
 def test_a_run_links_to_its_report_and_to_a_comparison(show, site):
-    page = show(site)
+    page = show(site, "#run=one")
     report = page.locator("#report")
-    assert report.get_attribute("href") == "/report?run=0"
-    page.select_option("#other", "1")
-    assert report.get_attribute("href") == "/report?run=0&run=1"
+    assert report.get_attribute("href") == "/report?run=one"
+    page.select_option("#other", "two")
+    assert report.get_attribute("href") == "/report?run=one&run=two"
     report.click()
-    page.wait_for_selector("body[data-ready]")
+    page.wait_for_selector("body[data-ready] #run")
     assert page.locator("h1").first.inner_text() == "one and two"
 
 
-def test_keys_open_an_episode_and_compare_two(show, site):
-    page = show(site)
+def test_marked_episodes_are_compared_and_back_leads_to_the_list_as_it_was(show, site):
+    page = show(site, "#run=one&find=hanoi")
     page.locator("#list").focus()
-    page.keyboard.press("x")
-    page.keyboard.press("j")
-    page.keyboard.press("x")
+    for key in ("x", "j", "j", "x"):
+        page.keyboard.press(key)
     page.locator("#compare").click()
-    page.wait_for_selector("iframe >> nth=1")
-    for number in (0, 1):
-        frame = page.frame_locator("iframe").nth(number)
-        frame.locator("body[data-ready]").wait_for()
-        assert frame.locator("#player").is_visible()
-    page.go_back()
-    page.wait_for_selector("body[data-ready]")
+    page.wait_for_selector("body[data-ready] #compare:not([hidden])")
+    assert page.locator("#compare-sides .side").count() == 2
+    assert page.locator("#compare-sides .side-band svg").count() >= 2, "with the context of both"
+    assert "part at step" in page.locator("#compare-lead").inner_text()
+    page.keyboard.press("Escape")
+    page.wait_for_selector("body[data-ready] #rows > div")
+    assert "find=hanoi" in page.url
+    sync_api.expect(page.locator('#rows > div[aria-selected="true"]')).to_have_attribute("aria-rowindex", "4")
+
+
+def test_an_episode_has_its_list_and_the_neighbours_of_that_list(show, site):
+    page = show(site, "#run=one&find=hanoi&sort=score&down=1")
+    records = page.locator("#rows a").evaluate_all("links => links.map(link => link.getAttribute('href'))")
     page.locator("#list").focus()
     page.keyboard.press("Enter")
     page.wait_for_selector("body[data-ready] #player:not([hidden])")
-    assert "/episode/0/episodes/" in page.url
+    assert page.url.partition("#")[0].endswith(records[0])
     page.keyboard.press("ArrowRight")
     assert "turn=1" in page.url
+    page.keyboard.press("n")
+    page.wait_for_url(f"**{records[1]}*")
+    page.wait_for_selector("body[data-ready] #player:not([hidden])")
+    page.locator(".crumbs a").first.click()
+    page.wait_for_selector("body[data-ready] #rows > div")
+    assert "sort=score" in page.url
 
 
 def test_ten_thousand_episodes_are_few_elements(show, site):
-    page = show(site, "#run=2")
+    page = show(site, "#run=zero")
     assert page.locator("#count").inner_text() == "10,000 episodes"
     assert page.locator("#rows > div").count() < 80
     page.evaluate("document.getElementById('list').scrollTop = 1e9")
-    page.locator('#rows > div[aria-rowindex="10000"]').wait_for()
+    page.locator('#rows > div[aria-rowindex="10001"]').wait_for()
     assert page.locator("#rows > div").count() < 80
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (400, "dark")])
 def test_names_and_replies_stay_text(show, site, width, scheme):
-    page = show(site, "#run=1", viewport={"width": width, "height": 900}, color_scheme=scheme)
+    page = show(site, "#run=two", viewport={"width": width, "height": 900}, color_scheme=scheme)
     assert SCRIPT in page.locator("#rows > div").first.inner_text()
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "the page is no wider than the screen"
     page.locator("#rows a").first.click()
@@ -155,30 +168,63 @@ def test_names_and_replies_stay_text(show, site, width, scheme):
 
 
 def test_an_episode_is_followed_while_it_is_played(show, runs, tmp_path):
+    """New turns come into the open page; who steps back stays there; at the end it shows the result."""
     folder = tmp_path / "run"
     shutil.copytree(runs / "one", folder)
-    key = json.loads((folder / "manifest.json").read_text())["episodes"][0]["key"]
+    key = json.loads((folder / "manifest.json").read_text())["episodes"][2]["key"]
     whole = (folder / "episodes" / f"{key}.jsonl").read_text().splitlines(keepends=True)
     rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
     (folder / "episodes" / f"{key}.jsonl").unlink()
-    (folder / "results.jsonl").write_text("".join(rows[1:]))
+    (folder / "results.jsonl").write_text("".join(row for row in rows if key not in row))
     record = folder / "running" / f"{key}.1.jsonl"
-    record.write_text("".join(whole[:12]))
+    record.write_text("".join(whole[:14]))
     with view.ViewServer(view.find_runs([folder])) as server:
         page = show(server.url)
         page.locator("#playing a").click()
-        page.wait_for_selector("body[data-ready]")
-        frame = page.frame_locator("iframe")
-        frame.locator("body[data-ready] #player:not([hidden])").wait_for()
-        before = page.locator("#live").inner_text()
+        page.wait_for_selector("body[data-ready] #player:not([hidden])")
+        page.evaluate("window.isTheSamePage = true")
+        place, chips = page.locator("#place"), page.locator("#chips")
+        assert "being played" in chips.inner_text()
+        assert "before the end" not in chips.inner_text()
+        entries = page.evaluate("history.length")
+        before = place.inner_text()
         record.write_text("".join(whole[:30]))
-        sync_api.expect(page.locator("#live")).not_to_have_text(before, timeout=30_000)
-        frame.locator("body[data-ready] #player:not([hidden])").wait_for()
+        sync_api.expect(place).not_to_have_text(before, timeout=60_000)
+        sync_api.expect(page.locator("#live")).to_contain_text("run: 7 of 8 episodes")
+        page.keyboard.press("Home")
+        page.evaluate("window.scrollTo(0, 300)")
+        version = page.evaluate("document.body.dataset.version")
+        record.write_text("".join(whole[:40]))
+        page.wait_for_function("version => document.body.dataset.version !== version", arg=version, timeout=60_000)
+        assert place.inner_text().startswith("turn 0 of")
+        assert page.evaluate("window.scrollY") == 300
+        page.keyboard.press("End")
         (folder / "episodes" / f"{key}.jsonl").write_text("".join(whole))
         record.unlink()
-        (folder / "results.jsonl").write_text("".join(rows))
-        sync_api.expect(page.locator("#live")).to_have_text("over", timeout=30_000)
-        frame.locator("body[data-ready] #player:not([hidden])").wait_for()
+        sync_api.expect(page.locator("#live")).to_have_text("over", timeout=60_000)
+        assert "finished" in chips.inner_text()
+        turns = place.inner_text().replace(",", " ").split()
+        assert turns[1] == turns[3], "the last turn, with the result"
+        assert page.evaluate("history.length") == entries
+        assert page.evaluate("window.isTheSamePage")
+        page.go_back()
+        page.wait_for_selector("body[data-ready] #rows > div")
+
+
+def test_a_new_run_appears_and_the_focus_stays(show, runs, tmp_path):
+    shutil.copytree(runs / "one", tmp_path / "one")
+    with view.ViewServer(view.RunList([tmp_path])) as server:
+        page = show(server.url)
+        page.locator("#runs .run").first.focus()
+        shutil.copytree(runs / "two", tmp_path / "two")
+        page.locator("#runs .run b", has_text="two").wait_for(timeout=60_000)
+        assert page.evaluate("document.activeElement.textContent").startswith("one")
+        shutil.rmtree(tmp_path / "two")
+        sync_api.expect(page.locator("#runs .run")).to_have_count(1, timeout=60_000)
+        page.goto(f"{server.url}#run=5")
+        page.reload()
+        page.wait_for_selector("body[data-ready]")
+        assert "There is no run '5'" in page.locator("#count").inner_text()
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (400, "dark")])
@@ -200,4 +246,5 @@ def test_a_person_plays_an_episode(show, tmp_path, width, scheme):
         page.locator("#over:not([hidden])").wait_for()
         page.locator("#replay").click()
         page.wait_for_selector("body[data-ready] #player:not([hidden])")
+        assert "/episode/human/episodes/" in page.url
         assert play.folder.rows()[0]["steps"] == 1

@@ -89,7 +89,7 @@ def test_the_page_shows_the_prompt_of_a_model_and_the_record_is_that_of_a_player
     (row,) = RunFolder(play.folder.path).rows()
     assert (row["player"], row["steps"], row["seed"]) == ("human", 2, episode.seed)
     assert replay(play.folder.transcript(row["key"])).identical
-    assert over["over"]["replay"] == f"/episode/0/episodes/{row['key']}"
+    assert over["over"]["replay"] == f"/episode/{play.folder.path.name}/episodes/{row['key']}"
     (run,) = json.loads(page.request("GET", "/api/runs")[1])
     assert (run["finished"], run["planned"]) == (1, 1)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import hashlib
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata, resources
@@ -54,7 +55,7 @@ if TYPE_CHECKING:
 
 SCRIPTS = (
     *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "worlds.js", "drawings.js"),
-    *("episode.js", "turn.js", "why.js", "player.js", "compare.js", "page.js"),
+    *("live.js", "episode.js", "turn.js", "why.js", "player.js", "compare.js", "page.js"),
 )
 """The page's scripts, in the order of their dependencies."""
 
@@ -103,7 +104,7 @@ def write_excerpt(
         raise InvalidArgumentError(f"{record} is not the record of an episode; name a file of a run's episodes.")
     run = ShownRun(record, "", Sources([Source(record.stem, record, turns=turns)]))
     with importing_packages(plugins):
-        return _write(file, _render([run], title, plugins=plugins, opened="alone"))
+        return _write(file, render_runs([run], title, plugins=plugins, opened="alone"))
 
 
 def _html_file(out: str | Path) -> Path:
@@ -133,19 +134,23 @@ def render_report(
     with importing_packages(plugins):
         runs = choose(find_runs([run] if isinstance(run, str | Path) else run), episodes)
         opened: Literal["first", "run"] = "first" if open_first else "run"
-        return _render(runs, title, workers=workers, plugins=plugins, opened=opened, tariffs=tariffs)
+        return render_runs(runs, title, workers=workers, plugins=plugins, opened=opened, tariffs=tariffs)
 
 
-def _render(
+def render_runs(
     runs: Sequence[ShownRun],
     title: str | None,
     *,
     workers: int = 1,
     plugins: bool,
-    opened: Literal["run", "first", "alone"],
+    opened: Literal["run", "first", "alone", "compared"],
     tariffs: Sequence[Tariff] = (),
+    site: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return the page of runs, which begins with their tables or the first episode, or has that episode alone."""
+    """Return the page of runs: it begins with their tables, the first episode, that alone, or all side by side.
+
+    `site` is what the page knows of the site that serves it (`served`).
+    """
     environment = _environment()
     pages = [
         # The figures are of all.
@@ -153,7 +158,12 @@ def _render(
         for run in runs
     ]
     contents = _contents(pages, title)
-    contents["open"] = None if opened == "run" else runs[0].sources.episodes[0].key
+    contents["policy"] = _policy(contents["style"], contents["scripts"], is_served=site is not None)
+    keys = [source.key for run in runs for source in run.sources.episodes]
+    contents["open"] = keys[0] if opened in ("first", "alone") else None
+    contents["compared"] = json.dumps(keys) if opened == "compared" else None
+    contents["site"] = None if site is None else json.dumps(site)
+    contents["follows"] = bool(site and site.get("updates"))
     contents["alone"] = opened == "alone"
     return environment.get_template("page.html.j2").render(contents)
 
@@ -207,7 +217,6 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "waiting": sum(run.sources.waiting for run in runs),
         "style": style,
         "scripts": scripts,
-        "policy": _policy(style, scripts),
         "index": pack(index),
         "packed": packed,
         "version": metadata.version("smartplay-tools"),
@@ -290,9 +299,11 @@ def _static(name: str) -> str:
     return resources.files(__package__).joinpath("static", name).read_text(encoding="utf-8")
 
 
-def _policy(style: str, scripts: list[str]) -> str:
-    """The content security policy: nothing but these scripts, this style and pictures from the file itself."""
+def _policy(style: str, scripts: list[str], *, is_served: bool) -> str:
+    """The content security policy: these scripts, this style, pictures from the file itself, and its server if any."""
     allowed = {"script-src": " ".join(map(_hash, scripts)), "style-src": _hash(style), "img-src": "data:"}
+    if is_served:
+        allowed["connect-src"] = "'self'"
     rest = {"default-src": "'none'", "base-uri": "'none'", "form-action": "'none'"}
     return "; ".join(f"{what} {source}" for what, source in {**rest, **allowed}.items())
 

@@ -1,5 +1,6 @@
 """The site over run folders: which runs there are, their episodes, and what is being played now.
 
+run_list    which runs there are now
 runs        what a site shows of a run, as plain data, read again only where the folder has changed
 record      the same of a single transcript
 app         the routes, whom they answer, the stream of events; `playing` has those by which a person plays
@@ -11,7 +12,8 @@ The site is read-only, unless it is started with a game that a person plays.
 """
 
 from smartplay_tools.evaluation.pages.view.record import SiteRecord
-from smartplay_tools.evaluation.pages.view.runs import SiteRun, find_runs
+from smartplay_tools.evaluation.pages.view.run_list import RunList, find_runs
+from smartplay_tools.evaluation.pages.view.runs import SiteRun
 from smartplay_tools.evaluation.pages.view.server import ViewServer
 
-__all__ = ["SiteRecord", "SiteRun", "ViewServer", "find_runs"]
+__all__ = ["RunList", "SiteRecord", "SiteRun", "ViewServer", "find_runs"]

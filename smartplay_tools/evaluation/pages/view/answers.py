@@ -12,7 +12,9 @@ from starlette.responses import PlainTextResponse, Response
 from smartplay_tools.evaluation.pages import templates
 
 STATIC = {
-    **dict.fromkeys(("site.js", "view.js", "watch.js", "play.js", "view.css"), "smartplay_tools.evaluation.pages.view"),
+    **dict.fromkeys(
+        ("site.js", "view.js", "play.js", "waiting.js", "view.css"), "smartplay_tools.evaluation.pages.view"
+    ),
     **dict.fromkeys(("basics.js", "page.css"), "smartplay_tools.evaluation.pages.report"),
 }
 """What the pages load, and where it is."""
@@ -20,7 +22,7 @@ STATIC = {
 TYPES = {"js": "text/javascript", "css": "text/css"}
 
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; frame-src 'self'; img-src data:; "
+    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
 """The pages run their own scripts, speak to their own server and load nothing else."""
@@ -46,6 +48,11 @@ def page(template: str, **values: Any) -> Callable[[Request], Awaitable[Response
         return _text(made, "text/html")
 
     return answer
+
+
+def page_now(template: str, **values: Any) -> Response:
+    """Answer with a page."""
+    return _text(templates.environment(__package__, "The site").get_template(template).render(values), "text/html")
 
 
 async def static(request: Request) -> Response:

@@ -2,17 +2,18 @@
 
     /                                 the list of runs and of the episodes of one
     /api/runs                         every run: counts, spending, the time that is left
-    /api/runs/N/episodes              every episode of a run, an array each
+    /api/runs/RUN/episodes            every episode of a run, an array each
     /api/live                         server-sent events: the same counts, and what is being played, when they change
-    /episode/N/KIND/STEM              the replay page of one record, as far as it goes
-    /watch/N/KIND/STEM                that page in a frame, made anew as the record grows
-    /compare                          two such pages side by side
-    /report?run=N                     the report page of a run, of several their comparison
+    /episode/RUN/KIND/STEM            the replay page of one record, as far as it goes
+    /api/episode/RUN/KIND/STEM        the same episode for the open page, as soon as its record has grown
+    /compare?episode=...              several episodes side by side
+    /report?run=RUN                   the report page of a run, of several their comparison
     /static/NAME                      scripts and styles, some of them the replay page's own
 
-A request is refused unless its Host and Origin are expected and, where there is a token, it carries it: as a bearer
-token, or in a cookie that the first visit sets. Nothing can be changed through the site, unless a person plays in it
-(`playing`): such a request has to come from the page of the play and to show the page's key.
+RUN is the name of a run: the path of its folder below the one that the site was started with. A request is refused
+unless its Host and Origin are expected and, where there is a token, it carries it: as a bearer token, or in a cookie
+that the first visit sets. Nothing can be changed through the site, unless a person plays in it (`playing`): such a
+request has to come from the page of the play and to show the page's key.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ import hmac
 import json
 import secrets
 from collections.abc import AsyncIterator, Callable, Sequence
-from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -33,11 +34,12 @@ from starlette.responses import JSONResponse, PlainTextResponse, RedirectRespons
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.pages.report import render_report
-from smartplay_tools.evaluation.pages.view.answers import HEADERS, missing, page, static
-from smartplay_tools.evaluation.pages.view.playing import PlayedRun, play_routes
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.evaluation.pages.view.answers import HEADERS, missing, page, page_now, static
+from smartplay_tools.evaluation.pages.view.playing import LONGEST_WAIT, LOOK_SECONDS, PlayedRun, play_routes
+from smartplay_tools.evaluation.pages.view.run_list import RunList
 from smartplay_tools.evaluation.pages.view.runs import COLUMNS, ViewedRun
+from smartplay_tools.evaluation.pages.view.served_pages import ServedPages
 from smartplay_tools.web import Guard, Names, carries, is_from_own_page
 
 PERIOD = 1.0
@@ -46,8 +48,8 @@ PERIOD = 1.0
 STEPS = 5
 """How often in a period a stream looks whether the server stops."""
 
-EPISODES = 50
-"""The episodes of a run that a report page holds; the site opens the others."""
+MOST_COMPARED = 4
+"""Episodes that are shown side by side."""
 
 COOKIE = "smartplay_view"
 
@@ -56,7 +58,7 @@ KEY = "x-smartplay-key"
 
 
 def view_app(
-    runs: Sequence[ViewedRun],
+    runs: RunList | Sequence[ViewedRun],
     *,
     token: str | None = None,
     hosts: Sequence[str] = (),
@@ -67,21 +69,22 @@ def view_app(
     """Return the site as an ASGI application.
 
     Arguments:
-        runs: the runs that it shows.
+        runs: the runs that it shows; a `RunList` finds new ones while the site is served.
         token: what a request has to carry; with None, everybody who reaches the server may read.
         hosts: the names under which the server is reached, beside this machine's own.
         play: what a person plays in the browser; its run is the first of `runs`.
         plugins: whether games of installed packages that records name are imported, to draw them.
         is_stopping: asked by streams, which would not end by themselves.
     """
-    site = _Site(runs, is_stopping, plugins=plugins)
+    site = _Site(runs if isinstance(runs, RunList) else RunList(always=runs), is_stopping, plugins=plugins)
     routes = [
         Route("/", page("index.html.j2", game=None if play is None else play.game)),
-        Route("/compare", page("compare.html.j2")),
-        Route("/watch/{run:int}/{kind}/{stem}", page("watch.html.j2")),
-        Route("/episode/{run:int}/{kind}/{stem}", site.episode),
+        Route("/compare", site.compare),
+        Route("/watch/{rest:path}", _moved),
+        Route("/episode/{run:path}/{kind}/{stem}", site.episode),
         Route("/api/runs", site.runs),
-        Route("/api/runs/{run:int}/episodes", site.episodes),
+        Route("/api/runs/{run:path}/episodes", site.episodes),
+        Route("/api/episode/{run:path}/{kind}/{stem}", site.news),
         Route("/api/live", site.live),
         Route("/report", site.report),
         Route("/static/{name}", static),
@@ -129,25 +132,29 @@ def _same(given: str, token: str) -> bool:
     return hmac.compare_digest(given.encode(), token.encode())
 
 
+async def _moved(request: Request) -> Response:
+    """Lead from the address that a live page once had to that of the episode, which is live itself."""
+    return RedirectResponse(f"/episode/{quote(request.path_params['rest'])}", 301, HEADERS)
+
+
 class _Site:
     """The answers that need the runs."""
 
-    def __init__(self, runs: Sequence[ViewedRun], is_stopping: Callable[[], bool], *, plugins: bool) -> None:
+    def __init__(self, runs: RunList, is_stopping: Callable[[], bool], *, plugins: bool) -> None:
         self._runs, self._is_stopping, self._plugins = runs, is_stopping, plugins
+        self._pages = ServedPages(plugins=plugins)
 
     async def runs(self, request: Request) -> Response:
         """Answer with every run."""
         return JSONResponse(await run_in_threadpool(self._summaries), headers=HEADERS)
 
     def _summaries(self) -> list[dict[str, Any]]:
-        return [run.summary() for run in self._runs]
+        return [run.summary() for run in self._runs.current()]
 
     async def episodes(self, request: Request) -> Response:
         """Answer with every episode of a run."""
-        run = self._of(request)
-        if run is None:
-            return missing("There is no such run.")
         try:
+            run = await run_in_threadpool(self._named, request.path_params["run"])
             rows = await run_in_threadpool(run.episodes)
         except SmartPlayError as error:
             return missing(str(error))
@@ -155,35 +162,61 @@ class _Site:
 
     async def episode(self, request: Request) -> Response:
         """Answer with the replay page of a record."""
-        run = self._of(request)
-        if run is None:
-            return missing("There is no such run.")
+        return await self._page(lambda: self._pages.episode(*self._record(request)))
+
+    async def news(self, request: Request) -> Response:
+        """Answer with an episode as its open page needs it, as soon as its record is another than `after`."""
+        after, waited = request.query_params.get("after", ""), 0.0
         try:
-            record = run.record("{kind}/{stem}".format(**request.path_params))
+            found = await run_in_threadpool(self._record, request)
+            version, is_playing = await run_in_threadpool(self._pages.version, *found)
+            while version == after and is_playing and waited < LONGEST_WAIT and not self._is_stopping():
+                await asyncio.sleep(LOOK_SECONDS)
+                waited += LOOK_SECONDS
+                found = await run_in_threadpool(self._record, request)
+                version, is_playing = await run_in_threadpool(self._pages.version, *found)
+            news = await run_in_threadpool(self._pages.news, *found, is_new=version != after)
         except SmartPlayError as error:
             return missing(str(error))
-        return await self._replay_page(record, open_first=True)
+        return JSONResponse({"version": version, "playing": is_playing, **news}, headers=HEADERS)
+
+    async def compare(self, request: Request) -> Response:
+        """Answer with the page of several episodes side by side."""
+        return await self._page(lambda: self._pages.side_by_side(self._compared(request)))
+
+    def _compared(self, request: Request) -> list[tuple[ViewedRun, str]]:
+        asked = request.query_params.getlist("episode")
+        if not 2 <= len(asked) <= MOST_COMPARED:
+            raise InvalidArgumentError(f"Two to {MOST_COMPARED} episodes can be compared: /compare?episode=...")
+        parts = [_split(address) for address in asked]
+        return [(self._named(name), f"{kind}/{stem}") for name, kind, stem in parts]
 
     async def report(self, request: Request) -> Response:
-        """Answer with the report page of a run, or of several; it holds some episodes of each, since all open here."""
-        asked = request.query_params.getlist("run")
-        runs = [
-            self._runs[int(number)]
-            for number in asked
-            if number.isascii() and number.isdigit() and int(number) < len(self._runs)
-        ]
-        if not runs or len(runs) < len(asked):
-            return missing("There is no such run.")
-        return await self._replay_page([run.path for run in runs], episodes=str(EPISODES * len(runs)))
+        """Answer with the report page of a run, or of several; it holds some episodes of each, since all open here.
 
-    async def _replay_page(self, what: Path | Sequence[Path], **options: Any) -> Response:
+        While it is made, a page says so, and asks again.
+        """
+        asked = request.query_params.getlist("run")
+        if not asked:
+            return missing("Name a run: /report?run=NAME.")
         try:
-            page = await run_in_threadpool(render_report, what, plugins=self._plugins, **options)
+            runs = await run_in_threadpool(lambda: [self._named(name) for name in asked])
+        except SmartPlayError as error:
+            return missing(str(error))
+        is_there = await run_in_threadpool(self._pages.has_report, runs)
+        if not is_there and "made" not in request.query_params:
+            again = f"/report?{request.url.query}&made=1"
+            return page_now("waiting.html.j2", names=" and ".join(run.name for run in runs), again=again)
+        return await self._page(lambda: self._pages.report(runs))
+
+    async def _page(self, make: Callable[[], str]) -> Response:
+        try:
+            made = await run_in_threadpool(make)
         except SmartPlayError as error:
             return missing(str(error))
         # The page's own policy, by the hashes of its scripts, is in its head.
         headers = {**HEADERS, "Content-Security-Policy": "frame-ancestors 'self'"}
-        body = page.encode("utf-8", errors="replace")
+        body = made.encode("utf-8", errors="replace")
         return Response(body, media_type="text/html", headers=headers)
 
     async def live(self, request: Request) -> Response:
@@ -204,11 +237,29 @@ class _Site:
                 await asyncio.sleep(PERIOD / STEPS)
 
     def _state(self) -> list[dict[str, Any]]:
-        return list(map(_now, self._runs))
+        return list(map(_now, self._runs.current()))
 
-    def _of(self, request: Request) -> ViewedRun | None:
-        number = request.path_params["run"]
-        return self._runs[number] if number < len(self._runs) else None
+    def _named(self, name: str) -> ViewedRun:
+        run = self._runs.named(name)
+        if run is not None:
+            return run
+        why = (
+            " An address names a run by its folder, and no longer by its position in the list."
+            if name.isdigit()
+            else ""
+        )
+        raise InvalidArgumentError(f"There is no run {name!r} here now.{why} The list of runs is at /.")
+
+    def _record(self, request: Request) -> tuple[ViewedRun, str]:
+        return self._named(request.path_params["run"]), "{kind}/{stem}".format(**request.path_params)
+
+
+def _split(address: str) -> tuple[str, str, str]:
+    """The run's name, the kind and the stem in what names a record."""
+    parts = address.rsplit("/", 2)
+    if len(parts) != 3:
+        raise InvalidArgumentError(f"{address!r} names no episode; it is RUN/KIND/STEM.")
+    return parts[0], parts[1], parts[2]
 
 
 def _now(run: ViewedRun) -> dict[str, Any]:

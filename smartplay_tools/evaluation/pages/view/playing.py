@@ -13,6 +13,7 @@ import asyncio
 import json
 from collections.abc import Callable
 from typing import Any, Protocol
+from urllib.parse import quote
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -22,6 +23,7 @@ from starlette.routing import Route
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.pages.view.answers import HEADERS, page
 from smartplay_tools.players.human.browser import BrowserPlayer, PassedError
+from smartplay_tools.records.run_folder import RunFolder
 
 LONGEST_WAIT = 15.0
 """Seconds after which a page that waits is answered in any case."""
@@ -34,6 +36,7 @@ class PlayedRun(Protocol):
 
     game: str
     player: BrowserPlayer
+    folder: RunFolder
 
     @property
     def number(self) -> int:
@@ -99,7 +102,11 @@ class _Playing:
         if row is None:
             return None
         facts = {name: row[name] for name in ("score", "normalized_score", "steps", "end_reason")}
-        return {**facts, "pictures": "pictures" in row["deviations"], "replay": f"/episode/0/episodes/{row['key']}"}
+        return {
+            **facts,
+            "pictures": "pictures" in row["deviations"],
+            "replay": f"/episode/{quote(self._play.folder.path.resolve().name)}/episodes/{row['key']}",
+        }
 
 
 async def _body(request: Request) -> dict[str, Any]:

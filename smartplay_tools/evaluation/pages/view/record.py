@@ -51,6 +51,11 @@ class SiteRecord:
             "tokens": record.totals.tokens,
             "cost": record.totals.cost,
             "seconds_left": None,
+            "caps": {},
+            "players": [record.player] if record.start else [],
+            "games": [record.game] if record.start else [],
+            "score": None if record.result_data is None else record.result_data["score"],
+            "written_at": self._path.stat().st_mtime if self._path.is_file() else 0.0,
         }
 
     def episodes(self) -> list[list[Any]]:
@@ -73,6 +78,14 @@ class SiteRecord:
         if record.start is None or record.ending is not None:
             return []
         return [{"key": KEY, **live_figures(record), "record": PLAYING}]
+
+    def is_playing(self, record: Path) -> bool:
+        """Return whether the episode is being played."""
+        return self._refreshed().ending is None
+
+    def version(self) -> Any:
+        """Return something that changes when its report does."""
+        return self._path.stat().st_size if self._path.is_file() else 0
 
     def record(self, name: str) -> Path:
         """Return the file, under any of its names."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,14 +23,11 @@ COLUMNS = (
 )
 """The values of an episode in the list."""
 
-SUMMARY = ("planned", "finished", "running", "paused", "failed", "tokens", "cost", "seconds_left")
+SUMMARY = ("planned", "finished", "running", "paused", "failed", "tokens", "cost", "seconds_left", "caps")
 """What the site shows of a snapshot."""
 
 RECORD = re.compile(r"(episodes/[0-9a-f]{16}|(attempts|running)/[0-9a-f]{16}\.[0-9]{1,6})")
 """What names a record in an address; nothing else reaches the disk."""
-
-DEEPEST = 3
-"""How many folders below the one that is named runs are looked for."""
 
 
 class ViewedRun(Protocol):
@@ -60,6 +56,14 @@ class ViewedRun(Protocol):
         """Return the file of a record; `InvalidArgumentError` if there is none."""
         ...
 
+    def is_playing(self, record: Path) -> bool:
+        """Return whether the episode of one of its files is being played."""
+        ...
+
+    def version(self) -> Any:
+        """Return something that changes when its report does."""
+        ...
+
 
 class SiteRun:
     """One run folder."""
@@ -81,7 +85,23 @@ class SiteRun:
             now = self._snapshot()
         except SmartPlayError as error:
             return {"name": self.name, "error": str(error)}
-        return {"name": self.name, **{name: getattr(now, name) for name in SUMMARY}}
+        finished = [cell for cell in now.cells if cell.finished]
+        score = finished[0].score / finished[0].finished if len(finished) == len(now.cells) == 1 else None
+        facts = {
+            "players": sorted({cell.player for cell in now.cells}),
+            "games": sorted({cell.game for cell in now.cells}),
+            "score": score,
+            "written_at": self.written_at,
+        }
+        return {"name": self.name, **{name: getattr(now, name) for name in SUMMARY}, **facts}
+
+    @property
+    def written_at(self) -> float:
+        """When the run was begun or ended last, in seconds since the epoch: its manifest is written then."""
+        try:
+            return (self.folder.path / "manifest.json").stat().st_mtime
+        except OSError:
+            return 0.0
 
     def _snapshot(self) -> RunSnapshot:
         with damage_named(self.path):
@@ -115,6 +135,14 @@ class SiteRun:
             if (file := self.folder.path / f"{place}.jsonl").is_file():
                 return file
         raise InvalidArgumentError("There is no such record; its attempt may have been paused and continued.")
+
+    def is_playing(self, record: Path) -> bool:
+        """Return whether the episode of one of its files is being played, which its place says."""
+        return record.parent.name == "running"
+
+    def version(self) -> Any:
+        """Return something that changes when its report does."""
+        return self._version()
 
     def _attempts(self) -> list[Path]:
         return self.folder.attempts()
@@ -175,18 +203,3 @@ def live_figures(record: Record) -> dict[str, Any]:
 
 def _kind(reason: str | None) -> str:
     return {"run_budget": "paused", "interrupted": "interrupted"}.get(reason or "", "failed")
-
-
-def find_runs(folders: Sequence[str | Path]) -> list[SiteRun]:
-    """Return the runs in folders, each a run or one that holds runs; none is an `InvalidArgumentError`."""
-    names: dict[Path, str] = {}
-    for folder in map(Path, folders):
-        if not folder.is_dir():
-            raise InvalidArgumentError(f"There is no folder {folder}; name a run's folder, or one that holds runs.")
-        for depth in range(DEEPEST + 1):
-            for manifest in sorted(folder.glob("*/" * depth + "manifest.json")):
-                path = manifest.parent
-                names.setdefault(path.resolve(), str(path.relative_to(folder)) if depth else path.resolve().name)
-    if not names:
-        raise InvalidArgumentError(f"{', '.join(map(str, folders))} holds no run; smartplay-tools eval makes one.")
-    return [SiteRun(path, name) for path, name in names.items()]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
 from smartplay_tools.evaluation.pages.view.playing import PlayedRun
+from smartplay_tools.evaluation.pages.view.run_list import RunList
 from smartplay_tools.evaluation.pages.view.runs import ViewedRun
 from smartplay_tools.web import is_loopback
 
@@ -22,7 +23,7 @@ class ViewServer(Server):
 
     def __init__(
         self,
-        runs: Sequence[ViewedRun],
+        runs: RunList | Sequence[ViewedRun],
         *,
         host: str = "127.0.0.1",
         port: int = 0,

@@ -133,7 +133,7 @@ function describeComparison() {
   const see = sight ? ` From step ${number(sight)} on their prompts do not reach equally far back.` : "";
   $("compare-lead").textContent = `${compared.common}. ${part}${see}`;
   $("compare-difference").disabled = !first;
-  const head = element("tr", {}, element("th", {}, ""), ...compared.names.map((name) => element("th", { scope: "col" }, name)));
+  const head = element("tr", {}, element("th", { scope: "col" }, "figure"), ...compared.names.map((name) => element("th", { scope: "col" }, name)));
   const rows = factsOf(...compared.episodes).map(([name, ...values]) =>
     element(
       "tr",
@@ -270,5 +270,5 @@ const COMPARISON_KEYS = {
   ArrowRight: (event) => goToStep(compared.step + (event.shiftKey ? 10 : 1)),
   Home: () => goToStep(0),
   End: () => goToStep(lastStep()),
-  Escape: () => (location.hash = ""),
+  Escape: () => (served ? leave() : (location.hash = "")),
 };

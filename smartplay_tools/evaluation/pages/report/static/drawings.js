@@ -119,7 +119,7 @@ function bandit({ states, actions, rewards }, step) {
       "div",
       { class: now ? "machine now" : "machine" },
       element(
-        "h4",
+        "h3",
         {},
         `Machine ${arm + 1}`,
         now
@@ -168,7 +168,7 @@ function rock_paper_scissors({ states, rewards }, step) {
     element(
       "div",
       { class: "machine" },
-      element("h4", {}, `${name}`, element("small", {}, `wins ${number(scores[hand])}`)),
+      element("h3", {}, `${name}`, element("small", {}, `wins ${number(scores[hand])}`)),
       bar("player", step ? count(0, hand) / step : 0, `${count(0, hand)}`, "seen"),
       bar("opponent", step ? count(1, hand) / step : 0, `${count(1, hand)}`, "other"),
       bar("in truth", odds[hand], percent(odds[hand]), "truth"),

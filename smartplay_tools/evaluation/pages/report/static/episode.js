@@ -8,10 +8,11 @@ function describeEpisode(episode) {
     element("span", { class: "by" }, `played by ${episode.player ?? "an unnamed player"}`),
   );
   document.title = `${episode.game}, ${episode.player ?? "unnamed"}, seed ${episode.seed}`;
-  const end = result ? result.end_reason.replaceAll("_", " ") : (episode.error ?? "no end is recorded yet");
+  const isPlayed = !result && Boolean(served?.playing);
+  const end = isPlayed ? "figures so far" : result ? result.end_reason.replaceAll("_", " ") : (episode.error ?? "no end is recorded yet");
   const so = result ?? soFar(episode);
   const chips = [
-    [episode.status, end, `status ${episode.status}`],
+    isPlayed ? ["being played", end, "status running"] : [episode.status, end, `status ${episode.status}`],
     [
       "score",
       number(so.score) +

@@ -9,6 +9,7 @@ async function start() {
   if (page.textures) await loadSheet(page.textures);
   connect();
   await route();
+  connectSite();
   document.body.dataset.ready = "true";
 }
 
@@ -22,11 +23,18 @@ async function loadSheet(textures) {
 // The address says what is shown: `#episode=KEY&turn=N`, or else what the page opens with, or else the run.
 async function route() {
   const asked = new URLSearchParams(location.hash.slice(1));
+  const together = JSON.parse(document.body.dataset.compared ?? "[]");
+  if (together.length && !asked.has("compare") && !asked.has("episode")) {
+    asked.set("compare", together[0]);
+    for (const key of together.slice(1)) asked.append("with", key);
+  }
   if (await showComparison(asked)) return;
   const key = asked.get("episode") ?? document.body.dataset.open;
   if (page.episodes.some((episode) => episode.key === key)) {
     const opened = shown.episode?.key !== key || $("player").hidden;
-    await showEpisode(key, Number.parseInt(asked.get("turn") ?? "0", 10) || 0);
+    // An episode that is being played opens at its last turn.
+    const start = asked.get("turn") ?? (served?.playing ? "1e9" : "0");
+    await showEpisode(key, Number(start) || 0);
     if (opened) $("episode-title").focus();
     return;
   }
@@ -95,7 +103,7 @@ const KEYS = {
   w: () => askAbout(shown.asked_about),
   n: () => goToEpisode(1),
   b: () => goToEpisode(-1),
-  Escape: () => (location.hash = ""),
+  Escape: () => (served ? leave() : (location.hash = "")),
 };
 
 // Open the prompt where it can be seen, or close it.

@@ -9,15 +9,20 @@ async function showEpisode(key, turn) {
   if (shown.episode?.key !== key) {
     const episode = await openEpisode(key);
     if (shown.asked !== key) return; // somebody has gone on meanwhile
-    shown.episode = episode;
     shown.asked_about = shown.beside = null;
-    const tokens = shown.episode.turns.map(({ view }) => view?.tokens ?? 0);
-    shown.episode.mostTokens = extent([0, ...tokens])[1];
-    describeEpisode(shown.episode);
+    useEpisode(episode);
   }
   $("run").hidden = true;
   $("player").hidden = false;
   goTo(turn ?? 0);
+}
+
+// Make an episode the one that is shown; where it stands stays as it is.
+function useEpisode(episode) {
+  shown.episode = episode;
+  const tokens = episode.turns.map(({ view }) => view?.tokens ?? 0);
+  episode.mostTokens = extent([0, ...tokens])[1];
+  describeEpisode(episode);
 }
 
 // An excerpt begins at one of the turns that it holds; those before it are there because prompts show them.
@@ -140,6 +145,11 @@ function goToMistake(direction) {
 }
 
 function goToEpisode(direction) {
+  if (served) {
+    const address = neighbour(direction);
+    if (address) location.assign(address);
+    return;
+  }
   const keys = page.episodes.map((episode) => episode.key);
   const at = keys.indexOf(shown.episode.key) + direction;
   if (at in keys) location.hash = `#episode=${encodeURIComponent(keys[at])}&turn=0`;

@@ -1,20 +1,37 @@
 "use strict";
 // The list: runs, what is being played, and the episodes of one run. Only the rows in sight are elements of the page.
-// The address holds what is shown (`#run=1&find=crafter&only=mistakes&sort=score&down=1`), so that it can be shared.
+// The address holds what is shown (`#run=NAME&find=crafter&only=mistakes&sort=score&down=1`), so that it can be shared.
+// When an episode is opened, the list is remembered, so that its page knows its neighbours and the way back.
 
 const HEIGHT = 34;
-const SHOWN = ["status", "game", "player", "budget", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "end"];
+const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "end"];
 const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut"]);
+const LIST = "smartplay-list";
+const MOST_MARKED = 4;
 
-const site = { runs: [], run: 0, at: {}, all: [], texts: [], listed: [], selected: 0, marked: [], sort: null, down: false };
+// `run` is the name of the run that is shown; `marked` are records of any run, as RUN/KIND/STEM.
+const site = { runs: [], run: null, at: {}, all: [], texts: [], listed: [], selected: 0, marked: [], sort: null, down: false, cards: new Map() };
 
 function value(episode, name) {
   return episode[site.at[name]];
 }
 
-function address(episode, kind) {
+function encoded(name) {
+  return name.split("/").map(encodeURIComponent).join("/");
+}
+
+function recordOf(episode) {
   const record = value(episode, "record");
-  return record ? `/${kind ?? (value(episode, "status") === "running" ? "watch" : "episode")}/${site.run}/${record}` : null;
+  return record ? `${site.run}/${record}` : null;
+}
+
+function address(episode) {
+  const record = recordOf(episode);
+  return record ? `/episode/${encoded(record)}` : null;
+}
+
+function shownRun() {
+  return site.runs.find((run) => run.name === site.run);
 }
 
 // --- Runs and what is being played -----------------------------------------------------------------------------------
@@ -34,55 +51,99 @@ function bar(run) {
   return made;
 }
 
-function card(run, place) {
-  if (run.error) return element("p", { class: "card bad" }, element("b", {}, run.name), run.error);
-  const words = [`${number(run.finished)} of ${number(run.planned)} finished`];
-  if (run.running) words.push(`${number(run.running)} being played`);
-  if (run.paused) words.push(`${number(run.paused)} paused`);
-  if (run.failed) words.push(`${plural(run.failed, "failed attempt")}`);
+function words(run) {
+  if (run.error) return [run.error];
+  const counts = [`${number(run.finished)} of ${number(run.planned)} finished`];
+  if (run.running) counts.push(`${number(run.running)} being played`);
+  if (run.paused) counts.push(`${number(run.paused)} paused`);
+  if (run.failed) counts.push(plural(run.failed, "failed attempt"));
   const spent = [`${number(run.tokens)} tokens`, run.cost === null ? "cost unknown" : run.cost ? `$${number(run.cost)}` : null];
-  if (run.seconds_left !== null) spent.push(`about ${duration(run.seconds_left)} left`);
-  const attributes = { type: "button", class: "run", "aria-pressed": String(place === site.run), onclick: () => choose(place) };
-  return element("button", attributes, element("b", {}, run.name), bar(run), words.join(", "), element("br"), element("span", { class: "small" }, spent.filter(Boolean).join(", ")));
+  if (run.seconds_left !== null && run.finished < run.planned) spent.push(`about ${duration(run.seconds_left)} left`);
+  if (run.score !== null && run.score !== undefined) spent.push(`mean score ${number(run.score)}`);
+  const who = run.players.length > 3 ? plural(run.players.length, "player") : run.players.join(", ");
+  const what = run.games.length > 2 ? plural(run.games.length, "game") : run.games.join(", ");
+  const date = run.written_at ? new Date(1000 * run.written_at).toISOString().slice(0, 16).replace("T", " ") : "";
+  return [counts.join(", "), spent.filter(Boolean).join(", "), [who, what, date && `${date} UTC`].filter(Boolean).join(" · ")];
+}
+
+// A card stays the same element as long as its run is there, so that it keeps the focus.
+function card(run) {
+  if (!site.cards.has(run.name)) {
+    const made = element("button", { type: "button", class: "run", onclick: () => choose(run.name) });
+    site.cards.set(run.name, { made, text: "" });
+  }
+  const kept = site.cards.get(run.name);
+  const { made } = kept;
+  const text = JSON.stringify(run);
+  if (kept.text !== text) {
+    kept.text = text;
+    made.classList.toggle("bad", Boolean(run.error));
+    const lines = words(run).map((line) => element("span", { class: "small" }, line));
+    made.replaceChildren(element("b", {}, run.name), ...(run.error ? [] : [bar(run)]), ...lines);
+  }
+  made.setAttribute("aria-pressed", String(run.name === site.run));
+  return made;
 }
 
 function showRuns() {
-  $("runs").replaceChildren(...site.runs.map(card));
-  const playing = site.runs.flatMap((run, place) => (run.playing ?? []).map((one) => ({ ...one, place })));
+  const cards = site.runs.map(card);
+  const names = new Set(site.runs.map((run) => run.name));
+  for (const name of [...site.cards.keys()]) if (!names.has(name)) site.cards.delete(name);
+  // Elements that are moved lose the focus, so only a list that has changed is put in again.
+  if (cards.length !== $("runs").children.length || cards.some((made, at) => $("runs").children[at] !== made)) {
+    const focused = document.activeElement;
+    $("runs").replaceChildren(...cards);
+    if (cards.includes(focused)) focused.focus();
+  }
+  $("none").hidden = site.runs.length > 0;
+  showPlaying();
+}
+
+function showPlaying() {
+  const playing = site.runs.flatMap((run) => (run.playing ?? []).map((one) => ({ ...one, run: run.name })));
   $("now").hidden = !playing.length;
-  $("playing").replaceChildren(
-    ...playing.slice(0, 100).map((one) => {
-      const link = element("a", { href: `/watch/${one.place}/${one.record}` }, `${one.game || one.key}, ${one.player}, seed ${one.seed}`);
-      const cells = [one.steps, one.calls, number(one.tokens), `${one.silent} s`];
-      return element("tr", {}, element("td", {}, link), ...cells.map((cell) => element("td", { class: "number" }, String(cell))));
-    }),
-  );
+  const rows = playing.slice(0, 100).map((one) => {
+    const href = `/episode/${encoded(`${one.run}/${one.record}`)}`;
+    const known = document.querySelector(`#playing a[href="${CSS.escape(href)}"]`);
+    const link = known ?? element("a", { href });
+    link.textContent = `${one.game || one.key}, ${one.player}, seed ${one.seed}`;
+    const cells = [one.steps, one.calls, number(one.tokens), `${one.silent} s`];
+    const row = known?.closest("tr") ?? element("tr", {}, element("td", {}, link));
+    while (row.children.length > 1) row.lastChild.remove();
+    row.append(...cells.map((cell) => element("td", { class: "number" }, String(cell))));
+    return row;
+  });
+  const body = $("playing");
+  if (rows.length !== body.children.length || rows.some((row, at) => body.children[at] !== row)) body.replaceChildren(...rows);
 }
 
 // The report page of the run that is shown; with another one, their comparison.
 function linkReport() {
-  const others = site.runs.map((run, place) => ({ run, place })).filter(({ run, place }) => place !== site.run && !run.error);
+  const others = site.runs.filter((run) => run.name !== site.run && !run.error);
   const chosen = $("other").value;
-  const choices = others.map(({ run, place }) => element("option", { value: place, selected: String(place) === chosen }, run.name));
+  const choices = others.map((run) => element("option", { value: run.name, selected: run.name === chosen }, run.name));
   $("other").replaceChildren(element("option", { value: "" }, "no other run"), ...choices);
   $("against").hidden = !others.length;
   const other = $("other").value;
-  $("report").setAttribute("href", `/report?run=${site.run}${other ? `&run=${other}` : ""}`);
+  const asked = new URLSearchParams([site.run, other].filter(Boolean).map((name) => ["run", name]));
+  $("report").hidden = !shownRun();
+  $("report").setAttribute("href", `/report?${asked}`);
   $("report").textContent = other ? "comparison of both runs" : "report of this run";
 }
 
 function listen() {
   const stream = new EventSource("/api/live");
   stream.onmessage = (event) => {
-    const before = site.runs[site.run];
-    const count = site.runs.length;
+    const before = shownRun();
+    const names = site.runs.map((run) => run.name).join("\n");
     site.runs = JSON.parse(event.data);
     $("live").textContent = "up to date";
+    if (site.run === null && site.runs.length) return choose(site.runs[0].name);
     showRuns();
-    if (site.runs.length !== count) linkReport();
-    const now = site.runs[site.run];
+    if (site.runs.map((run) => run.name).join("\n") !== names) linkReport();
+    const now = shownRun();
     const changed = ["finished", "running", "paused", "failed"].some((name) => before?.[name] !== now?.[name]);
-    if (before && changed) load();
+    if (changed) load();
   };
   stream.onerror = () => ($("live").textContent = "the server does not answer");
 }
@@ -90,11 +151,12 @@ function listen() {
 // --- Episodes --------------------------------------------------------------------------------------------------------
 
 async function load() {
-  const answer = await fetch(`/api/runs/${site.run}/episodes`);
-  if (!answer.ok) {
+  const answer = shownRun() ? await fetch(`/api/runs/${encoded(site.run)}/episodes`) : null;
+  if (!answer?.ok) {
     [site.all, site.texts] = [[], []];
-    $("count").textContent = await answer.text();
-    return draw();
+    list();
+    $("count").textContent = (await answer?.text()) ?? absent();
+    return;
   }
   const found = await answer.json();
   site.at = Object.fromEntries(found.columns.map((name, place) => [name, place]));
@@ -103,11 +165,16 @@ async function load() {
   list();
 }
 
-function choose(place) {
-  site.run = place;
-  site.marked = [];
+function absent() {
+  if (site.run === null) return "no run yet";
+  const why = /^[0-9]+$/.test(site.run) ? " An address names a run by its folder, and no longer by its position." : "";
+  return `There is no run '${site.run}' here now.${why}`;
+}
+
+function choose(name) {
+  site.run = name;
   site.selected = 0;
-  keep();
+  keep("pushState");
   showRuns();
   linkReport();
   return load();
@@ -139,14 +206,17 @@ function list() {
 
 function cell(one, name) {
   const found = value(one, name);
-  if (name === "status") return element("span", { class: `status ${found}` }, found);
+  const role = { role: "gridcell" };
+  if (name === "status") return element("span", { ...role, class: `status ${found}` }, found);
   if (name === "game") {
     const href = address(one);
-    return href ? element("a", { href }, found) : element("span", {}, found);
+    return element("span", role, href ? element("a", { href, tabindex: -1 }, found) : found);
   }
-  if (!NUMBERS.has(name)) return element("span", { title: found }, found ?? "");
+  if (!NUMBERS.has(name)) return element("span", { ...role, title: found }, found ?? "");
   const poor = (name === "mistakes" || name === "cut") && found > 0;
-  return element("span", { class: `number${poor ? " poor" : ""}` }, number(found, name === "cost" ? 4 : 2));
+  const digits = name === "cost" ? 4 : 2;
+  // A seed is a name, not a quantity.
+  return element("span", { ...role, class: `number${poor ? " poor" : ""}` }, name === "seed" ? String(found ?? "–") : number(found, digits));
 }
 
 // Only the rows in sight, and a few beyond, are made.
@@ -156,34 +226,41 @@ function draw() {
   const rows = [];
   for (let place = first; place < last; place += 1) {
     const one = site.listed[place];
-    const marked = site.marked.includes(value(one, "record")) ? "marked" : "";
-    const attributes = { role: "row", class: marked, "aria-selected": String(place === site.selected), "aria-rowindex": place + 1, onclick: () => select(place) };
+    const marked = site.marked.includes(recordOf(one)) ? "marked" : "";
+    const attributes = { role: "row", id: `row-${place}`, class: marked, "aria-selected": String(place === site.selected), "aria-rowindex": place + 2, onclick: () => select(place) };
     rows.push(element("div", attributes, ...SHOWN.map((name) => cell(one, name))));
   }
+  $("list").setAttribute("aria-rowcount", site.listed.length + 1);
+  if (site.listed.length) $("list").setAttribute("aria-activedescendant", `row-${site.selected}`);
+  else $("list").removeAttribute("aria-activedescendant");
   $("rows").style.top = `${first * HEIGHT}px`;
   $("rows").replaceChildren(...rows);
 }
 
 function select(place) {
-  site.selected = between(0, place, site.listed.length - 1);
+  site.selected = between(0, place, Math.max(0, site.listed.length - 1));
   const box = $("list");
   const top = site.selected * HEIGHT;
   if (top < box.scrollTop) box.scrollTop = top;
   if (top + 2 * HEIGHT > box.scrollTop + box.clientHeight) box.scrollTop = top + 3 * HEIGHT - box.clientHeight;
   draw();
+  // The row has to be in sight of the page, too.
+  document.getElementById(`row-${site.selected}`)?.scrollIntoView({ block: "nearest" });
 }
 
 function mark() {
-  const record = site.listed[site.selected] && value(site.listed[site.selected], "record");
+  const record = site.listed[site.selected] && recordOf(site.listed[site.selected]);
   if (!record) return;
   const known = site.marked.includes(record);
-  site.marked = known ? site.marked.filter((one) => one !== record) : [...site.marked, record].slice(-2);
-  $("compare").hidden = site.marked.length < 2;
-  if (site.marked.length === 2) {
-    const parts = site.marked.map((one) => `${site.run}/${one}`);
-    $("compare").setAttribute("href", `/compare?a=${encodeURIComponent(parts[0])}&b=${encodeURIComponent(parts[1])}`);
-  }
+  site.marked = known ? site.marked.filter((one) => one !== record) : [...site.marked, record].slice(-MOST_MARKED);
+  showMarks();
   draw();
+}
+
+function showMarks() {
+  $("compare").hidden = site.marked.length < 2;
+  $("compare").textContent = `compare ${site.marked.length} episodes`;
+  $("compare").setAttribute("href", `/compare?${new URLSearchParams(site.marked.map((record) => ["episode", record]))}`);
 }
 
 function heads() {
@@ -193,29 +270,63 @@ function heads() {
       keep();
       heads();
       list();
+      $("head").children[SHOWN.indexOf(name)].firstChild.focus();
     };
+    const order = site.down ? "descending" : "ascending";
     const arrow = site.sort === name ? (site.down ? " ↓" : " ↑") : "";
-    return element("button", { type: "button", onclick: sort, class: NUMBERS.has(name) ? "number" : "" }, name + arrow);
+    const button = element("button", { type: "button", onclick: sort, class: NUMBERS.has(name) ? "number" : "" }, name + arrow);
+    return element("span", { role: "columnheader", "aria-sort": site.sort === name ? order : null, class: NUMBERS.has(name) ? "number" : "" }, button);
   });
   $("head").replaceChildren(...made);
 }
 
 // --- The address and keys ---------------------------------------------------------------------------------------------
 
-function keep() {
-  const asked = { run: site.run || null, find: $("find").value, only: $("only").value, sort: site.sort, down: site.down ? 1 : null };
-  const words = Object.entries(asked).filter(([, what]) => what !== null && what !== "");
-  history.replaceState(null, "", words.length ? `#${new URLSearchParams(words)}` : location.pathname);
+function listAddress() {
+  const asked = { run: site.run, find: $("find").value, only: $("only").value, sort: site.sort, down: site.down ? 1 : null };
+  const kept = Object.entries(asked).filter(([, what]) => what !== null && what !== "");
+  return kept.length ? `/#${new URLSearchParams(kept)}` : "/";
+}
+
+function keep(how = "replaceState") {
+  history[how](null, "", listAddress());
 }
 
 function recall() {
   const asked = new URLSearchParams(location.hash.slice(1));
-  site.run = Number.parseInt(asked.get("run") ?? "0", 10) || 0;
+  site.run = asked.get("run") ?? site.runs[0]?.name ?? null;
   $("find").value = asked.get("find") ?? "";
   $("only").value = asked.get("only") ?? "";
   if (!$("only").value) $("only").value = "";
   site.sort = SHOWN.includes(asked.get("sort")) ? asked.get("sort") : null;
   site.down = asked.get("down") === "1";
+}
+
+// What the page of an episode needs to know of this list, and this list when somebody comes back.
+function remember() {
+  const records = site.listed.map(address).filter(Boolean);
+  const place = { selected: site.selected, top: $("list").scrollTop, marked: site.marked };
+  try {
+    sessionStorage.setItem(LIST, JSON.stringify({ home: listAddress(), records, ...place }));
+  } catch {
+    // Storage that is full or switched off: the neighbours are then those of the run.
+  }
+}
+
+function restore() {
+  let kept = null;
+  try {
+    kept = JSON.parse(sessionStorage.getItem(LIST));
+  } catch {
+    return;
+  }
+  if (!kept) return;
+  site.marked = kept.marked ?? [];
+  showMarks();
+  if (kept.home !== listAddress()) return;
+  site.selected = between(0, kept.selected, Math.max(0, site.listed.length - 1));
+  $("list").scrollTop = kept.top;
+  draw();
 }
 
 const KEYS = {
@@ -234,18 +345,20 @@ const KEYS = {
 };
 
 async function start() {
+  site.runs = await (await fetch("/api/runs")).json();
   recall();
   heads();
   for (const id of ["find", "only"]) $(id).addEventListener("input", () => [keep(), list()]);
   $("list").addEventListener("scroll", draw);
   window.addEventListener("resize", draw);
-  window.addEventListener("hashchange", () => [recall(), heads(), showRuns(), load()]);
+  window.addEventListener("popstate", () => [recall(), heads(), showRuns(), linkReport(), load()]);
+  window.addEventListener("pagehide", remember);
   connectKeys(KEYS);
-  site.runs = await (await fetch("/api/runs")).json();
   showRuns();
   linkReport();
   $("other").addEventListener("input", linkReport);
   await load();
+  restore();
   listen();
   document.body.dataset.ready = "true";
 }
