@@ -5,12 +5,12 @@
     python .ci/frameworks.py --envs /tmp/frameworks strands
 
 A page of `docs/` names what to install, with versions, in its first block that begins with `pip install` or
-`npm install`, and has the agent in the first block of Python (`py`) or JavaScript (`js`); a page about more than that
-has both below "Through the window endpoint". They are taken as they stand. An endpoint runs in the Python that runs
-this script, in place of the model: the window endpoint with the rule player behind it, or, where the framework owns the
-context and reads calls from text, one that writes the rule player's calls as the framework asks for them. An agent has
-to win the game, and no prompt of the window endpoint may exceed its cap. Environments are kept, and reused while the
-page installs the same; a page that installs smartplay-tools gets that of this checkout.
+`npm install`, and has the agent in the first block of Python (`py`), JavaScript (`js`) or shell (`bash`); a page about
+more than that has both below "Through the window endpoint". They are taken as they stand. An endpoint runs in the
+Python that runs this script, in place of the model: the window endpoint with the rule player behind it, or, where the
+framework owns the context and reads calls from text, one that writes the rule player's calls as the framework asks for
+them. An agent has to win the game, and no prompt of the window endpoint may exceed its cap. Environments are kept, and
+reused while the page installs the same; a page that installs smartplay-tools gets that of this checkout.
 """
 
 from __future__ import annotations
@@ -36,12 +36,16 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = ("pydantic-ai", "smolagents", "llamaindex", "crewai", "adk", "agent-framework", "strands", "agno", "vercel")
 """Pages whose agent plays through the window endpoint."""
+PROGRAM_PAGES = ("claude-code", "codex", "opencode", "claude-agent-sdk")
+"""Pages whose agent is a program that `smartplay-tools agent` starts."""
 TEXT_PAGES = ("dspy",)
 """Pages whose agent owns the context, and reads its calls from the model's text."""
 
 OURS = "smartplay-tools"
 GAME, SEED, CAP, SECONDS = "Hanoi3Disk-v0", 7, 700, 600
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
+SCRIPTS = {"js": "agent.mjs", "py": "agent_of_page.py", "bash": "agent.sh"}
+"""The file of an agent, by its language."""
 QUIET = {
     "AGNO_TELEMETRY": "false",
     "ANONYMIZED_TELEMETRY": "false",
@@ -60,7 +64,7 @@ def blocks_of(page: str) -> tuple[str, str, str]:
     for kind, text in BLOCK.findall((DOCS / f"{page}.md").read_text(encoding="utf-8")):
         if kind == "sh" and re.match(r"(pip|npm) install", text):
             install = text.strip()
-        elif kind in ("py", "js"):
+        elif kind in SCRIPTS:
             return install, kind, text
     raise ValueError(f"{page} has no agent")
 
@@ -104,11 +108,13 @@ def play(page: str, envs: Path) -> str:
     install, kind, agent = blocks_of(page)
     folder = envs / page
     environment(install, folder)
-    script = folder / ("agent.mjs" if kind == "js" else "agent_of_page.py")
-    script.write_text(agent, encoding="utf-8")
-    command = ["node" if kind == "js" else python_of(folder), script.name]
+    (folder / SCRIPTS[kind]).write_text(agent, encoding="utf-8")
+    command = [{"js": "node", "bash": "bash"}.get(kind) or python_of(folder), SCRIPTS[kind]]
     begun = time.monotonic()
-    played = with_texts(command, folder) if page in TEXT_PAGES else through_the_window(page, command, folder)
+    if page in TEXT_PAGES:
+        played = with_texts(command, folder)
+    else:
+        played = (as_a_program if page in PROGRAM_PAGES else through_the_window)(page, command, folder)
     return f"{played}, {time.monotonic() - begun:.0f} s; {install}"
 
 
@@ -127,8 +133,27 @@ def through_the_window(page: str, command: list[str], folder: Path) -> str:
             "SMARTPLAY_MCP": endpoint.mcp_url(handle),
         }
         run(command, folder, env={**os.environ, **QUIET, **told}, timeout=SECONDS)
-    result = episode.result
-    assert result is not None
+    assert episode.result is not None
+    return verdict(page, episode.result, events)
+
+
+def as_a_program(page: str, command: list[str], folder: Path) -> str:
+    """Have `smartplay-tools agent` start an agent, and say how it did."""
+    out = folder / "run"
+    shutil.rmtree(out, ignore_errors=True)
+    options = ["--prompt-tokens", str(CAP), "--only-game-tools", "--timeout", str(SECONDS), "--out", str(out)]
+    agent = [sys.executable, "-m", "smartplay_tools", "agent", GAME, *options, "--", *command]
+    here = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    shown = run(agent, folder, env={**os.environ, **QUIET, **here}, timeout=2 * SECONDS)
+    records = [sp.read_transcript(path) for path in sorted((out / "episodes").glob("*.jsonl"))]
+    if len(records) != 1:
+        raise SystemExit(f"{page}: {shown[-2000:]}")
+    (events,) = records
+    return verdict(page, sp.EpisodeResult(**events[-1]["result"]), events)
+
+
+def verdict(page: str, result: sp.EpisodeResult, events: list[Any]) -> str:
+    """Say how an agent did; stop if it has not won, or has seen more than its cap."""
     largest = max((event["tokens"] for event in events if event["event"] == "view"), default=0)
     if result.score != 3 or result.end_reason != "terminated" or largest > CAP:
         raise SystemExit(f"{page}: score {result.score:g}, {result.end_reason}, largest prompt {largest} of {CAP}")
@@ -175,7 +200,9 @@ class TextModel:
 def main() -> None:
     """Run the agents of the pages that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("pages", nargs="*", default=(*PAGES, *TEXT_PAGES), help="pages of docs/, without .md")
+    parser.add_argument(
+        "pages", nargs="*", default=(*PAGES, *PROGRAM_PAGES, *TEXT_PAGES), help="pages of docs/, without .md"
+    )
     parser.add_argument("--envs", type=Path, default=Path(tempfile.gettempdir()) / "smartplay-frameworks")
     given = parser.parse_args()
     for page in given.pages:

@@ -68,7 +68,7 @@ def agent(
     from smartplay_tools.cli.evaluate import print_run
     from smartplay_tools.evaluation.runs import PlayerConfig, RunOptions, run_plan
 
-    shown = {"only_game_tools": only_game_tools, "show_system": show_system}
+    shown: dict[str, Any] = {"only_game_tools": only_game_tools, "show_system": show_system}
     endpoint = open_endpoint(player, base_url, seed, idle=math.inf, **shown)
     programs = _Programs(endpoint, command, timeout, out / "output")
     labels = {"agent": name or Path(command[0]).name, **chosen(shown)}

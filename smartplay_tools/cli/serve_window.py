@@ -68,7 +68,7 @@ def window(
 
     Example: smartplay-tools serve window Hanoi3Disk-v0 --player openai:gpt-4o-mini --prompt-tokens 2000
     """
-    shown = {"only_game_tools": only_game_tools, "show_system": show_system}
+    shown: dict[str, Any] = {"only_game_tools": only_game_tools, "show_system": show_system}
     endpoint = open_endpoint(
         *(player, base_url, seed),
         host=host,

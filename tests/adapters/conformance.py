@@ -59,6 +59,8 @@ class Window:
     """How its line in `docs/what-is-enforced.md` begins."""
     broken_json: bool = True
     """Whether its format can transport arguments that are not JSON."""
+    has_tools: bool = False
+    """Whether its agent may have tools beside the game's: `hold` then takes `own_tool`, which gives it `WEATHER`."""
 
 
 Send = Callable[[str, Any], Awaitable[tuple[str, bool | None]]]
@@ -125,6 +127,18 @@ BROKEN: Script = [
     calling(*map(act, WAY[1:])),
 ]
 """Arguments that are no JSON, or no object: alone in a message, and after one that is."""
+
+FOREIGN: Script = [calling(("weather", '{"city":')), calling(*map(act, WAY))]
+"""A call of the agent's own tool whose arguments are not JSON, alone in its message."""
+
+CITY = {
+    "type": "object",
+    "properties": {"city": {"type": "string"}},
+    "required": ["city"],
+    "additionalProperties": False,
+}
+WEATHER = sp.ToolSpec("weather", "Tell the weather.", CITY)
+"""A tool of the agent's own."""
 
 BUDGETS = {
     "free": sp.Budget(),
@@ -213,6 +227,18 @@ def judge_caps(row: Window) -> None:
         with episode:
             sent = row.hold(episode, script, own_cap=own)
         assert [prompt.cap for prompt in sent] == [smaller] * len(WAY), f"{of_budget} of the budget, {own} of the user"
+
+
+def judge_broken_foreign_call(row: Window) -> None:
+    """A call of the agent's own tool with broken arguments is answered, by its framework or by us, and play goes on."""
+    episode, events = fresh()
+    with episode:
+        sent = row.hold(episode, FOREIGN, own_tool=True)  # type: ignore[call-arg]  # as `has_tools` says
+    assert episode.result is not None
+    assert (episode.result.end_reason, episode.result.turns, len(sent)) == ("terminated", 2, 2)
+    (answer,) = [message for message in sent[1].messages if message["role"] == "tool"]
+    assert "error" in str(answer["content"]).lower()
+    assert sp.replay(events).identical
 
 
 class Turns:
@@ -310,6 +336,11 @@ class WindowConformance:
         if not self.row.broken_json:
             pytest.skip("its wire cannot carry them")
         judge(self.row, BROKEN, BUDGETS["tight"])
+
+    def test_a_broken_call_of_a_tool_of_the_agents_own(self):
+        if not self.row.has_tools:
+            pytest.skip("its agent has no tools of its own")
+        judge_broken_foreign_call(self.row)
 
     def test_prompts_for_a_summary_are_answered_in_between(self):
         judge_summaries(self.row)

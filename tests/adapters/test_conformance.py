@@ -13,7 +13,7 @@ from typing import Any
 
 import httpx2
 import pytest
-from agents import Agent, ModelSettings, Runner, set_tracing_disabled
+from agents import Agent, ModelSettings, Runner, function_tool, set_tracing_disabled
 from langchain.agents import create_agent
 from langchain_core.messages import AIMessage, ToolMessage
 from langgraph.graph import START, MessagesState, StateGraph
@@ -38,6 +38,7 @@ from tests.adapters.conformance import (
     GAME,
     HOST_BUDGET,
     IDLE,
+    WEATHER,
     Host,
     Send,
     Sent,
@@ -51,7 +52,7 @@ from tests.adapters.conformance import (
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_agents import ReadingModel
 from tests.adapters.scripted_langchain import ScriptedModel
-from tests.adapters.window_host import INTERFACES, HostAgent, client_of
+from tests.adapters.window_host import INTERFACES, TOOLS, HostAgent, client_of
 
 Script = Iterable[sp.Message]
 
@@ -65,15 +66,23 @@ def _no_traces() -> None:
 # --- Adapters that manage the context ----------------------------------------------------------------------------
 
 
-def langchain_agent(episode: sp.Episode, script: Script, *, own_cap: int | None = None) -> Sent:
+def weather(city: str = "") -> str:
+    """Tell the weather."""
+    raise AssertionError("its arguments are not JSON")
+
+
+def langchain_agent(episode: sp.Episode, script: Script, *, own_cap: int | None = None, own_tool: bool = False) -> Sent:
     model = ScriptedModel(script, own_cap)
-    create_agent(model, middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
+    create_agent(model, [weather] * own_tool, middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
     return model.received
 
 
-def langchain_agent_async(episode: sp.Episode, script: Script, *, own_cap: int | None = None) -> Sent:
+def langchain_agent_async(
+    episode: sp.Episode, script: Script, *, own_cap: int | None = None, own_tool: bool = False
+) -> Sent:
     model = ScriptedModel(script, own_cap)
-    asyncio.run(create_agent(model, middleware=[SmartPlayMiddleware(episode)]).ainvoke({"messages": []}))
+    agent = create_agent(model, [weather] * own_tool, middleware=[SmartPlayMiddleware(episode)])
+    asyncio.run(agent.ainvoke({"messages": []}))
     return model.received
 
 
@@ -95,10 +104,18 @@ def langgraph(episode: sp.Episode, script: Script, *, own_cap: int | None = None
     return model.received
 
 
-def agents_sdk(episode: sp.Episode, script: Script, *, own_cap: int | None = None, streamed: bool = False) -> Sent:
+def agents_sdk(
+    episode: sp.Episode,
+    script: Script,
+    *,
+    own_cap: int | None = None,
+    streamed: bool = False,
+    own_tool: bool = False,
+) -> Sent:
     inner = ReadingModel(script)
     model = SmartPlayModel(inner, episode)
-    agent = Agent("player", model=model, tools=model.tools, model_settings=ModelSettings(max_tokens=own_cap))
+    tools = [*model.tools, *[function_tool(weather)] * own_tool]
+    agent = Agent("player", model=model, tools=tools, model_settings=ModelSettings(max_tokens=own_cap))
 
     async def run() -> None:
         if streamed:
@@ -140,7 +157,9 @@ def openai_player(
     return stub.received
 
 
-def window_endpoint(episode: sp.Episode, script: Script, *, interface: str, own_cap: int | None = None) -> Sent:
+def window_endpoint(
+    episode: sp.Episode, script: Script, *, interface: str, own_cap: int | None = None, own_tool: bool = False
+) -> Sent:
     """A host's agent plays at the endpoint; the model behind it is one of OpenAI's, which sees the window."""
     own = {} if own_cap is None else {"max_tokens": own_cap}
     with (
@@ -150,12 +169,14 @@ def window_endpoint(episode: sp.Episode, script: Script, *, interface: str, own_
     ):
         handle = endpoint.serve(episode)
         agent = HostAgent(endpoint, handle)
+        offered = [*TOOLS, *[sp.schema(WEATHER, "openai")] * own_tool]
         if interface == "mcp":
+            agent.tools = offered
             agent.play()
         else:
             tools = {name: partial(agent.run_named, name) for name in ("observe", "act", "read_manual")}
             with client_of(interface, endpoint) as client:
-                INTERFACES[interface](client, endpoint.model(handle), tools, stream=True)
+                INTERFACES[interface](client, endpoint.model(handle), tools, stream=True, offered=offered)
     return stub.received
 
 
@@ -186,20 +207,28 @@ PLAY = "`play`, `aplay`"
 
 WINDOW = {
     "AgentSession": Window(conformance.by_session, "`AgentSession`"),
-    "Agents SDK": Window(agents_sdk, AGENTS),
-    "Agents SDK, streamed": Window(partial(agents_sdk, streamed=True), AGENTS),
+    "Agents SDK": Window(agents_sdk, AGENTS, has_tools=True),
+    "Agents SDK, streamed": Window(partial(agents_sdk, streamed=True), AGENTS, has_tools=True),
     "Anthropic player": Window(partial(anthropic_player, play=waiting), ANTHROPIC, broken_json=False),
     "Anthropic player, async": Window(partial(anthropic_player, play=on_a_loop), ANTHROPIC, broken_json=False),
     "Conversation": Window(conformance.by_conversation, "`Conversation`"),
-    "LangChain agent": Window(langchain_agent, LANGCHAIN),
-    "LangChain agent, async": Window(langchain_agent_async, LANGCHAIN),
+    "LangChain agent": Window(langchain_agent, LANGCHAIN, has_tools=True),
+    "LangChain agent, async": Window(langchain_agent_async, LANGCHAIN, has_tools=True),
     "LangChain player": Window(partial(langchain_player, play=waiting), PLAY),
     "LangChain player, async": Window(partial(langchain_player, play=on_a_loop), PLAY),
     "LangGraph": Window(langgraph, LANGCHAIN),
-    "Window endpoint, tools over MCP": Window(partial(window_endpoint, interface="mcp"), WINDOW_ENDPOINT),
-    "Window endpoint, chat completions": Window(partial(window_endpoint, interface="chat"), WINDOW_ENDPOINT),
-    "Window endpoint, Messages": Window(partial(window_endpoint, interface="messages"), WINDOW_ENDPOINT),
-    "Window endpoint, Responses": Window(partial(window_endpoint, interface="responses"), WINDOW_ENDPOINT),
+    "Window endpoint, tools over MCP": Window(
+        partial(window_endpoint, interface="mcp"), WINDOW_ENDPOINT, has_tools=True
+    ),
+    "Window endpoint, chat completions": Window(
+        partial(window_endpoint, interface="chat"), WINDOW_ENDPOINT, has_tools=True
+    ),
+    "Window endpoint, Messages": Window(
+        partial(window_endpoint, interface="messages"), WINDOW_ENDPOINT, has_tools=True
+    ),
+    "Window endpoint, Responses": Window(
+        partial(window_endpoint, interface="responses"), WINDOW_ENDPOINT, has_tools=True
+    ),
     "OpenAI player": Window(partial(openai_player, play=waiting), OPENAI),
     "OpenAI player, async": Window(partial(openai_player, play=on_a_loop), OPENAI),
     "OpenAI Responses player": Window(partial(responses_player, play=waiting), OPENAI),
@@ -208,7 +237,12 @@ WINDOW = {
 
 
 # Behind an endpoint there are two servers, so the conformance of the window endpoint is slow to test.
-ROWS = [pytest.param(row, marks=pytest.mark.slow) if WINDOW[row].through == WINDOW_ENDPOINT else row for row in WINDOW]
+def rows(names: Iterable[str]) -> list[Any]:
+    slow = pytest.mark.slow
+    return [pytest.param(row, marks=slow) if WINDOW[row].through == WINDOW_ENDPOINT else row for row in names]
+
+
+ROWS = rows(WINDOW)
 
 
 @pytest.mark.parametrize("budget", ["tight", "lazy"])
@@ -236,6 +270,11 @@ def test_words_without_a_call(row):
 @pytest.mark.parametrize("row", [row for row in WINDOW if WINDOW[row].broken_json])
 def test_arguments_that_are_no_json(row):
     conformance.judge(WINDOW[row], BROKEN, BUDGETS["tight"])
+
+
+@pytest.mark.parametrize("row", rows(row for row in WINDOW if WINDOW[row].has_tools))
+def test_a_broken_call_of_a_tool_of_the_agents_own(row):
+    conformance.judge_broken_foreign_call(WINDOW[row])
 
 
 @pytest.mark.parametrize("row", ROWS)

@@ -33,10 +33,11 @@ def test_every_page_says_what_it_installs_and_has_an_agent():
     spec = importlib.util.spec_from_file_location("frameworks", RUNNER)
     frameworks = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(frameworks)
-    for page in (*frameworks.PAGES, *frameworks.TEXT_PAGES):
+    for page in (*frameworks.PAGES, *frameworks.PROGRAM_PAGES, *frameworks.TEXT_PAGES):
         install, kind, agent = frameworks.blocks_of(page)
         assert "==" in install or "@" in install, "it names no version"
         for name in ("SMARTPLAY_BASE_URL", "SMARTPLAY_MODEL", "SMARTPLAY_MCP"):
-            assert (name in agent) == (page in frameworks.PAGES)
+            assert page not in frameworks.PAGES or name in agent
+        assert ("SMARTPLAY_MCP_URL" in agent) == (page in frameworks.PROGRAM_PAGES)
         if kind == "py":
             compile(agent, page, "exec")

@@ -31,10 +31,18 @@ def own_tools() -> list[dict[str, Any]]:
 
 
 TOOLS = own_tools()
-MESSAGES_TOOLS: list[Any] = [
-    {"name": function["name"], "description": function["description"], "input_schema": function["parameters"]}
-    for function in (tool["function"] for tool in TOOLS)
-]
+
+
+def for_messages(tools: list[dict[str, Any]]) -> list[Any]:
+    """The tools as Anthropic has them."""
+    functions = [tool["function"] for tool in tools]
+    return [
+        {"name": function["name"], "description": function["description"], "input_schema": function["parameters"]}
+        for function in functions
+    ]
+
+
+MESSAGES_TOOLS = for_messages(TOOLS)
 WORDS = [
     {"role": "system", "content": "You are a helpful agent with a long prompt of your own."},
     {"role": "user", "content": "Play."},
@@ -116,10 +124,10 @@ def client_of(interface: str, endpoint: WindowEndpoint) -> Any:
     return (anthropic_client if interface == "messages" else openai_client)(endpoint)
 
 
-def by_chat(client: Any, model: str, tools: dict[str, Any], stream: bool) -> None:
+def by_chat(client: Any, model: str, tools: dict[str, Any], stream: bool, offered: list[Any] = TOOLS) -> None:
     messages: list[Any] = list(WORDS)
     for _ in range(60):
-        asked = {"model": model, "messages": messages, "tools": TOOLS}
+        asked = {"model": model, "messages": messages, "tools": offered}
         if stream:
             with client.chat.completions.stream(**asked) as parts:
                 message = parts.get_final_completion().choices[0].message
@@ -133,9 +141,9 @@ def by_chat(client: Any, model: str, tools: dict[str, Any], stream: bool) -> Non
             messages.append({"role": "tool", "tool_call_id": call.id, "content": text})
 
 
-def by_responses(client: Any, model: str, tools: dict[str, Any], stream: bool) -> None:
+def by_responses(client: Any, model: str, tools: dict[str, Any], stream: bool, offered: list[Any] = TOOLS) -> None:
     items: list[Any] = [*WORDS]
-    flat = [{"type": "function", **tool["function"]} for tool in TOOLS]
+    flat = [{"type": "function", **tool["function"]} for tool in offered]
     for _ in range(60):
         asked = {"model": model, "input": items, "tools": flat, "store": False}
         if stream:
@@ -152,11 +160,11 @@ def by_responses(client: Any, model: str, tools: dict[str, Any], stream: bool) -
             items.append({"type": "function_call_output", "call_id": call.call_id, "output": text})
 
 
-def by_messages(client: Any, model: str, tools: dict[str, Any], stream: bool) -> None:
+def by_messages(client: Any, model: str, tools: dict[str, Any], stream: bool, offered: list[Any] = TOOLS) -> None:
     messages: list[Any] = [{"role": "user", "content": "Play."}]
     for _ in range(60):
         asked = {"model": model, "max_tokens": 1000, "system": "Be quick.", "messages": messages}
-        asked["tools"] = MESSAGES_TOOLS
+        asked["tools"] = for_messages(offered)
         if stream:
             with client.messages.stream(**asked) as parts:
                 message = parts.get_final_message()

@@ -91,7 +91,8 @@ def window_app(
         yield
         await store.aclose()
 
-    app = Starlette(routes=routes, exception_handlers={**HANDLERS, RequestError: _refuse}, lifespan=lifespan)
+    handlers: Any = {**HANDLERS, RequestError: _refuse}
+    app = Starlette(routes=routes, exception_handlers=handlers, lifespan=lifespan)
     return guarded(app, admit, hosts=hosts, origins=origins, largest=LARGEST_REQUEST)
 
 
