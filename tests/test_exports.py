@@ -11,7 +11,10 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.exports import export
-from smartplay_tools.records import Record, sent_prompts
+from smartplay_tools.games.messenger.rules import roles_of
+from smartplay_tools.prompts import MANUAL_IS_ABOVE
+from smartplay_tools.records import Record, sent_prompts, trial_seed
+from smartplay_tools.types import ToolCall
 
 BUDGET = sp.Budget(prompt_tokens=700)
 
@@ -185,3 +188,161 @@ def test_a_prompt_for_a_summary_is_no_row(tmp_path):
     assert export(record, tmp_path / "data").counts["rows"] == result.turns
     assert [row["turn"] for row in rows(tmp_path / "data")] == list(range(result.turns))
     export(record, tmp_path / "trajectories", "atif")
+
+
+def transcript(folder: Path, game: str, player: sp.Player, **options) -> Path:
+    record = folder / "one.jsonl"
+    with sp.Episode(game, seed=7, transcript=record, **options) as episode:
+        sp.play(episode, player)
+    return record
+
+
+def test_the_manual_that_was_read_is_in_whole_conversations(tmp_path):
+    """In MESSENGER the manual is the task: without it nobody can learn why a move was right."""
+    record = transcript(tmp_path, "MessengerL1-v0", sp.get_player("rule"), split="train")
+    with sp.Episode("MessengerL1-v0", seed=7, split="train") as episode:
+        manual = episode.manual_text
+    export(record, tmp_path / "rows", "sft-episodes")
+    (row,) = rows(tmp_path / "rows")
+    assert [m["role"] for m in row["messages"] if m["content"] == manual] == ["tool"]
+    export(record, tmp_path / "trajectories", "atif")
+    (file,) = (tmp_path / "trajectories" / "trajectories").glob("*.json")
+    steps = json.loads(file.read_text(encoding="utf-8"))["steps"]
+    answers = [answer["content"] for step in steps for answer in step.get("observation", {}).get("results", ())]
+    assert manual in answers
+    assert MANUAL_IS_ABOVE not in answers
+
+
+def test_a_pinned_manual_is_in_the_head_and_is_not_repeated(tmp_path):
+    call = {"id": "", "type": "function", "function": {"name": "read_manual", "arguments": "{}"}}
+    asking = sp.ScriptedPlayer([{"role": "assistant", "content": None, "tool_calls": [call]}] * 3)
+    budget = sp.Budget(tool_calls=3)
+    record = transcript(tmp_path, "MessengerL1-v0", asking, manual="pinned", budget=budget)
+    export(record, tmp_path / "rows", "sft-episodes")
+    (row,) = rows(tmp_path / "rows")
+    assert [m["content"] for m in row["messages"] if m["role"] == "tool"] == [MANUAL_IS_ABOVE] * 3
+
+
+@pytest.mark.parametrize("slack", [0.0, 0.5])
+def test_chains_have_every_prompt_exactly_and_every_reply_once(tmp_path, slack):
+    budget = sp.Budget(prompt_tokens=800, slack=slack)
+    record = transcript(tmp_path, "RockPaperScissorBasic-v0", sp.get_player("rule"), budget=budget)
+    replies = export(record, tmp_path / "sft", "sft").counts["rows"]
+    counts = export(record, tmp_path / "chains", "sft-chains").counts
+    assert counts["replies"] == replies > counts["rows"] > 1
+    assert exchanges(rows(tmp_path / "chains")) == exchanges(rows(tmp_path / "sft"))
+    size = {name: (tmp_path / name / "data.jsonl").stat().st_size for name in ("sft", "chains")}
+    assert size["chains"] < size["sft"]
+
+
+def exchanges(written: list[dict]) -> list[tuple]:
+    """Every prompt with its reply and tools, as rows of either kind teach them."""
+    return [
+        (messages[:at], messages[at], row["tools"])
+        for row in written
+        for messages in [row["prompt"] + row["completion"]]
+        for at in range(len(row["prompt"]), len(messages))
+        if messages[at]["role"] == "assistant"
+    ]
+
+
+@pytest.mark.parametrize("form", ["sft", "sft-chains"])
+def test_summaries_have_rows_when_they_are_asked_for(tmp_path, form):
+    budget = sp.Budget(prompt_tokens=800, summary_tokens=100, slack=0.5)
+    record = transcript(tmp_path, "RockPaperScissorBasic-v0", sp.get_player("rule-notes"), budget=budget)
+    result = Record.read(record).result
+    assert result.summaries > 0
+    without = export(record, tmp_path / "without", form).counts
+    counts = export(record, tmp_path / "with", form, summaries=True).counts
+    replies = "rows" if form == "sft" else "replies"
+    assert (without[replies], counts[replies]) == (result.turns, result.turns + result.summaries)
+    recorded = Record.read(record)
+    asked = [sent for sent in recorded.sent_prompts() if sent.prompt.asks_for_summary]
+    pairs = exchanges(rows(tmp_path / "with"))
+    taught = [(prompt[-1]["content"], reply["content"]) for prompt, reply, _ in pairs]
+    for sent, summary in zip(asked, recorded.summaries, strict=True):
+        assert (sent.prompt.messages[-1]["content"], summary["message"]["content"]) in taught
+
+
+def test_formats_without_summaries_refuse_them(run, tmp_path):
+    with pytest.raises(sp.InvalidArgumentError, match="sft-episodes has no rows for summaries"):
+        export(run, tmp_path / "data", "sft-episodes", summaries=True)
+
+
+@pytest.mark.parametrize("form", ["sft-episodes", "sft-chains"])
+def test_the_record_of_a_host_is_one_conversation(tmp_path, form):
+    with sp.Episode("MessengerL1-v0", seed=7, context="host", transcript=tmp_path / "host.jsonl") as episode:
+        head, manual = episode.head, episode.manual_text
+        episode.call("read_manual")
+        first, second = episode.call_batch([ToolCall("act", {"action": "1"}), ToolCall("act", {"action": "9"})])
+        episode.end("host")
+    export(tmp_path / "host.jsonl", tmp_path / "data", form)
+    (row,) = rows(tmp_path / "data")
+    messages = row.get("messages") or row["prompt"] + row["completion"]
+    assert [(m["role"], m["content"]) for m in messages] == [
+        *((m["role"], m["content"]) for m in head),
+        ("assistant", ""),
+        ("tool", manual),
+        ("assistant", ""),
+        ("tool", first.text),
+        ("tool", second.text),
+    ]
+    calls = [call for m in messages for call in m.get("tool_calls", ())]
+    assert [call["id"] for call in calls] == [m["tool_call_id"] for m in messages if m["role"] == "tool"]
+    assert [json.loads(call["function"]["arguments"]) for call in calls] == [{}, {"action": "1"}, {"action": "9"}]
+    assert [tool["function"]["name"] for tool in json.loads(row["tools"])] == ["observe", "act", "read_manual"]
+
+
+def test_prompts_of_a_host_are_not_recorded_and_not_invented(tmp_path):
+    with sp.Episode("Hanoi3Disk-v0", seed=7, context="host", transcript=tmp_path / "host.jsonl") as episode:
+        episode.call("act", {"action": "1"})
+        episode.end("host")
+    with pytest.raises(sp.InvalidArgumentError, match="export it as sft-chains"):
+        export(tmp_path / "host.jsonl", tmp_path / "data", "sft")
+    assert export(tmp_path / "host.jsonl", tmp_path / "data", "atif").counts == {"episodes": 1, "steps": 3}
+
+
+def test_a_card_warns_of_names_that_tell_the_role_and_of_worlds_that_are_evaluated(tmp_path):
+    for game in ("Hanoi3Disk-v0", "MessengerL1-v0"):
+        for trial in range(2):
+            record = tmp_path / "records" / f"{game}.{trial}.jsonl"
+            with sp.Episode(game, seed=trial_seed(0, game, trial), transcript=record) as episode:
+                sp.play(episode, sp.get_player("rule"))
+    export(tmp_path / "records", tmp_path / "data", "sft-episodes")
+    card = (tmp_path / "data" / "README.md").read_text(encoding="utf-8")
+    assert "MessengerL1-v0 played the games and sentences of its split `test`" in card
+    assert "dog, queen, robot, sword: always the message" in card
+    assert "--option split=train" in card
+    assert "Hanoi3Disk-v0 has one world" in card
+    assert "MessengerL1-v0: 2 of these worlds are among the first 100" in card
+
+
+def test_a_card_of_the_train_split_says_so_and_does_not_warn(tmp_path):
+    player, options = sp.get_player("rule"), {"split": "train"}
+    export(transcript(tmp_path, "MessengerL1-v0", player, **options), tmp_path / "data", "sft-episodes")
+    card = (tmp_path / "data" / "README.md").read_text(encoding="utf-8")
+    assert "its split `train`, in which every name has 2 or more roles" in card
+    assert "always the" not in card
+
+
+def mean_of_names(split: str) -> float:
+    """The mean score of walking to the name that is the message, or then the goal, in the games of the test split."""
+    names = {role: {n for n, own in roles_of("test").items() if own == {role}} for role in ("message", "goal")}
+    scores = []
+    for seed in range(30):
+        with sp.Episode("MessengerL1-v0", seed=seed, manual="none", split=split) as episode:
+            text = episode.call("observe").text
+            while not episode.done:
+                wanted = names["goal" if "already have" in text else "message"]
+                ways = [line.split()[-1] for line in text.splitlines() if line.startswith("- ")]
+                named = [line.split()[1] for line in text.splitlines() if line.startswith("- ")]
+                way = next((way for name, way in zip(named, ways, strict=True) if name in wanted), "north")
+                text = episode.call("act", {"action": f"Move {way.capitalize()}"}).text
+            scores.append(episode.result.score)
+    return sum(scores) / len(scores)
+
+
+def test_a_player_that_knows_only_names_scores_on_the_test_split_alone():
+    """What the warning of the card says, played: no manual is read, and the names decide."""
+    assert mean_of_names("test") == 1.0
+    assert mean_of_names("train") < 0

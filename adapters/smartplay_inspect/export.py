@@ -33,6 +33,7 @@ from inspect_ai.model import (
     ModelUsage,
 )
 from inspect_ai.scorer import Score
+from inspect_ai.tool import ToolInfo
 
 from smartplay_inspect.messages import InspectChat, tool_infos
 from smartplay_inspect.scorer import score_of
@@ -74,8 +75,7 @@ def _log(name: str, samples: list[EvalSample]) -> EvalLog:
 
 
 def _sample(episode: Record) -> EvalSample:
-    chat = InspectChat(_model(episode.player))
-    tools = tool_infos(ToolSpec(**tool["function"]) for tool in episode.tools)
+    chat, tools = InspectChat(_model(episode.player)), _tools(episode)
     events = []
     for sent in episode.prompts:
         output = _output(episode, chat, sent.turn)
@@ -94,12 +94,16 @@ def _sample(episode: Record) -> EvalSample:
         epoch=1,
         input=f"Play {episode.result.game}, seed {episode.result.seed}.",
         target="",
-        messages=chat.write(episode.conversation),
+        messages=chat.write(episode.conversation.messages),
         output=events[-1].output if events else ModelOutput(),
         scores={"smartplay_scorer": score_of(episode.result)},
         metadata={"game": episode.result.game, "seed": episode.result.seed, "config": episode.config.to_json()},
         events=list(events),
     )
+
+
+def _tools(episode: Record) -> list[ToolInfo]:
+    return tool_infos(ToolSpec(**tool["function"]) for tool in episode.conversation.tools)
 
 
 def _output(episode: Record, chat: InspectChat, turn: int) -> ModelOutput:

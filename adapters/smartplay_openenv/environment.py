@@ -28,13 +28,18 @@ from openenv.core.env_server.types import EnvironmentMetadata, Observation, Stat
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError, ToolSpec
 from smartplay_tools.episode import EpisodeFactory, RewardName
+from smartplay_tools.games import get_spec
 from smartplay_tools.messages import text_of
 from smartplay_tools.records import trial_seed
 from smartplay_tools.web import Bounded
 
 
 class Split(NamedTuple):
-    """Tasks whose seeds are those of `smartplay-tools eval --seed RUN_SEED`: task i is trial i."""
+    """Tasks whose seeds are those of `smartplay-tools eval --seed RUN_SEED`: task i is trial i.
+
+    A game that has splits of its own, as MESSENGER, plays the one of the same name: another seed of its test split
+    would have the same names in the same roles.
+    """
 
     run_seed: int
     tasks: int
@@ -71,7 +76,7 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
         budget: what an episode may spend; here `history`, `result_tokens` and `tool_calls` are enforced.
         reward: "normalized", 1 is the human's score; "score"; or "return", the sum of the game's rewards.
         records: a folder for the record of every episode, under its seed and episode id.
-        options: `Episode`'s other arguments.
+        options: `Episode`'s other arguments. A `split` of the game's own that is given here is the one of all tasks.
     """
 
     SUPPORTS_CONCURRENT_SESSIONS = True
@@ -86,8 +91,11 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
         **options: Any,
     ) -> None:
         super().__init__()
-        self._factory = EpisodeFactory(game, budget=budget, reward=reward, records=records, context="host", **options)
+        new = partial(EpisodeFactory, game, budget=budget, reward=reward, records=records, context="host")
+        self._factory = new(**options)
         self._game, self._tools = self._factory.game, tools_of(self._factory.tools)
+        has_splits = "split" in get_spec(game).load().options and "split" not in options
+        self._of_split = {name: new(split=name, **options) if has_splits else self._factory for name in SPLITS}
         self.episode: Episode | None = None
         """The episode of the latest reset."""
         self._episode_id: str | None = None
@@ -104,13 +112,15 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
         """Begin an episode: of a seed, or of a task of a split. Without either, it is task 0 of "train"."""
         if options:
             raise InvalidArgumentError(f"reset takes seed, or split and index, and not {', '.join(sorted(options))}.")
+        factory = self._factory
         if seed is None:
-            seed = self.get_task(split or "train", index or 0)["seed"]
+            split = split or "train"
+            seed, factory = self.get_task(split, index or 0)["seed"], self._of_split[split]
         elif split is not None or index is not None:
             raise InvalidArgumentError("reset takes seed, or split and index, and not both.")
         self.close()
         self._episode_id, self._rewarded = episode_id or str(uuid4()), 0.0
-        self.episode = self._factory.episode(seed, self._episode_id)
+        self.episode = factory.episode(seed, self._episode_id)
         return ResetObservation(text="\n\n".join(text_of(message) for message in self.episode.head))
 
     def step(self, action: Any, timeout_s: float | None = None, **options: Any) -> Observation:

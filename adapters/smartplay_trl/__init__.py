@@ -1,6 +1,7 @@
 """TRL: a game as the environment of `GRPOTrainer`, which trains a model by reinforcement learning.
 
-    GRPOTrainer(..., environment_factory=environment("Hanoi3Disk-v0", reward="normalized"))
+    data = Dataset.from_dict(rows("Hanoi3Disk-v0", range(1_000_000, 1_001_000)))
+    GRPOTrainer(..., train_dataset=data, environment_factory=environment("Hanoi3Disk-v0", reward="normalized"))
 
 `environment` makes a class as the trainer wants it: the game's tools are its methods, a row of the dataset chooses the
 seed, and the reward of a rollout is the game's. `GRPOTrainer` shows its model a conversation that only grows; training
@@ -16,6 +17,6 @@ try:
 except ModuleNotFoundError as error:
     raise MissingExtraError("smartplay_trl", "trl") from error
 
-from smartplay_trl.environment import GameEnvironment, environment
+from smartplay_trl.environment import GameEnvironment, environment, rows, tools_as_text
 
-__all__ = ["GameEnvironment", "environment"]
+__all__ = ["GameEnvironment", "environment", "rows", "tools_as_text"]

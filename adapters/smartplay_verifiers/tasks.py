@@ -82,7 +82,10 @@ class SmartPlayConfig(vf.TasksetConfig):
     tokenizer: str | None = None
     """The tokenizer that counts budget tokens."""
     options: dict[str, Any] = Field(default_factory=dict)
-    """Rules of the episode (`manual`, `batch`), `engine`, and the game's own options."""
+    """Rules of the episode (`manual`, `batch`), `engine`, and the game's own options.
+
+    Train MESSENGER with `split="train"`: in its default split a name tells the role.
+    """
 
 
 class SmartPlayTaskset(vf.Taskset[SmartPlayTask, SmartPlayConfig]):

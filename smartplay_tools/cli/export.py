@@ -17,7 +17,7 @@ def export(
     ],
     out: Annotated[Path, typer.Option(help="The new folder to write.", show_default=False)],
     format: Annotated[  # noqa: A002 - the option's name
-        str, typer.Option(help="sft (a row for every reply), sft-episodes, atif, or inspect.")
+        str, typer.Option(help="sft (a row for every reply), sft-chains, sft-episodes, atif, or inspect.")
     ] = "sft",
     games: Annotated[str | None, typer.Option(help="Only these settings, with commas.")] = None,
     players: Annotated[str | None, typer.Option(help="Only these players, with commas.")] = None,
@@ -26,6 +26,9 @@ def export(
     min_normalized_score: Annotated[
         float | None, typer.Option(help="The same of the score relative to the human one.")
     ] = None,
+    summaries: Annotated[
+        bool, typer.Option("--summaries", help="Rows for prompts for a summary, too (sft, sft-chains).")
+    ] = False,
     best: Annotated[int | None, typer.Option(help="Only the best N of every game and player.", min=1)] = None,
 ) -> None:
     """Write finished episodes as training rows, trajectories or Inspect logs, with a dataset card.
@@ -39,6 +42,7 @@ def export(
         run,
         out,
         format,
+        summaries=summaries,
         games=tuple(options.names(games)),
         players=tuple(options.names(players)),
         completed=completed,

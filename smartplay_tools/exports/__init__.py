@@ -3,10 +3,9 @@
     export("runs/first", "data", "sft", completed=True)
 
 selection  which episodes are exported
-recorded   an episode as its record tells it
 sft        rows for supervised fine-tuning: what a model saw and what it said
 atif       trajectories in the Agent Trajectory Interchange Format
-card       the dataset card that is written beside the data
+card       the dataset card that is written beside the data, with what its worlds teach apart from the games
 export     the formats by name, and the function above
 """
 

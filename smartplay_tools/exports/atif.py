@@ -46,7 +46,7 @@ def trajectory(episode: Record) -> dict[str, Any]:
             "name": "smartplay-tools",
             "version": result.versions["smartplay-tools"],
             "model_name": episode.player,
-            "tool_definitions": episode.tools,
+            "tool_definitions": episode.conversation.tools,
         },
         "steps": steps,
         "final_metrics": {
@@ -60,9 +60,9 @@ def trajectory(episode: Record) -> dict[str, Any]:
 
 def _steps(episode: Record) -> Iterator[dict[str, Any]]:
     views = {view["turn"]: view for view in episode.views if not concerns_summary(view)}
-    for message in episode.head_messages:
+    for message in episode.conversation.head:
         yield _said(message)
-    for turn in episode.turns:
+    for turn in episode.conversation.turns:
         yield _reply(turn, episode.usage.get(turn.number, {}), views.get(turn.number, {}))
         for item in turn.items:
             if item.position is None:

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smartplay_tools.exports.selection import EpisodeSelection
 from smartplay_tools.exports.sft import FILE
+from smartplay_tools.records.manifest import trial_seed
 from smartplay_tools.records.record import Record
+
+EVALUATED = 100
+"""A card says how many of the worlds that an evaluation plays first by default, this many, are in the data."""
 
 WORDS = {
     "sft": "One row for every reply: `prompt` is exactly what the model saw, `completion` what it said, `tools` the "
     "schemas of its tools as JSON text.",
+    "sft-chains": "One row for every stretch of an episode in which each prompt extends the one before. The assistant "
+    "messages of `completion` are the replies, each after exactly the prompt to which it was given: all messages "
+    "before it. Train on them only; assistant messages of `prompt` are trained in an earlier row. `tools` are the "
+    "schemas of the tools as JSON text.",
     "sft-episodes": "One row for every episode: `messages` is the whole conversation, `tools` the schemas of the tools "
     "as JSON text. A model under a budget saw parts of it at a time.",
     "atif": "One trajectory for every episode, in the Agent Trajectory Interchange Format.",
@@ -44,8 +53,11 @@ def dataset_card(
         "|---|---|---|---|---|---|",
         *(_row(*group, own) for group, own in sorted(groups.items())),
         "",
+        "## Worlds",
+        "",
         "Seeds: " + "; ".join(f"{game} {_seeds(episodes, game)}" for game in sorted({g for g, _, _ in groups})) + ".",
-        "Do not train on the seeds that you evaluate with.",
+        "Do not train on the worlds with which you evaluate.",
+        *_warnings(episodes),
     ]
     if privileged := sum(1 for episode in episodes if "player" in episode.result.deviations):
         lines += ["", f"In {privileged} episodes the player saw the state of the game in addition to its prompts."]
@@ -78,6 +90,21 @@ def _chosen(selection: EpisodeSelection, left_out: Counter[str]) -> str:
 
 def _word(value: Any) -> str:
     return " or ".join(value) if isinstance(value, tuple) else str(value)
+
+
+def _warnings(episodes: Sequence[Record]) -> list[str]:
+    """What the worlds of the data teach apart from the games, and which of them an evaluation plays by default."""
+    worlds = {(e.result.game, json.dumps(e.config.options, sort_keys=True)): e.config for e in episodes}
+    about = ((game, config.spec.load().worlds(config.options)) for (game, _), config in sorted(worlds.items()))
+    lines = [f"- {game} {words}" for game, words in about if words is not None]
+    for game in sorted({game for game, _ in worlds}):
+        evaluated = {trial_seed(0, game, trial) for trial in range(EVALUATED)}
+        if shared := len(evaluated & {e.result.seed for e in episodes if e.result.game == game}):
+            lines.append(
+                f"- {game}: {shared} of these worlds are among the first {EVALUATED} that `smartplay-tools eval` plays "
+                "by default. **Give `eval` another `--seed` for data to train on.**"
+            )
+    return ["", *lines] if lines else []
 
 
 def _versions(episodes: Sequence[Record]) -> str:

@@ -17,16 +17,23 @@ from smartplay_tools.exports.selection import EpisodeSelection
 from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
 
-Write = Callable[[Iterable[Record], Path], dict[str, int]]
-"""Writes episodes into a folder that exists, and says how many of what it wrote."""
+Write = Callable[..., dict[str, int]]
+"""Writes episodes into a folder that exists, and says how many of what it wrote: `write(episodes, folder)`.
+
+One of `WITH_SUMMARIES` takes `summaries`, too.
+"""
 
 FORMATS: dict[str, str] = {
     "atif": "smartplay_tools.exports.atif:write_trajectories",
     "inspect": "smartplay_inspect.export:write_logs",
     "sft": "smartplay_tools.exports.sft:write_replies",
+    "sft-chains": "smartplay_tools.exports.sft:write_chains",
     "sft-episodes": "smartplay_tools.exports.sft:write_episodes",
 }
 """The formats: name -> the function that writes it."""
+
+WITH_SUMMARIES = ("sft", "sft-chains")
+"""The formats that can have rows for prompts for a summary."""
 
 _REGISTRY = Registry("export format", FORMATS)
 
@@ -42,14 +49,27 @@ class Exported:
     """How many episodes were left out, by reason."""
 
 
-def export(source: str | Path, out: str | Path, format: str = "sft", **selection: Any) -> Exported:  # noqa: A002
+def export(
+    source: str | Path,
+    out: str | Path,
+    format: str = "sft",  # noqa: A002 - the word of the command line
+    *,
+    summaries: bool = False,
+    **selection: Any,
+) -> Exported:
     """Export the finished episodes of a run's folder, of a folder of records, or of one record.
 
-    `out` is a new folder, in which the data and a dataset card (`README.md`) are written. `selection` are the fields of
-    a `EpisodeSelection`. Every prompt is rebuilt from its record and verified; a record that was changed is a
-    `TranscriptError`, and a selection without any episode an `InvalidArgumentError`.
+    `out` is a new folder, in which the data and a dataset card (`README.md`) are written. With `summaries`, the replies
+    to prompts for a summary have rows as others do. `selection` are the fields of an `EpisodeSelection`. Every prompt
+    is rebuilt from its record and verified; a record that was changed is a `TranscriptError`, and a selection without
+    any episode an `InvalidArgumentError`.
     """
     write: Write = _REGISTRY[format]
+    if summaries and format not in WITH_SUMMARIES:
+        raise InvalidArgumentError(
+            f"{format} has no rows for summaries; {' and '.join(WITH_SUMMARIES)} have them, so choose one or leave "
+            "summaries out."
+        )
     try:
         chosen = EpisodeSelection(**selection)
     except ValidationError as error:
@@ -66,7 +86,7 @@ def export(source: str | Path, out: str | Path, format: str = "sft", **selection
         part = Path(unfinished) / folder.name
         part.mkdir()
         written: list[Record] = []
-        counts = write(_read(records, written), part)
+        counts = write(_read(records, written), part, **({"summaries": True} if summaries else {}))
         card = dataset_card(format, written, chosen, counts, left_out)
         (part / "README.md").write_text(card, encoding="utf-8", newline="\n")
         part.rename(folder)

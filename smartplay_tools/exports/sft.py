@@ -1,8 +1,9 @@
 """Rows for supervised fine-tuning, in the columns that TRL's `SFTTrainer` and most other trainers read.
 
 `sft` has a row for every reply: the prompt exactly as the model saw it, and the reply. This is what a model is trained
-on that will play under the same budget. `sft-episodes` has a row for every episode, the whole conversation: fewer and
-shorter data, but of a conversation that no model saw whole if its window dropped turns.
+on that will play under the same budget. `sft-chains` has the same prompts and replies with less repetition: a row goes
+on while each prompt extends the one before with its reply and what followed. `sft-episodes` has a row for every
+episode, the whole conversation, which no model saw whole if its window dropped turns.
 
 Columns of one name have one type in every row (Arrow needs that): arguments and tool schemas are JSON text, which
 `SFTTrainer` reads. What a provider wanted back (`provider_items`) is left out.
@@ -11,48 +12,119 @@ Columns of one name have one type in every row (Arrow needs that): arguments and
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from smartplay_tools.episode import schema
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Message, text_of
+from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
 
 FILE = "data.jsonl"
 
+Row = dict[str, Any]
 
-def write_replies(episodes: Iterable[Record], folder: Path) -> dict[str, int]:
-    """Write a row for every reply; return the number of episodes and rows."""
-    return _write(folder, ((episode, list(reply_rows(episode))) for episode in episodes))
+
+def write_replies(episodes: Iterable[Record], folder: Path, *, summaries: bool = False) -> dict[str, int]:
+    """Write a row for every reply, and with `summaries` for every summary; return the number of episodes and rows."""
+    return _write(folder, episodes, lambda episode: reply_rows(episode, summaries=summaries))
+
+
+def write_chains(episodes: Iterable[Record], folder: Path, *, summaries: bool = False) -> dict[str, int]:
+    """Write the rows of `chain_rows`; return the number of episodes, rows and replies."""
+    return _write(folder, episodes, lambda episode: chain_rows(episode, summaries=summaries))
 
 
 def write_episodes(episodes: Iterable[Record], folder: Path) -> dict[str, int]:
     """Write a row for every episode; return the number of episodes and rows."""
-    return _write(folder, ((episode, [episode_row(episode)]) for episode in episodes))
+    return _write(folder, episodes, lambda episode: iter([episode_row(episode)]))
 
 
-def reply_rows(episode: Record) -> Iterator[dict[str, Any]]:
-    """Yield a row for every reply of an episode: `prompt`, `completion`, `tools`, and the facts of the episode."""
-    tools = json.dumps(episode.tools)
-    for sent in episode.prompts:
-        prompt = [plain(message) for message in sent.prompt.messages]
-        completion = [plain(episode.replies[sent.turn])]
-        with_tools = {"tools": tools} if episode.tools else {}
-        yield {"prompt": prompt, "completion": completion, **with_tools, **_facts(episode), "turn": sent.turn}
+def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
+    """Yield a row for every reply of an episode: `prompt`, `completion`, `tools`, and the facts of the episode.
+
+    With `summaries`, the replies to prompts for a summary have rows, too; `purpose` tells them apart.
+    """
+    for step in _steps(episode, summaries=summaries):
+        with_tools = {"tools": step.tools} if step.tools is not None else {}
+        about = {**_facts(episode), "turn": step.turn, "purpose": step.purpose}
+        yield {"prompt": step.prompt, "completion": [step.reply], **with_tools, **about}
 
 
-def episode_row(episode: Record) -> dict[str, Any]:
+def chain_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
+    """Yield rows in which every reply is trained once: `prompt`, `completion`, `tools`, and the facts of the episode.
+
+    The assistant messages of `completion` are the replies, each after exactly the prompt to which it was given: all
+    messages before it. Assistant messages of `prompt` are replies that an earlier row has.
+    """
+    if episode.config.context == "host":
+        whole = episode.conversation
+        messages, first = list(map(plain, whole.messages)), len(whole.head)
+        yield _chain(episode, messages, first, json.dumps(whole.tools), turn=0, replies=len(whole.turns))
+        return
+    messages, first, tools, turn, replies = [], 0, None, 0, 0
+    for step in _steps(episode, summaries=summaries):
+        if messages and (tools != step.tools or step.prompt[: len(messages)] != messages):
+            yield _chain(episode, messages, first, tools, turn=turn, replies=replies)
+            messages = []
+        if not messages:
+            first, tools, turn, replies = len(step.prompt), step.tools, step.turn, 0
+        messages, replies = [*step.prompt, step.reply], replies + 1
+    if messages:
+        yield _chain(episode, messages, first, tools, turn=turn, replies=replies)
+
+
+def _chain(episode: Record, messages: list[Row], first: int, tools: str | None, *, turn: int, replies: int) -> Row:
+    with_tools = {"tools": tools} if tools is not None else {}
+    about = {**_facts(episode), "turn": turn, "replies": replies}
+    return {"prompt": messages[:first], "completion": messages[first:], **with_tools, **about}
+
+
+def episode_row(episode: Record) -> Row:
     """Return an episode as one row: `messages`, `tools`, and its facts."""
-    return {"messages": list(map(plain, episode.conversation)), "tools": json.dumps(episode.tools), **_facts(episode)}
+    whole = episode.conversation
+    return {"messages": list(map(plain, whole.messages)), "tools": json.dumps(whole.tools), **_facts(episode)}
 
 
-def plain(message: Message) -> dict[str, Any]:
+def plain(message: Message) -> Row:
     """Return a message with text as its content, and without a provider's own items."""
     kept = ("role", "name", "tool_calls", "tool_call_id", "reasoning_content")
     return {**{name: message[name] for name in kept if name in message}, "content": text_of(message)}  # type: ignore[literal-required]
 
 
-def _facts(episode: Record) -> dict[str, Any]:
+@dataclass(frozen=True)
+class _Step:
+    """A prompt and its reply, as a row has them."""
+
+    prompt: list[Row]
+    reply: Row
+    tools: str | None
+    """The schemas of the tools as JSON text; None where there are none."""
+    turn: int
+    purpose: str
+
+
+def _steps(episode: Record, *, summaries: bool) -> Iterator[_Step]:
+    if episode.config.context == "host":
+        raise InvalidArgumentError(
+            f"The host managed the context of {episode.name or 'the record'}, so its prompts are not recorded; "
+            "export it as sft-chains, sft-episodes or atif."
+        )
+    for sent, reply in episode.answered:
+        if summaries or not sent.prompt.asks_for_summary:
+            prompt = [plain(message) for message in sent.prompt.messages]
+            yield _Step(prompt, plain(reply), _tools(sent), sent.turn, sent.prompt.purpose)
+
+
+def _tools(sent: SentPrompt) -> str | None:
+    tools = [{"type": "function", "function": schema(tool, "json")} for tool in sent.prompt.tools]
+    return json.dumps(tools) if tools else None
+
+
+def _facts(episode: Record) -> Row:
     result = episode.result
     return {
         "game": result.game,
@@ -64,11 +136,14 @@ def _facts(episode: Record) -> dict[str, Any]:
     }
 
 
-def _write(folder: Path, rows: Iterable[tuple[Record, list[dict[str, Any]]]]) -> dict[str, int]:
+def _write(folder: Path, episodes: Iterable[Record], rows_of: Callable[[Record], Iterator[Row]]) -> dict[str, int]:
     counts = {"episodes": 0, "rows": 0}
     with (folder / FILE).open("x", encoding="utf-8", newline="\n") as file:
-        for _, own in rows:
+        for episode in episodes:
             counts["episodes"] += 1
-            counts["rows"] += len(own)
-            file.writelines(json.dumps(row, ensure_ascii=False) + "\n" for row in own)
+            for row in rows_of(episode):
+                counts["rows"] += 1
+                if "replies" in row:
+                    counts["replies"] = counts.get("replies", 0) + row["replies"]
+                file.write(json.dumps(row, ensure_ascii=False) + "\n")
     return counts

@@ -123,6 +123,14 @@ class TextGame(gymnasium.Env[str, Any]):
         """Return recorded options as keyword arguments that leave nothing to this machine."""
         return dict(options)
 
+    @classmethod
+    def worlds(cls, options: Mapping[str, Any]) -> str | None:
+        """Return what has to be known of the worlds of these options before training on them; None if nothing has to.
+
+        A dataset card says it: words, in Markdown, that follow the name of the setting.
+        """
+        return None
+
     # What a game defines.
 
     @abstractmethod

@@ -17,6 +17,7 @@ from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.messages import Message
+from smartplay_tools.records.conversations import WholeConversation, whole_conversation
 from smartplay_tools.records.counts import RecordCounts, Written
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import SentPrompt, recorded_turns, sent_prompts
@@ -422,10 +423,10 @@ class Record:
             )
         return recorded_turns(self.events)
 
-    @property
-    def conversation(self) -> list[Message]:
-        """The head and the messages of all turns, as if there had been no window."""
-        return [*self.head_messages, *(message for turn in self.turns for message in turn.messages)]
+    @cached_property
+    def conversation(self) -> WholeConversation:
+        """The head and all turns as if there had been no window, each manual that was read in its place."""
+        return whole_conversation(self)
 
     @cached_property
     def replies(self) -> dict[int, Message]:
@@ -443,19 +444,34 @@ class Record:
         """Yield every prompt that was sent, as rebuilt from the record; those for a summary, too."""
         return sent_prompts(self.events, () if self.is_paper else self.turns)
 
-    @cached_property
+    @property
     def prompts(self) -> list[SentPrompt]:
         """The prompts of the replies; one that does not have its recorded sha256 is a `TranscriptError`.
 
         Prompts for a summary are not among them: what they ask for is not a turn.
         """
-        prompts = [
-            sent for sent in self.sent_prompts() if not sent.prompt.asks_for_summary and sent.turn in self.replies
-        ]
-        for sent in prompts:
+        return [sent for sent, _ in self.answered if not sent.prompt.asks_for_summary]
+
+    @cached_property
+    def answered(self) -> list[tuple[SentPrompt, Message]]:
+        """Every prompt that was answered, those for a summary too, with its reply.
+
+        A prompt that does not have its recorded sha256 is a `TranscriptError`.
+        """
+        pairs: list[tuple[SentPrompt, Message]] = []
+        summaries = iter(self.summaries)
+        for sent in self.sent_prompts():
+            if sent.prompt.asks_for_summary:
+                summary = next(summaries, None)
+                reply = None if summary is None else summary["message"]
+            else:
+                reply = self.replies.get(sent.turn)
+            if reply is None:
+                continue
             if sent.sha256 != sent.recorded_sha256:
                 raise TranscriptError(f"{self._called}: the prompt of turn {sent.turn} is not the one that was sent.")
-        return prompts
+            pairs.append((sent, reply))
+        return pairs
 
     @property
     def _first_head(self) -> HeadEvent:

@@ -32,14 +32,14 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", ["sft", "sft-episodes"])
+@pytest.mark.parametrize("name", ["sft", "sft-chains", "sft-episodes"])
 def test_sft_trainer_trains_on_the_replies_only(run, tmp_path, name, monkeypatch):
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     export(run, tmp_path / "data", name, players=("rule",))
     # By its card, as from the Hub.
     rows = load_dataset(str(tmp_path / "data"), split="train", cache_dir=str(tmp_path / "cache"))
     known = tiny_model.tokenizer()
-    which = {"assistant_only_loss": True} if name == "sft-episodes" else {"completion_only_loss": True}
+    which = {"completion_only_loss": True} if name == "sft" else {"assistant_only_loss": True}
     trainer = SFTTrainer(
         model=tiny_model.model(known),
         processing_class=known,
@@ -86,6 +86,33 @@ def test_what_is_trained_on_is_the_recorded_prompt(run, tmp_path):
         ]
         messages = [{**message, "content": message["content"] or ""} for message in sent.prompt.messages]
         assert exported == known.apply_chat_template(messages, tools=tools, tokenize=False)
+
+
+def test_every_reply_of_a_chain_is_trained_once(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    export(run, tmp_path / "data", "sft-chains", players=("rule",), games=("Hanoi3Disk-v0",), best=1)
+    rows = load_dataset(str(tmp_path / "data"), split="train", cache_dir=str(tmp_path / "cache"))
+    known = tiny_model.tokenizer()
+    settings = SFTConfig(
+        output_dir=str(tmp_path / "out"),
+        assistant_only_loss=True,
+        max_length=16384,
+        report_to="none",
+        use_cpu=True,
+        bf16=False,
+        gradient_checkpointing=False,
+    )
+    trainer = SFTTrainer(model=tiny_model.model(known), processing_class=known, train_dataset=rows, args=settings)
+    trained = sum(
+        known.decode([label for label in row["labels"] if label != -100]).count("<|im_end|>")
+        for row in trainer.train_dataset
+    )
+    assert len(rows) > 1, "the window has moved"
+    assert trained == sum(rows["replies"]) == sum(len(chain) for chain in replies_of(rows))
+
+
+def replies_of(rows):
+    return [[message for message in row["completion"] if message["role"] == "assistant"] for row in rows]
 
 
 def test_trajectories_are_valid(run, tmp_path):

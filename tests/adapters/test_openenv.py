@@ -208,6 +208,19 @@ def test_tasks_are_seeds_and_those_of_an_evaluation_are_the_test(url):
         environment.reset(split="dev")
 
 
+def test_the_train_split_has_the_games_own():
+    """Another seed of MESSENGER's test split has the same names in the same roles."""
+    environment = SmartPlayEnvironment("MessengerL1-v0")
+    for split in SPLITS:
+        environment.reset(split=split, index=0)
+        assert environment.episode.config.options.get("split", "test") == split
+    environment.reset()
+    assert environment.episode.config.options == {"split": "train"}
+    chosen = SmartPlayEnvironment("MessengerL1-v0", split="val")
+    chosen.reset(split="train")
+    assert chosen.episode.config.options == {"split": "val"}
+
+
 @pytest.mark.parametrize("game", list(sp.GAMES))
 def test_no_world_is_in_two_splits(game):
     starts = {name: trial_seed(split.run_seed, game, 0) for name, split in SPLITS.items()}
