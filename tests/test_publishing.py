@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import importlib.util
+import json
 import re
 import subprocess
 import sys
@@ -11,6 +13,7 @@ import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from urllib.parse import parse_qs, unquote, urlsplit
 
 import check_jsonschema
 import pytest
@@ -157,6 +160,28 @@ def test_every_section_of_the_changelog_is_a_version_with_a_date_but_the_first()
 def test_the_citation_is_of_this_version():
     fields = dict(script("changelog").FIELD.findall((ROOT / "CITATION.cff").read_text(encoding="utf-8")))
     assert fields["version"] == PYPROJECT["project"]["version"]
+
+
+def test_the_entry_of_the_mcp_registry_is_of_this_version_and_starts_the_server():
+    entry = json.loads((ROOT / "hub" / "mcp" / "server.json").read_text(encoding="utf-8"))
+    (package,) = entry["packages"]
+    version = PYPROJECT["project"]["version"]
+    assert (entry["version"], package["version"], package["identifier"]) == (version, version, "smartplay-tools")
+    assert len(entry["description"]) <= 100  # as the registry demands
+    command = [argument.get("value") or argument["default"] for argument in package["packageArguments"]]
+    assert command == ["serve", "mcp", "Hanoi3Disk-v0", "0"]
+    assert package["packageArguments"][3]["name"] == "--seed"
+
+
+def test_the_install_links_hold_the_configuration_of_their_page():
+    page = (ROOT / "docs" / "mcp.md").read_text(encoding="utf-8")
+    (shown,) = (json.loads(line) for line in page.splitlines() if line.startswith('{"mcpServers"'))
+    (cursor,) = re.findall(r"^cursor:\S+", page, flags=re.MULTILINE)
+    (code,) = re.findall(r"^vscode:mcp/install\?(\S+)", page, flags=re.MULTILINE)
+    parameters = parse_qs(urlsplit(cursor).query)
+    configuration = json.loads(base64.b64decode(parameters["config"][0]))
+    assert {parameters["name"][0]: configuration} == shown["mcpServers"]
+    assert json.loads(unquote(code)) == {"name": "smartplay", **configuration}
 
 
 @pytest.mark.parametrize("hub", ["openenv", "verifiers"])

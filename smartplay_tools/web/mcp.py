@@ -1,7 +1,7 @@
 """The Model Context Protocol for one game: answers to JSON-RPC messages, without I/O.
 
-A game is a small server: three tools that never change, one text resource, no session, and no requests to clients. This
-module implements the part of the protocol that it needs, for both generations: the handshake (`initialize`, up to
+A game is a small server: three tools that never change, a text, two prompts, no session, and no requests to clients.
+This module implements the part of the protocol that it needs, for both generations: the handshake (`initialize`, up to
 2025-11-25) and, since 2026-07-28, requests that each name their version. It does not use the official package, because
 importing it takes longer than hosts wait for a server, and because agent frameworks pin conflicting versions of it.
 `smartplay_mcp.game_server` is the same server as an object of that package.
@@ -15,6 +15,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
+
+from smartplay_tools.web import mcp_prompts
 
 if TYPE_CHECKING:
     from smartplay_tools.types import ToolResult, ToolSpec
@@ -56,7 +58,12 @@ PARSE_ERROR, INVALID_REQUEST, METHOD_NOT_FOUND, INVALID_PARAMS = -32700, -32600,
 HEADER_MISMATCH, UNSUPPORTED_VERSION = -32020, -32022
 
 SERVER_INFO = {"name": "smartplay", "title": "SmartPlay", "version": version("smartplay-tools")}
-CAPABILITIES: dict[str, Any] = {"tools": {"listChanged": False}, "resources": {"listChanged": False}}
+CAPABILITIES: dict[str, Any] = {
+    "tools": {"listChanged": False},
+    "resources": {"listChanged": False},
+    "prompts": {"listChanged": False},
+    "completions": {},
+}
 INSTRUCTIONS = (
     "This server is one game, to be played until it is over. Read the manual first with `read_manual`; `observe` shows "
     "the current observation, `act` plays one action and shows what happened. When a result says that the game is "
@@ -79,7 +86,14 @@ OUTPUT_SCHEMA: dict[str, Any] = {
 }
 """JSON Schema of a tool result's structured content."""
 
-CACHEABLE = {"server/discover", "tools/list", "resources/list", "resources/templates/list", "resources/read"}
+CACHEABLE = {
+    "server/discover",
+    "tools/list",
+    "prompts/list",
+    "resources/list",
+    "resources/templates/list",
+    "resources/read",
+}
 """Methods whose results state, since 2026-07-28, how long they may be cached."""
 
 
@@ -172,6 +186,12 @@ async def result_of(hosted: Hosted, method: str, params: Mapping[str, Any]) -> d
             return {"resourceTemplates": []}
         case "resources/read":
             return {"contents": [{"uri": MANUAL, "mimeType": "text/plain", "text": await _read(hosted, params)}]}
+        case "prompts/list":
+            return {"prompts": mcp_prompts.listed(await hosted.ready()) if hosted.is_read_by_host else []}
+        case "prompts/get":
+            return await _prompt(hosted, params)
+        case "completion/complete":
+            return mcp_prompts.completed(await hosted.ready(), params)
     raise ProtocolError(METHOD_NOT_FOUND, "Method not found", method[:80])
 
 
@@ -210,6 +230,17 @@ def call_result(result: ToolResult) -> dict[str, Any]:
         "structuredContent": {"text": result.text, **facts},
         "isError": result.is_error,
     }
+
+
+async def _prompt(hosted: Hosted, params: Mapping[str, Any]) -> dict[str, Any]:
+    offered = mcp_prompts.listed(await hosted.ready()) if hosted.is_read_by_host else []
+    description = next((prompt["description"] for prompt in offered if prompt["name"] == params.get("name")), None)
+    if description is None:
+        raise ProtocolError(INVALID_PARAMS, f"There is no prompt {str(params.get('name'))[:80]}.")
+    if params["name"] == mcp_prompts.MANUAL:
+        return mcp_prompts.prompt(description, await _read(hosted, {"uri": MANUAL}))
+    arguments = params.get("arguments")
+    return mcp_prompts.prompt(description, mcp_prompts.text_of_play(arguments if isinstance(arguments, dict) else {}))
 
 
 async def _read(hosted: Hosted, params: Mapping[str, Any]) -> str:
