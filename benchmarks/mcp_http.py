@@ -58,6 +58,7 @@ def main() -> None:
     table = Table("", "1 episode", f"{asked.episodes:,} at once", title="MCP over HTTP")
     table.add_row("latency p50, ms", f"{share(alone, 0.5):,.1f}", f"{share(times, 0.5):,.0f}")
     table.add_row("latency p95, ms", f"{share(alone, 0.95):,.1f}", f"{share(times, 0.95):,.0f}")
+    table.add_row("latency p99, ms", f"{share(alone, 0.99):,.1f}", f"{share(times, 0.99):,.0f}")
     table.add_row("calls a second", f"{len(alone) / sum(alone):,.0f}", f"{len(times) / seconds:,.0f}")
     table.add_row("server memory, MiB", f"{empty / 1024:,.0f}", f"{opened / 1024:,.0f}, at most {peak / 1024:,.0f}")
     console = Console()
