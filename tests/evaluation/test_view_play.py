@@ -219,3 +219,21 @@ def test_options_of_a_play_need_one(tmp_path):
     assert (done.exit_code, "--prompt-tokens is for --play GAME" in done.output) == (2, True)
     done = CliRunner().invoke(app, ["view", "--play", "Chess-v0", "--out", str(tmp_path / "human")])
     assert (done.exit_code, "There is no game 'Chess-v0'" in done.output) == (2, True)
+
+
+def test_the_end_has_the_scores_of_others_and_a_challenge(playing):
+    budget = sp.Budget(prompt_tokens=900, tool_calls=2)
+    play, page = playing(BANDIT, budget=budget)
+    state = page.state()["asked"]
+    assert (state["steps"], state["rollout"]) == (0, 50)
+    page.answer(tool="act", action="1")
+    over = page.answer(tool="act", action="2")
+    assert over["state"] == "over"
+    found = json.loads(page.request("GET", "/api/play/beside")[1])
+    assert {"rule", "random", "GPT-4-0613"} <= found["scores"].keys()
+    (row,) = RunFolder(play.folder.path).rows()
+    with sp.Episode(BANDIT, seed=row["seed"], budget=budget) as episode:
+        rule = sp.play(episode, sp.get_player("rule", seed=row["seed"]))
+    assert found["scores"]["rule"] == rule.normalized_score
+    command = f"smartplay-tools view --play {BANDIT} --seed 0 --prompt-tokens 900 --tool-calls 2 --open"
+    assert found["challenge"] == command

@@ -7,21 +7,32 @@ is continued from its record by the same command.
 
 from __future__ import annotations
 
+import shlex
 import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from smartplay_tools.conversation.loop import play
+from smartplay_tools.episode.config import EpisodeConfig
+from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.evaluation.runs.scheduler import RunProgress
 from smartplay_tools.games.specs import get_spec
+from smartplay_tools.players import get_player
 from smartplay_tools.players.human.browser import PICTURES, BrowserPlayer
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.types import Budget
+
+BESIDE = ("rule", "random")
+"""The players whose score is shown beside a person's."""
+
+LONGEST_BESIDE = 300
+"""Steps of the longest game that they play while a person waits."""
 
 
 class BrowserPlay:
@@ -80,6 +91,30 @@ class BrowserPlay:
             state = "asking" if asked else "failed" if self._error else "over" if over else "waiting"
             return {"number": self.number, "state": state, "asked": asked, "over": over, "error": self._error}
 
+    def beside(self) -> dict[str, float | None]:
+        """Return what `rule` and `random` score in the world of the latest episode, under the same budget and rules.
+
+        None stands for a game that is too long to be played meanwhile.
+        """
+        row = self._row
+        if row is None:
+            return {}
+        (cell,) = self._cells
+        if cell.setting.rollout > LONGEST_BESIDE:
+            return dict.fromkeys(BESIDE)
+        options = {name: value for name, value in cell.options.items() if name != "render_mode"}
+        cell = cell.model_copy(update={"options": options})
+        return {name: _played(cell.with_seed(row["seed"]), name) for name in BESIDE}
+
+    def challenge(self) -> str:
+        """Return the command that has somebody else play the same worlds under the same budget."""
+        (cell,) = self._cells
+        words = ["smartplay-tools", "view", "--play", self.game, "--seed", str(self._seed)]
+        usual = dict(Budget())
+        for name, value in ((name, value) for name, value in cell.budget if value != usual[name]):
+            words += [f"--{name.replace('_', '-')}", "none" if value is None else str(value)]
+        return shlex.join([*words, "--open"])
+
     def next(self) -> None:
         """Begin another episode, once one is over."""
         with self.player.changed:
@@ -121,6 +156,13 @@ class BrowserPlay:
             left = any(episode.key not in finished for episode in planned)
             trials = max((episode.trial for episode in planned), default=-1) + (1 if left else 2)
         return plan_episodes(self._cells, trials=trials, seed=self._seed)
+
+
+def _played(config: EpisodeConfig, name: str) -> float | None:
+    """The normalised score of a player of ours in an episode, or its score where the game has no human score."""
+    with Episode.from_config(config) as episode:
+        result = play(episode, get_player(name, seed=config.seed), protocol=config.protocol)
+    return result.score if result.normalized_score is None else result.normalized_score
 
 
 def _failure(run: Run) -> str:

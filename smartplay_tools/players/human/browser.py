@@ -115,6 +115,8 @@ class BrowserPlayer:
             "budget_bars": [
                 {"short": bar.short, "share": bar.share} for bar in budget_bars(prompt, self._conversation)
             ],
+            "steps": None if self._conversation is None else self._conversation.episode.stats.steps,
+            "rollout": None if self._conversation is None else self._conversation.episode.spec.rollout,
             "pictures": game is not None and game.render_mode == PICTURES,
         }
 

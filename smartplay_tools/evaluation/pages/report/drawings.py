@@ -73,7 +73,10 @@ class Drawings:
         game.reset(seed=config.seed)
         states = [game.drawing()]
         if not states[0]:
-            return {"kind": None, "source": "This game has no drawing of its own."}
+            return {
+                "kind": None,
+                "source": "This game is not drawn: it shows what the player read. `TextGame.drawing` would draw it.",
+            }
         acts = [call for call in record.calls if call["data"].get("legal") is True]
         actions = []
         for act in acts:

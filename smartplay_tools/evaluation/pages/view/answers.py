@@ -22,7 +22,7 @@ STATIC = {
 TYPES = {"js": "text/javascript", "css": "text/css"}
 
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; "
+    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; frame-src 'self'; img-src data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
 """The pages run their own scripts, speak to their own server and load nothing else."""

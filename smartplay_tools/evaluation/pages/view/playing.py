@@ -5,6 +5,7 @@
 /api/play/reply                   POST: the answer to a prompt
 /api/play/picture                 POST: a picture of the game, which the record notes
 /api/play/next                    POST: another episode
+/api/play/beside                  what others score: the paper's models, and players of ours in the same world
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from starlette.routing import Route
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.pages.view.answers import HEADERS, page
+from smartplay_tools.games.paper import PAPER_RESULTS
 from smartplay_tools.players.human.browser import BrowserPlayer, PassedError
 from smartplay_tools.records.run_folder import RunFolder
 
@@ -51,6 +53,14 @@ class PlayedRun(Protocol):
         """Begin another episode, once one is over."""
         ...
 
+    def beside(self) -> dict[str, float | None]:
+        """Return what other players score in the same world."""
+        ...
+
+    def challenge(self) -> str:
+        """Return the command that plays the same worlds."""
+        ...
+
 
 def play_routes(play: PlayedRun, key: str, is_stopping: Callable[[], bool]) -> list[Route]:
     """Return the routes; the page carries the `key` that its requests have to show."""
@@ -61,6 +71,7 @@ def play_routes(play: PlayedRun, key: str, is_stopping: Callable[[], bool]) -> l
         Route("/api/play/reply", site.reply, methods=["POST"]),
         Route("/api/play/picture", site.picture, methods=["POST"]),
         Route("/api/play/next", site.next, methods=["POST"]),
+        Route("/api/play/beside", site.beside),
     ]
 
 
@@ -76,6 +87,13 @@ class _Playing:
             waited += LOOK_SECONDS
         state = await run_in_threadpool(self._play.state)
         return JSONResponse({**state, "over": self._over(state["over"])}, headers=HEADERS)
+
+    async def beside(self, request: Request) -> Response:
+        """Answer with the scores of others: the paper's people and models, and ours in the same world."""
+        ours = await run_in_threadpool(self._play.beside)
+        paper = {result.player: result.normalized.get(self._play.game) for result in PAPER_RESULTS}
+        known = {name: score for name, score in {**paper, **ours}.items() if score is not None}
+        return JSONResponse({"scores": known, "challenge": self._play.challenge()}, headers=HEADERS)
 
     async def reply(self, request: Request) -> Response:
         """Take the answer to a prompt."""

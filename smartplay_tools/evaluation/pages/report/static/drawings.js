@@ -7,9 +7,18 @@ const DRAWINGS = { hanoi, bandit, rock_paper_scissors, messenger, crafter, minec
 function draw(episode, step, textures) {
   const { drawing } = episode;
   const paint = DRAWINGS[drawing.kind];
-  if (!paint) return [];
+  if (!paint) return observed(episode, step);
   const last = drawing.kind === "minecraft" ? drawing.walk.length - 1 : drawing.states.length - 1;
   return [paint(drawing, between(0, step, last), textures)].flat();
+}
+
+// What the player read at a step, for a game that is not drawn.
+function observed(episode, step) {
+  const calls = episode.turns.flatMap(({ items }) => items.map(({ call }) => call));
+  const read = calls.findLast((call) => call?.observation_step !== undefined && call.observation_step <= step && call.text);
+  const first = episode.first_observations.findLast(Boolean);
+  const words = read?.text ?? first;
+  return words ? [element("pre", { class: "characters" }, words)] : [];
 }
 
 function text({ states }, step) {

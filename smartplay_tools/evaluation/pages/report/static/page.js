@@ -23,6 +23,7 @@ async function loadSheet(textures) {
 // The address says what is shown: `#episode=KEY&turn=N`, or else what the page opens with, or else the run.
 async function route() {
   const asked = new URLSearchParams(location.hash.slice(1));
+  if (asked.has("bare")) document.body.classList.add("alone", "bare");
   const together = JSON.parse(document.body.dataset.compared ?? "[]");
   if (together.length && !asked.has("compare") && !asked.has("episode")) {
     asked.set("compare", together[0]);
@@ -59,6 +60,8 @@ function connect() {
     renderPrompt();
   });
   $("why").addEventListener("toggle", renderWhy);
+  $("search").addEventListener("toggle", renderSearch);
+  $("word").addEventListener("input", renderSearch);
   $("why-turn").addEventListener("input", () => askAbout($("why-turn").valueAsNumber || 0));
   const buttons = {
     first: () => goTo(firstTurn()),
@@ -100,6 +103,7 @@ const KEYS = {
   m: () => goToMistake(1),
   M: () => goToMistake(-1),
   p: togglePrompt,
+  f: findWord,
   w: () => askAbout(shown.asked_about),
   n: () => goToEpisode(1),
   b: () => goToEpisode(-1),
@@ -109,6 +113,12 @@ const KEYS = {
 // Open the prompt where it can be seen, or close it.
 function togglePrompt() {
   if ($("prompt").toggleAttribute("open")) $("prompt").scrollIntoView({ block: "start" });
+}
+
+function findWord() {
+  $("search").open = true;
+  $("search").scrollIntoView({ block: "center" });
+  $("word").focus();
 }
 
 function onKey(event) {

@@ -23,6 +23,7 @@ function useEpisode(episode) {
   const tokens = episode.turns.map(({ view }) => view?.tokens ?? 0);
   episode.mostTokens = extent([0, ...tokens])[1];
   describeEpisode(episode);
+  renderSearch();
 }
 
 // An excerpt begins at one of the turns that it holds; those before it are there because prompts show them.
@@ -40,7 +41,7 @@ function goTo(turn, step = null) {
   shown.step = step;
   try {
     // Inside of a notebook the page has no address of its own.
-    if (location.protocol !== "about:") history.replaceState(null, "", `#episode=${encodeURIComponent(shown.episode.key)}&turn=${shown.turn}`);
+    if (location.protocol !== "about:") history.replaceState(null, "", `#episode=${encodeURIComponent(shown.episode.key)}&turn=${shown.turn}${document.body.classList.contains("bare") ? "&bare" : ""}`);
   } catch {
     // Safari refuses more than a hundred of these in half a minute; the address then lags behind.
   }

@@ -25,7 +25,7 @@ function messageCard(message) {
     element("p", { class: "call" }, element("b", {}, name), ` ${sent}`),
   );
   const said = textOf(message);
-  const title = element("h4", {}, NAMES[message.role] ?? message.role);
+  const title = element("p", { class: "who" }, NAMES[message.role] ?? message.role);
   return element("article", { class: `message ${message.role}` }, title, said ? element("pre", {}, said) : null, ...calls);
 }
 
@@ -34,9 +34,26 @@ function budgetBar({ short, share }) {
   return element("li", {}, bar, short);
 }
 
+// The keys of actions: digits, then letters that have no other meaning; arrows for directions besides.
+const LETTERS = [..."123456789", ..."qwertyuiasdfghjklzxcvbn"].filter((letter) => !"ompt".includes(letter));
+const ARROWS = [
+  ["ArrowLeft", "←", /\b(west|left)\b/i],
+  ["ArrowRight", "→", /\b(east|right)\b/i],
+  ["ArrowUp", "↑", /\b(north|up|forward)\b/i],
+  ["ArrowDown", "↓", /\b(south|down|backward)\b/i],
+];
+
+// The first action of each direction.
+function arrowsOf(actions) {
+  const arrows = ARROWS.map(([key, sign, words]) => [actions.findIndex((name) => words.test(name)), key, sign]);
+  return arrows.filter(([place]) => place >= 0);
+}
+
 function actionButton(name, place) {
   const act = () => answer(play.asked.asks === "call" ? { tool: "act", action: name } : { action: name });
-  return element("button", { type: "button", onclick: act }, element("kbd", {}, String(place + 1)), ` ${name}`);
+  const arrow = arrowsOf(play.asked.actions).find(([at]) => at === place);
+  const keys = [LETTERS[place], arrow?.[2]].filter(Boolean).map((key) => element("kbd", {}, key));
+  return element("button", { type: "button", onclick: act }, ...keys, ` ${name}`);
 }
 
 const QUESTIONS = { call: "Your move", action: "Choose an action", words: "Write what you think" };
@@ -44,6 +61,7 @@ const QUESTIONS = { call: "Your move", action: "Choose an action", words: "Write
 function showPrompt(asked) {
   const tools = new Set(asked.tools.map((tool) => tool.name));
   const calls = asked.asks === "call";
+  $("step").textContent = asked.rollout === null ? "" : `Step ${number(asked.steps)} of at most ${number(asked.rollout)}. The score is shown at the end: a model does not see it either.`;
   $("messages").replaceChildren(...asked.messages.map(messageCard));
   $("question").textContent = asked.summary ? "Write a summary of the turns that leave" : QUESTIONS[asked.asks];
   $("actions").replaceChildren(...(asked.asks === "words" ? [] : asked.actions.map(actionButton)));
@@ -74,6 +92,28 @@ function showEnd(over) {
   if (over.pictures) facts.push(fact("pictures", "shown when asked for"));
   $("result").replaceChildren(...facts);
   $("replay").setAttribute("href", over.replay);
+  $("shown").setAttribute("src", `${over.replay}#turn=1e9&bare`);
+  showBeside(over);
+}
+
+// The score on a line beside those of the paper's people and models, and of players of ours in the same world.
+async function showBeside(over) {
+  const found = await fetch("/api/play/beside");
+  if (!found.ok) return;
+  const { scores, challenge } = await found.json();
+  $("challenge").value = challenge;
+  const own = over.normalized_score ?? over.score;
+  const all = [...Object.entries(scores), ["you", own]].sort(([, a], [, b]) => b - a);
+  const [low, high] = [Math.min(0, ...all.map(([, score]) => score)), Math.max(1, ...all.map(([, score]) => score))];
+  const rows = all.map(([name, score]) => {
+    const x = 4 + (292 * (score - low)) / (high - low);
+    const dot = shape("circle", { class: name === "you" ? "ours" : "model", cx: x, cy: 8, r: name === "you" ? 6 : 4 });
+    const line = picture(300, 16, `${name}: ${number(score)}`, shape("line", { class: "axis", x1: 4, x2: 296, y1: 8, y2: 8 }), dot);
+    line.setAttribute("class", "strip");
+    return element("tr", { class: name === "you" ? "you" : "" }, element("th", { scope: "row" }, name), element("td", {}, line), element("td", { class: "number" }, over.normalized_score === null ? number(score) : percent(score)));
+  });
+  const head = element("caption", {}, over.normalized_score === null ? "scores" : "of a human’s score; rule and random in the same world, the others as the paper has them");
+  $("beside").replaceChildren(element("table", {}, head, element("tbody", {}, ...rows)));
 }
 
 function show(state) {
@@ -82,6 +122,7 @@ function show(state) {
   $("live").textContent = { asking: "your turn", over: "over", failed: "stopped", waiting: "the game is busy" }[state.state];
   $("asking").hidden = state.state !== "asking";
   $("over").hidden = state.state !== "over";
+  $("step").hidden = state.state !== "asking";
   $("problem").textContent = "";
   $("budget-bars").replaceChildren(...(state.asked?.budget_bars ?? []).map(budgetBar));
   if (state.asked) showPrompt(state.asked);
@@ -118,8 +159,16 @@ function pressAction(place) {
   };
 }
 
+function pressArrow(key) {
+  return () => {
+    const place = arrowsOf(play.asked?.actions ?? []).find(([, name]) => name === key)?.[0];
+    if (place !== undefined) pressAction(place)();
+  };
+}
+
 const KEYS = {
-  ...Object.fromEntries(Array.from({ length: 9 }, (_, place) => [String(place + 1), pressAction(place)])),
+  ...Object.fromEntries(LETTERS.map((key, place) => [key, pressAction(place)])),
+  ...Object.fromEntries(ARROWS.map(([key]) => [key, pressArrow(key)])),
   o: press("observe"),
   m: press("manual"),
   p: press("picture"),
@@ -152,5 +201,9 @@ $("observe").addEventListener("click", () => answer({ tool: "observe" }));
 $("manual").addEventListener("click", () => answer({ tool: "read_manual" }));
 $("take-notes").addEventListener("click", () => answer({ tool: "take_notes", text: $("note").value }));
 $("picture").addEventListener("click", showPicture);
+$("copy-challenge").addEventListener("click", async () => {
+  await navigator.clipboard.writeText($("challenge").value).catch(() => $("challenge").select());
+  $("copy-challenge").textContent = "copied";
+});
 $("next").addEventListener("click", () => send("/api/play/next"));
 follow();

@@ -1,0 +1,61 @@
+"""A word over all prompts in the replay page: the page's answer is that of the prompts as the library rebuilds them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.messages import text_of
+from smartplay_tools.records import sent_prompts
+
+pytest.importorskip("playwright.sync_api")
+pytestmark = pytest.mark.slow
+
+BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
+
+BUDGETS = {
+    "history": sp.Budget(history=3),
+    "cap": sp.Budget(prompt_tokens=700),
+    "masked": sp.Budget(history=2, beyond_history="mask"),
+    "summary": sp.Budget(prompt_tokens=900, summary_tokens=100, slack=0.5),
+}
+
+
+def record(path, game, budget, protocol="tools"):
+    with sp.Episode(game, seed=3, budget=budget, transcript=path) as episode:
+        sp.play(episode, sp.get_player("random", seed=1), protocol=protocol)
+    return path
+
+
+@pytest.mark.parametrize("name", BUDGETS)
+@pytest.mark.parametrize("word", ["machine 1", "reward -1"])
+def test_the_prompts_with_a_word_are_those_that_the_library_rebuilds(show, tmp_path, name, word):
+    path = record(tmp_path / "game.jsonl", BANDIT, BUDGETS[name])
+    page = show(path, "#episode=game")
+    found = page.evaluate("word => promptsWith(shown.episode, word)", word)
+    expected = {}
+    for sent in sent_prompts(sp.read_transcript(path)):
+        if not sent.prompt.asks_for_summary:
+            calls = [json.dumps(message.get("tool_calls", [])) for message in sent.prompt.messages]
+            texts = [text_of(message) for message in sent.prompt.messages]
+            expected[sent.turn] = any(word in text.lower() for text in [*texts, *calls])
+    assert found == [expected[turn] for turn in range(len(found))]
+
+
+def test_the_search_says_when_a_word_was_gone(show, tmp_path):
+    page = show(record(tmp_path / "game.jsonl", HANOI, sp.Budget(history=2)), "#episode=game")
+    page.keyboard.press("f")
+    page.keyboard.type(["move the smallest disk", " rod a to rod b"][0][:4])
+    assert "wrote it" in page.locator("#word-count").inner_text()
+    assert page.locator("#word-strip rect").count() > 0
+    page.locator("#word").fill("no such word")
+    assert "No turn has written" in page.locator("#word-count").inner_text()
+
+
+def test_a_bare_page_has_no_header_and_keeps_that_in_its_address(show, tmp_path):
+    page = show(record(tmp_path / "game.jsonl", HANOI, sp.Budget()), "#episode=game&turn=2&bare")
+    assert page.locator("header").is_hidden()
+    page.keyboard.press("ArrowRight")
+    assert page.url.endswith("turn=3&bare")
