@@ -11,20 +11,18 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.messages import text_of
 from smartplay_tools.players import BrokenAnswerError
+from smartplay_tools.prompts import CacheMarks
 
 ITEM = "anthropic_blocks"
 """The type of the provider item that holds an answer's blocks."""
 
 LIMIT = 4096
 """The cap on a reply if the budget has none, because the interface requires one."""
-
-Cache = bool | Literal["stable"]
-"""What is marked for the provider's cache: both ends, only what is stable, or nothing."""
 
 UNMARKED = ("thinking", "redacted_thinking")
 """Types of blocks that cannot be marked."""
@@ -34,7 +32,7 @@ NOTHING = "..."
 
 
 def request(
-    prompt: Prompt, *, limit: int = LIMIT, cache: Cache = True, own: Mapping[str, Any] = MappingProxyType({})
+    prompt: Prompt, *, limit: int = LIMIT, cache: CacheMarks = True, own: Mapping[str, Any] = MappingProxyType({})
 ) -> dict[str, Any]:
     """Return the keyword arguments of `client.messages.create`, except the model.
 

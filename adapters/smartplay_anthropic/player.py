@@ -16,6 +16,7 @@ import anthropic
 from smartplay_anthropic import codec
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
 from smartplay_tools.players import BrokenAnswerError, ModelPlayer
+from smartplay_tools.prompts import CacheMarks, checked_marks
 
 LONGEST_CONNECT = 10.0
 """Seconds that a server may take to accept a connection, however long its answers may take."""
@@ -48,15 +49,13 @@ class AnthropicPlayer(ModelPlayer):
         base_url: str | None = None,
         api_key: str | None = None,
         limit: int = codec.LIMIT,
-        cache: codec.Cache = True,
+        cache: CacheMarks = True,
         timeout: float = 300.0,
         parameters: Mapping[str, Any] | None = None,
         **options: Any,
     ) -> None:
         if not model:
             raise InvalidArgumentError("This player needs a model: anthropic:MODEL.")
-        if cache not in (True, False, "stable"):
-            raise InvalidArgumentError(f'cache is True, "stable" or False, not {cache!r}.')
         super().__init__(f"anthropic:{model}", **options)
         self._is_here = self.is_local(base_url or os.environ.get("ANTHROPIC_BASE_URL") or "")
         if self._is_here and not (os.environ.get("ANTHROPIC_API_KEY") or os.environ.get("ANTHROPIC_AUTH_TOKEN")):
@@ -68,7 +67,7 @@ class AnthropicPlayer(ModelPlayer):
             "timeout": anthropic.Timeout(timeout, connect=min(timeout, LONGEST_CONNECT)),
         }
         self._check_key()
-        self._limit, self._cache = limit, cache
+        self._limit, self._cache = limit, checked_marks(cache)
         self._always = {"model": model, **(parameters or {})}
 
     def _check_key(self) -> None:

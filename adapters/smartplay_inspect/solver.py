@@ -19,7 +19,8 @@ from inspect_ai.util import LimitExceededError, StoreModel, sample_limits, store
 from pydantic import Field
 
 from smartplay_inspect.messages import InspectChat, from_output, tool_infos
-from smartplay_tools import Conversation, Episode, EpisodeConfig
+from smartplay_tools import Conversation, Episode, EpisodeConfig, Prompt
+from smartplay_tools.records import openai_cache_fields
 from smartplay_tools.transcript import Event
 
 T = TypeVar("T")
@@ -89,12 +90,13 @@ async def _play(state: TaskState, episode: Episode) -> None:
 async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
     conversation = await _in_thread(lambda: Conversation(episode, player=f"inspect:{model}"))
     chat, tools = InspectChat(str(model)), tool_infos(episode.tools)
-    own_cap = model.config.merge(active_generate_config()).max_tokens
+    own = model.config.merge(active_generate_config())
     state.messages = chat.write(episode.head)
     while (prompt := await _in_thread(conversation.prompt)) is not None:
         # Not the tool choice: with "none", which a summary asks for, Inspect would leave out the tools we count.
-        cap = prompt.settings({"max_tokens": own_cap}).get("max_tokens")
-        output = await model.generate(chat.write(prompt.messages), tools, config=GenerateConfig(max_tokens=cap))
+        cap = prompt.settings({"max_tokens": own.max_tokens}).get("max_tokens")
+        config = GenerateConfig(max_tokens=cap, extra_body=_with_cache_key(own, prompt, model))
+        output = await model.generate(chat.write(prompt.messages), tools, config=config)
         reply = from_output(output)
         await _in_thread(lambda reply=reply: conversation.receive(reply.message, reply.usage))  # type: ignore[misc]
         state.output = output
@@ -104,6 +106,19 @@ async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
         assert turn is not None
         chat.remember(turn.assistant, output.message)
         state.messages.extend(chat.write(turn.messages))
+
+
+def _with_cache_key(own: GenerateConfig, prompt: Prompt, model: Model) -> dict[str, Any] | None:
+    """The fields of a request that Inspect has no names for; OpenAI is told which prompts belong together.
+
+    Inspect marks prompts for Anthropic's cache itself, and cannot mark the results of calls, where a prompt's stable
+    part ends. Its option `cache_prompt=False` turns off both.
+    """
+    client = getattr(model.api, "client", None)
+    fields = openai_cache_fields(model.name, str(getattr(client, "base_url", "")))
+    if own.cache_prompt is False or not fields.key or isinstance(getattr(model.api, "prompt_cache_key", None), str):
+        return own.extra_body
+    return {"prompt_cache_key": prompt.cache_key, **(own.extra_body or {})}
 
 
 def _cancelled_by() -> str:

@@ -17,13 +17,15 @@ from types import MappingProxyType
 from typing import Any
 
 from langchain_core.language_models import BaseChatModel, LanguageModelInput
-from langchain_core.messages import AIMessage, BaseMessage, SystemMessage
+from langchain_core.messages import AIMessage, AnyMessage, BaseMessage, SystemMessage
 from langchain_core.runnables import Runnable, RunnableConfig
 from langchain_core.tools import BaseTool
 from langchain_core.utils.function_calling import convert_to_openai_tool
 
-from smartplay_langchain.messages import from_langchain, to_langchain, usage_of
+from smartplay_langchain.caching import cache_key, messages_for
+from smartplay_langchain.messages import from_langchain, usage_of
 from smartplay_tools import AgentSession, InvalidArgumentError, Prompt, Reply, ToolSpec
+from smartplay_tools.prompts import CacheMarks
 
 Tools = Sequence[BaseTool | dict[str, Any]]
 
@@ -33,12 +35,14 @@ ToolChoice = str | Mapping[str, Any]
 
 @dataclass(frozen=True)
 class PromptSettings:
-    """What a model is told about a prompt apart from its messages, in the words of the model's provider."""
+    """How a model is told a prompt, in the words of the model's provider."""
 
     limit_field: str = "max_tokens"
     """The name of the model's parameter for the cap on a reply."""
     summary_tool_choice: ToolChoice = "none"
     """The model's `tool_choice` where it must not call a tool."""
+    cache: CacheMarks = True
+    """What is marked for the provider's cache."""
 
     def of(
         self, prompt: Prompt, model: BaseChatModel, settings: Mapping[str, Any] = MappingProxyType({})
@@ -47,7 +51,15 @@ class PromptSettings:
         own = dict(settings)
         if self.limit_field in model.model_fields_set:
             own.setdefault(self.limit_field, getattr(model, self.limit_field))
+        if self.cache:
+            own |= cache_key(prompt, model, own)
         return prompt.settings(own, cap=self.limit_field, no_tools=self.summary_tool_choice)
+
+    def messages(
+        self, prompt: Prompt, model: BaseChatModel, settings: Mapping[str, Any] = MappingProxyType({})
+    ) -> list[AnyMessage]:
+        """Return the messages of a prompt for a request with these settings."""
+        return messages_for(prompt, model, self.cache, settings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,7 +98,7 @@ class WindowedModel:
         model: the model of the request.
         state: the messages in the state.
         prepare: prepares the session for its next prompt.
-        prompt_settings: what the model is told about a prompt apart from its messages.
+        prompt_settings: how the model is told a prompt.
     """
 
     def __init__(
@@ -127,7 +139,7 @@ class _Request(Runnable[LanguageModelInput, AIMessage]):
         """Send the prompt."""
 
         def send(prompt: Prompt) -> ModelReply:
-            return read_reply(self._bound(prompt).invoke(to_langchain(prompt.messages), config))
+            return read_reply(self._bound(prompt).invoke(self._messages(prompt), config))
 
         return self._replied(self._prepared(input).ask(send))
 
@@ -136,7 +148,7 @@ class _Request(Runnable[LanguageModelInput, AIMessage]):
         import asyncio
 
         async def send(prompt: Prompt) -> ModelReply:
-            return read_reply(await self._bound(prompt).ainvoke(to_langchain(prompt.messages), config))
+            return read_reply(await self._bound(prompt).ainvoke(self._messages(prompt), config))
 
         session = await asyncio.to_thread(self._prepared, input)
         return self._replied(await session.aask(send))
@@ -157,6 +169,9 @@ class _Request(Runnable[LanguageModelInput, AIMessage]):
             outcome.discarded.append(outcome.reply)
         outcome.reply = reply
         return reply.source
+
+    def _messages(self, prompt: Prompt) -> list[AnyMessage]:
+        return self._stand_in._prompt_settings.messages(prompt, self._stand_in._model, self._settings)
 
     def _bound(self, prompt: Prompt) -> Runnable[LanguageModelInput, AIMessage]:
         settings = self._stand_in._prompt_settings.of(prompt, self._stand_in._model, self._settings)

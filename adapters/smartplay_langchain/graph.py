@@ -42,6 +42,7 @@ from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
 from smartplay_tools.conversation import HostChat
 from smartplay_tools.messages import Call
+from smartplay_tools.prompts import CacheMarks, checked_marks
 
 NOT_RUN = "Error: The agent did not run this call."
 """The answer to a call that the graph left open."""
@@ -57,6 +58,7 @@ class GraphSession(CallPlayer):
         limit_field: the name of the model's parameter for the cap on a reply.
         summary_tool_choice: the model's `tool_choice` where a summary is asked for, which is written in words: "none",
             as most models spell it, or `{"type": "none"}` for `ChatAnthropic`.
+        cache: what is sent for the provider's cache, as for `LangChainPlayer`.
         foreign_tools: other tools of the graph; their calls are left to its tool node.
     """
 
@@ -67,10 +69,11 @@ class GraphSession(CallPlayer):
         player: str = "langchain",
         limit_field: str = "max_tokens",
         summary_tool_choice: ToolChoice = "none",
+        cache: CacheMarks = True,
         foreign_tools: Sequence[BaseTool | dict[str, Any]] = (),
     ) -> None:
         super().__init__(HostChat(episode, player=player, not_run=NOT_RUN))
-        self.prompt_settings = PromptSettings(limit_field, summary_tool_choice)
+        self.prompt_settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
         self._other_tools = list(foreign_tools)
 
     def ask(self, model: BaseChatModel, messages: Sequence[BaseMessage]) -> list[AnyMessage]:
@@ -87,7 +90,8 @@ class GraphSession(CallPlayer):
         session = self.prepare(messages, tools=tools)
 
         def send(prompt: Prompt) -> ModelReply:
-            return read_reply(self._bound(model, tools, prompt).invoke(to_langchain(prompt.messages)))
+            messages = self.prompt_settings.messages(prompt, model)
+            return read_reply(self._bound(model, tools, prompt).invoke(messages))
 
         reply = session.ask(send)
         return added if reply is None else [*added, *self.receive(RequestOutcome(reply))]
@@ -102,7 +106,8 @@ class GraphSession(CallPlayer):
         session = await asyncio.to_thread(self.prepare, messages, tools=tools)
 
         async def send(prompt: Prompt) -> ModelReply:
-            return read_reply(await self._bound(model, tools, prompt).ainvoke(to_langchain(prompt.messages)))
+            messages = self.prompt_settings.messages(prompt, model)
+            return read_reply(await self._bound(model, tools, prompt).ainvoke(messages))
 
         reply = await session.aask(send)
         return added if reply is None else [*added, *self.receive(RequestOutcome(reply))]

@@ -28,6 +28,9 @@ from smartplay_tools.messages import text_of
 ITEM = "langchain_message"
 """The type of the provider item that holds the parts of a reply other than text and calls."""
 
+CALL_PARTS = {"tool_use": "id", "function_call": "call_id"}
+"""The types of parts that are calls, at Anthropic and OpenAI, with the name of the field that has the call's id."""
+
 
 def to_langchain(messages: Iterable[Message]) -> list[AnyMessage]:
     """Return a prompt's messages as LangChain's, with all system messages joined into one at the beginning.
@@ -86,8 +89,30 @@ def _to_langchain(message: Message) -> AnyMessage:
         else:
             valid.append(ToolCall(name=name, args=arguments, id=call["id"], type="tool_call"))
     items = message.get("provider_items", ())
-    kept: dict[str, Any] = next((i["message"] for i in items if isinstance(i, dict) and i.get("type") == ITEM), {})
-    return AIMessage(**{"content": text, **kept}, tool_calls=valid, invalid_tool_calls=invalid)
+    item: dict[str, Any] = next((i for i in items if isinstance(i, dict) and i.get("type") == ITEM), {})
+    kept = {"content": text, **item.get("message", {})}
+    new = [call["id"] for call in message.get("tool_calls", ())]
+    kept["content"] = with_call_ids(kept["content"], zip(item.get("calls", ()), new, strict=False))
+    return AIMessage(**kept, tool_calls=valid, invalid_tool_calls=invalid)
+
+
+def with_call_ids(content: Any, renamed: Iterable[tuple[str, str]]) -> Any:
+    """Return the content of a reply with the ids that its calls have now, given pairs of an id as sent and the new one.
+
+    Providers' packages compare the calls among the parts of a reply with its `tool_calls`, and send both if ids differ.
+    """
+    if not isinstance(content, list):
+        return content
+    left: dict[str, list[str]] = {}
+    for sent, new in renamed:
+        left.setdefault(sent, []).append(new)
+
+    def part_with_id(part: Any) -> Any:
+        field = CALL_PARTS.get(part.get("type", "")) if isinstance(part, dict) else None
+        ids = left.get(part.get(field, "")) if field else None
+        return {**part, field: ids.pop(0)} if ids else part
+
+    return [part_with_id(part) for part in content]
 
 
 def _from_reply(reply: AIMessage) -> Message:
@@ -105,7 +130,8 @@ def _from_reply(reply: AIMessage) -> Message:
     if not isinstance(reply.content, str) or reply.additional_kwargs:
         kept = reply.model_dump(mode="json", include={"content", "additional_kwargs"})
         kept["response_metadata"] = {k: v for k, v in reply.response_metadata.items() if k == "model_provider"}
-        message["provider_items"] = [{"type": ITEM, "message": kept}]
+        sent = [call["id"] or "" for call in calls]
+        message["provider_items"] = [{"type": ITEM, "message": kept, **({"calls": sent} if sent else {})}]
         blocks = [block for block in reply.content_blocks if block["type"] == "reasoning"]
         if reasoning := "".join(str(block.get("reasoning", "")) for block in blocks):
             message["reasoning_content"] = reasoning

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from langchain.agents.middleware import (
     AgentMiddleware,
@@ -29,6 +29,10 @@ from smartplay_langchain.asking import OVER, RequestOutcome, ToolChoice, Tools, 
 from smartplay_langchain.calls import turn_of
 from smartplay_langchain.graph import GraphSession
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError
+from smartplay_tools.prompts import CacheMarks
+
+if TYPE_CHECKING:
+    from langchain_core.language_models import BaseChatModel
 
 Handler = Callable[[ModelRequest[Any]], ModelResponse[Any]]
 AsyncHandler = Callable[[ModelRequest[Any]], Awaitable[ModelResponse[Any]]]
@@ -48,10 +52,11 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         player: str = "langchain",
         limit_field: str = "max_tokens",
         summary_tool_choice: ToolChoice = "none",
+        cache: CacheMarks = True,
     ) -> None:
         super().__init__()
         self._graph = GraphSession(
-            episode, player=player, limit_field=limit_field, summary_tool_choice=summary_tool_choice
+            episode, player=player, limit_field=limit_field, summary_tool_choice=summary_tool_choice, cache=cache
         )
         self.episode = self._graph.episode
         self.tools: Sequence[BaseTool] = self._graph.tools
@@ -79,7 +84,7 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         if (response := self._without_asking(request)) is not None:
             return response
         windowed = self._windowed(request)
-        response = handler(request.override(model=windowed))  # type: ignore[arg-type]
+        response = handler(request.override(model=cast("BaseChatModel", windowed)))
         return self._received(windowed.outcome, response)
 
     async def awrap_model_call(self, request: ModelRequest[Any], handler: AsyncHandler) -> ModelResponse[Any]:
@@ -87,7 +92,7 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         if (response := self._without_asking(request)) is not None:
             return response
         windowed = self._windowed(request)
-        response = await handler(request.override(model=windowed))  # type: ignore[arg-type]
+        response = await handler(request.override(model=cast("BaseChatModel", windowed)))
         return await asyncio.to_thread(self._received, windowed.outcome, response)
 
     @hook_config(can_jump_to=["model"])

@@ -9,10 +9,11 @@ from langchain_core.messages import AIMessage, AnyMessage
 from langchain_core.runnables import Runnable
 
 from smartplay_langchain.asking import PromptSettings, ToolChoice
-from smartplay_langchain.messages import from_langchain, to_langchain, usage_of
+from smartplay_langchain.messages import from_langchain, usage_of
 from smartplay_tools import InvalidArgumentError, Prompt, Reply, schema
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.players import ModelPlayer
+from smartplay_tools.prompts import CacheMarks, checked_marks
 
 FAILURES = frozenset({"APIConnectionError", "ConnectionError", "HTTPError", "TimeoutError"})
 """The class names of failed requests in the clients of most providers, in Python, httpx and requests."""
@@ -26,6 +27,9 @@ class LangChainPlayer(ModelPlayer):
         limit_field: the name of the model's parameter for the cap on a reply.
         summary_tool_choice: the model's `tool_choice` where a summary is asked for, which is written in words: "none",
             as most models spell it, or `{"type": "none"}` for `ChatAnthropic`.
+        cache: for `ChatAnthropic`, mark the prompt's end and that of the part that is unchanged since the previous
+            prompt, so that the provider caches them, or with "stable" only the latter; for `ChatOpenAI` at OpenAI, send
+            the episode's `prompt_cache_key`, and that mark to models that cache up to marks. False sends nothing.
         seed, retries, pause, at_once: as for `ModelPlayer`. A model made here by its name does not retry by itself
             (`max_retries=0`, if it has that field); a model object keeps its own retries, which are not counted.
         parameters: further arguments of `init_chat_model`, such as `temperature=0`.
@@ -40,6 +44,7 @@ class LangChainPlayer(ModelPlayer):
         *,
         limit_field: str = "max_tokens",
         summary_tool_choice: ToolChoice = "none",
+        cache: CacheMarks = True,
         seed: int = 0,
         retries: int = 4,
         pause: float = 0.5,
@@ -51,13 +56,13 @@ class LangChainPlayer(ModelPlayer):
         name = f"langchain:{model if isinstance(model, str) else type(model).__name__}"
         super().__init__(name, seed=seed, retries=retries, pause=pause, at_once=at_once)
         self._model = _chat_model(model, parameters) if isinstance(model, str) else model
-        self._settings = PromptSettings(limit_field, summary_tool_choice)
+        self._settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
 
     def request(self, prompt: Prompt) -> tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]:
         """Return the model, bound to tools, cap and tool choice, and the messages for it."""
         settings, tools = self._settings.of(prompt, self._model), [schema(tool, "openai") for tool in prompt.tools]
         bound = self._model.bind_tools(tools, **settings) if tools else self._model.bind(**settings)
-        return bound, to_langchain(prompt.messages)
+        return bound, self._settings.messages(prompt, self._model)
 
     def new_client(self) -> None:
         """LangChain's models are their own clients."""

@@ -24,9 +24,20 @@ from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message
 from smartplay_tools.conversation import HostChat
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.messages import text_of
+from smartplay_tools.records import CacheFields, openai_cache_fields
 
 try:
-    from agents import FunctionTool, Model, ModelResponse, ModelSettings, RunConfig, Tool, ToolExecutionConfig
+    from agents import (
+        FunctionTool,
+        Model,
+        ModelResponse,
+        ModelSettings,
+        OpenAIChatCompletionsModel,
+        OpenAIResponsesModel,
+        RunConfig,
+        Tool,
+        ToolExecutionConfig,
+    )
     from agents.tool_context import ToolContext
     from agents.usage import Usage as AgentsUsage
 except ModuleNotFoundError as error:
@@ -65,12 +76,16 @@ class SmartPlayModel(Model):
         episode: a fresh episode whose context is "window"; or, to go on with an episode from its record, the session
             of `smartplay_tools.resume(record, session=True)`.
         player: the model's name, for the record.
+        cache: send to OpenAI the episode's `prompt_cache_key`, unless the settings have one, and mark the end of what
+            is unchanged since the previous prompt for models that cache up to marks. Other servers are sent neither.
 
     Pass its `tools` to the agent, or to each agent that one hands over to, and its `run_config` to the runner. A reply
     without a call is answered here, so the run ends when the episode does.
     """
 
-    def __init__(self, model: Model, episode: Episode | AgentSession, *, player: str = "agents") -> None:
+    def __init__(
+        self, model: Model, episode: Episode | AgentSession, *, player: str = "agents", cache: bool = True
+    ) -> None:
         self._chat = HostChat(episode, player=player)
         self.episode = self._chat.episode
         self.tools: list[Tool] = [self._tool(spec) for spec in self.episode.tools]
@@ -78,7 +93,7 @@ class SmartPlayModel(Model):
             tool_execution=ToolExecutionConfig(max_function_tool_concurrency=1),
             tool_not_found_behavior="return_error_to_model",
         )
-        self._model, self._player = model, player
+        self._model, self._player, self._cache = model, player, cache
 
     @property
     def session(self) -> AgentSession | None:
@@ -106,10 +121,11 @@ class SmartPlayModel(Model):
         usage = AgentsUsage()
 
         async def send(prompt: Prompt) -> _Answer:
-            own = {"max_tokens": model_settings.max_tokens, "tool_choice": model_settings.tool_choice}
-            settings = dataclasses.replace(model_settings, **prompt.settings(own))
+            fields = _cache_fields(self._model) if self._cache else CacheFields()
+            settings = _settings(model_settings, prompt, with_key=fields.key)
+            items = _input(prompt, mark=fields.marks)
             response = await self._model.get_response(
-                None, _input(prompt), settings, tools, output_schema, list(handoffs), *arguments, **options
+                None, items, settings, tools, output_schema, list(handoffs), *arguments, **options
             )
             usage.add(response.usage)
             return _Answer(_read(response), _usage(response.usage), response=response)
@@ -248,13 +264,29 @@ def _from_item(item: Item) -> list[Message]:
     return [{"role": "user", "content": _text(item["content"])}] if item.get("role") == "user" else []
 
 
-def _input(prompt: Prompt) -> list[Any]:
+def _settings(own: ModelSettings, prompt: Prompt, *, with_key: bool) -> ModelSettings:
+    """The settings of a request: the agent's own, with those of the prompt."""
+    settings = prompt.settings({"max_tokens": own.max_tokens, "tool_choice": own.tool_choice})
+    given = {**(own.extra_args or {}), **(own.extra_body if isinstance(own.extra_body, Mapping) else {})}
+    if with_key and "prompt_cache_key" not in given:
+        settings["extra_args"] = {**(own.extra_args or {}), "prompt_cache_key": prompt.cache_key}
+    return dataclasses.replace(own, **settings)
+
+
+def _cache_fields(model: Model) -> CacheFields:
+    """What the requests of a model of the SDK may have for the cache; the SDK's other models have no such fields."""
+    if not isinstance(model, OpenAIResponsesModel | OpenAIChatCompletionsModel):
+        return CacheFields()
+    return openai_cache_fields(str(model.model), str(model._get_client().base_url))
+
+
+def _input(prompt: Prompt, *, mark: bool) -> list[Any]:
     """The prompt as input items. The SDK's converter knows an output without an id only as a plain message."""
     return [
         {"role": item["role"], "content": _text(item["content"])}
         if item.get("type") == "message" and item.get("role") == "assistant" and "id" not in item
         else item
-        for item in RESPONSES.request(prompt)["input"]
+        for item in RESPONSES.request(prompt, mark=mark)["input"]
     ]
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from openai.resources.chat.completions import Completions
 
-from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of, halves, marked_message
+from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of, halves
 from smartplay_openai.parsing import plain, read_usage
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
@@ -22,7 +22,7 @@ from smartplay_openai.wire import acceptable
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.messages import assistant_message, calls_of, text_of
 from smartplay_tools.players import BrokenAnswerError
-from smartplay_tools.prompts import received
+from smartplay_tools.prompts import received, stable_end
 
 NOT_SENT_BACK = {"annotations", "audio", "function_call"}
 """Fields of an answer that requests must not have."""
@@ -49,7 +49,7 @@ class ChatCompletions(Interface):
     ) -> dict[str, Any]:
         """Return the arguments of `client.chat.completions.create`; older servers know `max_tokens` only."""
         messages = [*map(_sent, acceptable(prompt.messages))]
-        if mark and (at := marked_message(prompt)) is not None:
+        if mark and (at := stable_end(prompt)) is not None:
             messages[at] = {**messages[at], "content": [{"type": "text", "text": text_of(messages[at]), **BREAKPOINT}]}
         arguments: dict[str, Any] = {"messages": messages}
         if prompt.tools:

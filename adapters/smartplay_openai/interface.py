@@ -24,12 +24,6 @@ BREAKPOINT = {"prompt_cache_breakpoint": {"mode": "explicit"}}
 """The mark of a content part up to which the provider caches a prompt."""
 
 
-def marked_message(prompt: Prompt) -> int | None:
-    """Return which message is marked for the cache: the last one that is stable and may have a mark; None for none."""
-    stable = range(prompt.prefix_messages - 1, -1, -1)
-    return next((at for at in stable if prompt.messages[at]["role"] != "assistant"), None)
-
-
 class Interface(ABC):
     """One of OpenAI's interfaces."""
 

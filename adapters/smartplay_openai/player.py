@@ -22,7 +22,7 @@ from smartplay_openai.responses import RESPONSES
 from smartplay_openai.text_calls import check_parser, with_calls
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
 from smartplay_tools.players import BrokenAnswerError, ModelPlayer
-from smartplay_tools.records import cache_rules, rule_of
+from smartplay_tools.records import openai_cache_fields
 
 _transport = importlib.import_module(openai.DefaultHttpxClient.__mro__[1].__module__)
 """The HTTP library of the client: `httpx` up to version 2, `httpx2` from version 3 on."""
@@ -96,16 +96,15 @@ class OpenAIPlayer(ModelPlayer):
             raise InvalidArgumentError(f"A model at {self._host} needs a key: set OPENAI_API_KEY.")
         self._limit_field = limit_field or self._usual_limit_field()
         self._stream, self._typed = stream, typed
-        self._caches = cache and self._host == "api.openai.com"
-        rule = rule_of(f"openai:{model}", {}, cache_rules()) if self._caches else None
-        self._marks = rule is not None and rule.marks != "auto"
+        fields = openai_cache_fields(model, base_url)
+        self._sends_key, self._marks = cache and fields.key, cache and fields.marks
         self._always = {"model": model, **(self._interface.stream_options if stream else {}), **(parameters or {})}
         if tool_choice is not None:
             self._always["tool_choice"] = tool_choice
 
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the body of the request for a prompt."""
-        own = {"prompt_cache_key": prompt.cache_key, **self._always} if self._caches else self._always
+        own = {"prompt_cache_key": prompt.cache_key, **self._always} if self._sends_key else self._always
         return self._interface.request(prompt, limit_field=self._limit_field, own=own, mark=self._marks)
 
     def new_client(self) -> openai.OpenAI:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from openai.resources.responses import Responses as ClientResponses
 
-from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of, halves, marked_message
+from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of, halves
 from smartplay_openai.parsing import plain, read_usage
 from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
@@ -24,7 +24,7 @@ from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage, schema
 from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.players import BrokenAnswerError
-from smartplay_tools.prompts import received
+from smartplay_tools.prompts import received, stable_end
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -53,7 +53,7 @@ class Responses(Interface):
         mark: bool = False,
     ) -> dict[str, Any]:
         """Return the arguments of `client.responses.create`."""
-        at = marked_message(prompt) if mark else None
+        at = stable_end(prompt) if mark else None
         items = [
             _marked(item) if number == at else item
             for number, message in enumerate(acceptable(prompt.messages))

@@ -28,6 +28,7 @@ from pydantic_ai.toolsets import AbstractToolset
 from pydantic_ai.toolsets.abstract import ToolsetTool
 from pydantic_core import SchemaValidator, core_schema
 
+from smartplay_pydantic_ai.caching import cache_key, marked_messages
 from smartplay_pydantic_ai.messages import (
     PydanticAIChat,
     from_history,
@@ -39,6 +40,7 @@ from smartplay_pydantic_ai.messages import (
 )
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
 from smartplay_tools.conversation import HostChat
+from smartplay_tools.prompts import CacheMarks, checked_marks
 
 ANY = SchemaValidator(core_schema.any_schema())
 """The episode judges arguments, and it has done so when a tool is run."""
@@ -50,13 +52,17 @@ class SmartPlay(AbstractCapability[Any]):
     Arguments:
         episode: a fresh episode whose context is "window".
         player: the player's name, for the record; "pydantic-ai:MODEL" if not given.
+        cache: for Anthropic's models, mark the prompt's end and that of the part that is unchanged since the previous
+            prompt, so that the provider caches them, or with "stable" only the latter; for OpenAI's, send the episode's
+            `openai_prompt_cache_key`, and that mark to models that cache up to marks. False sends nothing.
 
     The agent's run ends with the episode. The agent's instructions and prompt are in every prompt, after the game's own
     head; its other tools are counted, shown and run as usual.
     """
 
-    def __init__(self, episode: Episode, *, player: str | None = None) -> None:
+    def __init__(self, episode: Episode, *, player: str | None = None, cache: CacheMarks = True) -> None:
         self.episode = episode
+        self._cache = checked_marks(cache)
         self._player = player
         self._host: HostChat | None = None
         self._chat = PydanticAIChat()
@@ -83,13 +89,14 @@ class SmartPlay(AbstractCapability[Any]):
         """Show the window instead of the history."""
         prompt = await self._session.aprompt()
         assert prompt is not None, "the episode is over, and yet the model is asked"
-        own = {**(request_context.model.settings or {}), **(request_context.model_settings or {})}
-        settings = cast(ModelSettings, prompt.settings(own))
+        model = request_context.model
+        own = {**(model.settings or {}), **(request_context.model_settings or {})}
+        settings = cast(ModelSettings, prompt.settings({**cache_key(prompt, model, self._cache), **own}))
         # The head has the agent's instructions.
         parameters = dataclasses.replace(request_context.model_request_parameters, instruction_parts=[])
         return dataclasses.replace(
             request_context,
-            messages=self._chat.write(prompt.messages),
+            messages=self._chat.write(prompt.messages, marked=marked_messages(prompt, model, self._cache)),
             model_settings=settings,
             model_request_parameters=parameters,
         )

@@ -7,10 +7,11 @@ and its signatures, for example); what is more than text and calls is recorded a
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from pydantic_ai.messages import (
+    CachePoint,
     ModelMessage,
     ModelMessagesTypeAdapter,
     ModelRequest,
@@ -47,17 +48,18 @@ class PydanticAIChat:
         """Have a reply go back to the model as this response."""
         self._responses[_key(message)] = response
 
-    def write(self, messages: Iterable[Message]) -> list[ModelMessage]:
+    def write(self, messages: Iterable[Message], *, marked: Collection[int] = ()) -> list[ModelMessage]:
         """Return messages as Pydantic AI's: all system messages as one, what stands between two replies as one request.
 
         Pydantic AI rewrites a system prompt that does not stand at the beginning, because few providers accept one.
+        The user's messages and results at the places `marked` are followed by a mark for the provider's cache.
         """
         messages = list(messages)
         system = [text_of(message) for message in messages if message["role"] in SYSTEM]
         written: list[ModelMessage] = []
         names: dict[str, str] = {}
         parts: list[ModelRequestPart] = [SystemPromptPart("\n\n".join(system))] if system else []
-        for message in messages:
+        for at, message in enumerate(messages):
             if message["role"] in SYSTEM:
                 continue
             if message["role"] == "assistant":
@@ -66,6 +68,8 @@ class PydanticAIChat:
                 parts = []
             else:
                 parts.append(_request_part(message, names))
+                if at in marked:
+                    parts.append(UserPromptPart([CachePoint()]))
         return [*written, *_request(parts)]
 
     def _response(self, message: Message) -> ModelResponse:

@@ -89,14 +89,7 @@ def window(
         config = PlayerConfig(name=player, agent=offered, options={**server(base_url), **chosen(shown)})
         _serve_run(endpoint, plan_of(game, config, episodes, seed, episode), config, offered, out)
         return
-    ends = _Ends()
-    settings: dict[str, Any] = {"budget": episode.budget, "engine": episode.engine, "tokenizer": episode.tokenizer}
-    for number in range(episodes):
-        handle = ends.watched(endpoint, game, seed=seed + number, **settings, **episode.rules, **episode.options)
-        say(_where(endpoint, handle, seed + number))
-    with suppress(KeyboardInterrupt):
-        endpoint.run()
-    say(f"{len(ends.scores)} of {episodes} episodes are over{_mean(ends.scores)}.")
+    _serve_episodes(endpoint, game, range(seed, seed + episodes), episode)
 
 
 def open_endpoint(player: str, base_url: str | None, seed: int, **where: Any) -> Any:
@@ -177,6 +170,18 @@ class _Ends:
                 say(ended(self._handles[episode.config.seed], event["result"]))
 
         return listen
+
+
+def _serve_episodes(endpoint: Any, game: str, seeds: range, episode: EpisodeOptions) -> None:
+    """Offer an episode for each seed, until Ctrl-C."""
+    ends = _Ends()
+    settings: dict[str, Any] = {"budget": episode.budget, "engine": episode.engine, "tokenizer": episode.tokenizer}
+    for seed in seeds:
+        handle = ends.watched(endpoint, game, seed=seed, **settings, **episode.rules, **episode.options)
+        say(_where(endpoint, handle, seed))
+    with suppress(KeyboardInterrupt):
+        endpoint.run()
+    say(f"{len(ends.scores)} of {len(seeds)} episodes are over{_mean(ends.scores)}.")
 
 
 def _serve_run(endpoint: Any, plan: Plan, player: PlayerConfig, offered: _Offered, out: Path) -> None:

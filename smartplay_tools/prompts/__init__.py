@@ -13,6 +13,7 @@ from importlib import resources
 from typing import Literal
 
 from smartplay_tools.messages import Message, text_of
+from smartplay_tools.prompts.marks import CacheMarks, checked_marks, last_markable, stable_end
 from smartplay_tools.types import Prompt, ToolSpec
 
 __all__ = [
@@ -21,8 +22,12 @@ __all__ = [
     "NO_MANUAL",
     "OBSERVATION_LEFT",
     "VERSION",
+    "CacheMarks",
+    "checked_marks",
     "head",
+    "last_markable",
     "received",
+    "stable_end",
     "text",
 ]
 

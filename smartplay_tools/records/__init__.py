@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_tools.records.caches import CacheRule, cache_rules, rule_of
+    from smartplay_tools.records.caches import CacheFields, CacheRule, cache_rules, openai_cache_fields, rule_of
     from smartplay_tools.records.charges import Charge, calls_under, charge
     from smartplay_tools.records.manifest import Manifest, Until, trial_seed
     from smartplay_tools.records.prices import Price
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from smartplay_tools.records.tariffs import Tariff, tariffs_of
 
 __all__ = [
+    "CacheFields",
     "CacheRule",
     "CellSnapshot",
     "Charge",
@@ -60,6 +61,7 @@ __all__ = [
     "cache_rules",
     "calls_under",
     "charge",
+    "openai_cache_fields",
     "recorded_turns",
     "replay",
     "requests_of",
@@ -76,7 +78,7 @@ if not TYPE_CHECKING:
         __name__,
         {
             "manifest": ("Manifest", "Until", "trial_seed"),
-            "caches": ("CacheRule", "cache_rules", "rule_of"),
+            "caches": ("CacheFields", "CacheRule", "cache_rules", "openai_cache_fields", "rule_of"),
             "charges": ("Charge", "calls_under", "charge"),
             "prices": ("Price",),
             "prompts": ("SentPrompt", "recorded_turns", "sent_prompts"),

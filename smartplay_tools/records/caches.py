@@ -13,7 +13,8 @@ from fnmatch import fnmatchcase
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
+from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -95,6 +96,22 @@ def rule_named(name: str, rules: Mapping[str, CacheRule]) -> CacheRule:
 def rule_of(player: str, player_options: Mapping[str, Any], rules: Mapping[str, CacheRule]) -> CacheRule | None:
     """Return the rule of a player's model; None if there is no model, or none of the rules is known to hold for it."""
     return None if "base_url" in player_options else _rule_for(":".join(provider_of(player)), rules)
+
+
+class CacheFields(NamedTuple):
+    """Which fields for the cache a request to OpenAI's interface may have."""
+
+    key: bool = False
+    """A key, the same for all requests of an episode."""
+    marks: bool = False
+    """Marks in the messages."""
+
+
+def openai_cache_fields(model: str, base_url: str) -> CacheFields:
+    """Return which fields for the cache a model behind OpenAI's interface takes: none at a server of somebody else."""
+    is_openai = urlsplit(base_url).hostname == "api.openai.com"
+    rule = _rule_for(f"openai:{model}", _own_rules()) if is_openai else None
+    return CacheFields(is_openai, rule is not None and rule.marks != "auto")
 
 
 def _rule_for(model: str, rules: Mapping[str, CacheRule]) -> CacheRule | None:

@@ -6,9 +6,10 @@ attempts at a reply, and evictions before an entry's life is over. The first mak
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import fsum
+from math import fsum, inf
 from typing import Any, Literal, NamedTuple, get_args
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -73,72 +74,93 @@ def calls_under(log: RequestLog, rule: CacheRule, *, marks: Sequence[Place] = PL
     if unknown := set(marks) - set(PLACES):
         raise InvalidArgumentError(f"A mark is at one of {', '.join(PLACES)}, not {', '.join(sorted(unknown))}.")
     knows_times = all(request.at is not None for request in log.requests)
-    cache = _Cache(rule, rule.life if knows_times else None)
-    return [
-        cache.call(request, path, answer, _marked(request, rule, marks))
-        for request, path, answer in zip(log.requests, *log.paths(by_purpose=rule.tool_choice), strict=True)
-    ]
+    looked_up = _stored_whole if rule.marks == "auto" else _stored_to_marks
+    calls = []
+    block, minimum, writes = rule.block, rule.minimum, rule.write is not None
+    for request, (length, last) in zip(
+        log.requests, looked_up(log, rule, rule.life if knows_times else None, marks), strict=True
+    ):
+        hit = min(request.ends[length], request.prompt - 1)
+        hit -= hit % block
+        if hit < minimum:
+            hit = 0
+        last -= last % block
+        written = last - hit if writes and last >= minimum and last > hit else 0
+        calls.append(ChargedCall(request.prompt, hit, written, request.reply))
+    return calls
 
 
-class _Cache:
-    """What a provider has stored: prefixes by their number, each with the time of its last use."""
+def _stored_whole(
+    log: RequestLog, rule: CacheRule, life: float | None, places: Sequence[Place]
+) -> Iterator[tuple[int, int]]:
+    """Yield of each request the length of its longest stored prefix, in units, and the tokens that are stored after it.
 
-    def __init__(self, rule: CacheRule, life: float | None) -> None:
-        self._rule, self._life = rule, life
-        self._used: dict[int, float] = {}
-
-    def call(self, request: Request, path: Sequence[int], answer: int, marks: Sequence[int] | None) -> ChargedCall:
-        """Return the tokens of a request, and store it.
-
-        `path` has the number of each of its prefixes, `answer` is that of the request with its reply. `marks` are
-        numbers of units; None where every request is stored whole.
-        """
-        rule, ends, now = self._rule, request.ends, request.at or 0.0
-        length = self._longest(request, path, marks, now) if self._used else 0
-        hit = self._down(min(ends[length], request.prompt - 1))
-        if marks is None:
-            self._used.update(dict.fromkeys(path, now))
-            last = request.prompt
+    Where a prefix is stored, all that it begins with are, and were used no earlier, so that the longest is found by
+    bisection.
+    """
+    used: dict[int, float] = {}
+    paths, answers = log.paths(by_purpose=rule.tool_choice)
+    for request, path, answer in zip(log.requests, paths, answers, strict=True):
+        now = request.at or 0.0
+        if life is None:
+            length = bisect_left(path, True, key=lambda prefix: prefix not in used)
+            used.update(dict.fromkeys(path[length:], now))
         else:
-            stored = [length, *(mark for mark in marks if ends[mark] >= rule.minimum)]
-            self._used.update((path[end - 1], now) for end in stored if end)
-            last = ends[marks[-1]] if marks else 0
-        if rule.replies and (marks is None or request.answered >= rule.minimum):
-            self._used[answer] = now
-        written = 0 if rule.write is None else max(0, self._down(last) - hit)
-        return ChargedCall(request.prompt, hit, written, request.reply)
+            length = bisect_left(path, True, key=lambda prefix: now - used.get(prefix, -inf) > life)
+            used.update(dict.fromkeys(path, now))
+        if rule.replies:
+            used[answer] = now
+        yield length, request.prompt
 
-    def _longest(self, request: Request, path: Sequence[int], marks: Sequence[int] | None, now: float) -> int:
-        """The longest stored prefix of a request that is looked for, in units."""
-        if marks is None:
-            length = len(path)
-            while length and not self._has(path[length - 1], now):
-                length -= 1
-            return length
-        lookback, longest = self._rule.lookback, 0
+
+def _stored_to_marks(
+    log: RequestLog, rule: CacheRule, life: float | None, places: Sequence[Place]
+) -> Iterator[tuple[int, int]]:
+    """Yield the same where requests are stored up to their marks."""
+    used: dict[int, float] = {}
+    """The stored prefixes by their numbers, with the time of their last use."""
+    paths, answers = log.paths(by_purpose=rule.tool_choice)
+    for request, path, answer in zip(log.requests, paths, answers, strict=True):
+        now, ends = request.at or 0.0, request.ends
+        marks = _marked(request, rule, places)
+        length = 0
         for mark in reversed(marks):
-            for length in range(mark, longest, -1):
-                if lookback is not None and request.blocks[mark] - request.blocks[length] > lookback:
-                    break
-                if self._has(path[length - 1], now):
-                    longest = length
-                    break
-        return longest
-
-    def _has(self, prefix: int, now: float) -> bool:
-        return prefix in self._used and (self._life is None or now - self._used[prefix] <= self._life)
-
-    def _down(self, tokens: int) -> int:
-        """Round down to whole blocks; less than the minimum is nothing."""
-        whole = tokens - tokens % self._rule.block
-        return whole if whole >= self._rule.minimum else 0
+            length = _longest(used, request, path, mark, length, rule, inf if life is None else life)
+        if length:
+            used[path[length - 1]] = now
+        for mark in marks:
+            if ends[mark] >= rule.minimum:
+                used[path[mark - 1]] = now
+        if rule.replies and request.answered >= rule.minimum:
+            used[answer] = now
+        yield length, ends[marks[-1]] if marks else 0
 
 
-def _marked(request: Request, rule: CacheRule, places: Sequence[Place]) -> Sequence[int] | None:
-    """The numbers of units after which a request is marked; None if it needs no marks."""
-    if rule.marks == "auto":
-        return None
+def _longest(
+    used: Mapping[int, float],
+    request: Request,
+    path: Sequence[int],
+    mark: int,
+    longest: int,
+    rule: CacheRule,
+    life: float,
+) -> int:
+    """The longest stored prefix that ends at a mark or at most `lookback` blocks before it, if it is longer than this."""
+    blocks, now = request.blocks, request.at or 0.0
+    least = -1 if rule.lookback is None else blocks[mark] - rule.lookback
+    for length in range(mark, longest, -1):
+        if blocks[length] < least:
+            break
+        if (at := used.get(path[length - 1])) is not None and now - at <= life:
+            return length
+    return longest
+
+
+def _marked(request: Request, rule: CacheRule, places: Sequence[Place]) -> Sequence[int]:
+    """The numbers of units after which a request is marked."""
     stable, end = request.stable, len(request.units)
     marks = [stable] if "stable" in places and 0 < stable < end else []
-    marks += [end] if "end" in places or ("stable" in places and stable == end) else []
-    return marks[max(0, len(marks) - rule.marks) :]
+    if "end" in places or ("stable" in places and stable == end):
+        marks.append(end)
+    assert isinstance(rule.marks, int)
+    return marks[-rule.marks :] if rule.marks else []

@@ -40,6 +40,7 @@ from smartplay_tools.exports import export
 from smartplay_tools.messages import text_of
 from smartplay_tools.records import Record
 from smartplay_tools.transcript import Event
+from tests.adapters import rerouted
 from tests.adapters.conformance import (
     BASIC,
     BUDGETS,
@@ -56,6 +57,7 @@ from tests.adapters.conformance import (
     spelled,
     without_usage,
 )
+from tests.adapters.openai_stub import OpenAIStub
 
 # Inspect and what it imports warn; what they warn of is theirs.
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -386,3 +388,32 @@ def test_a_spent_budget_ends_the_sample_before_the_model_is_asked():
     result = sample.store_as(Played).result
     assert (result["end_reason"], result["turns"]) == ("episode_tokens", len(model.received))
     assert {prompt.cap for prompt in model.received} == {40}
+
+
+class OpenAI(OpenAIStub):
+    """Inspect spells items in more ways than our players do."""
+
+    def check(self, path: str, body: dict[str, Any]) -> None:
+        assert path in ("/v1/chat/completions", "/v1/responses")
+
+
+@pytest.mark.parametrize(
+    ("options", "key"),
+    [
+        ({}, "ours"),
+        ({"cache_prompt": False}, None),
+        ({"extra_body": {"prompt_cache_key": "mine"}}, "mine"),
+        ({"model_args": {"prompt_cache_key": "mine"}}, "mine"),
+    ],
+)
+def test_openai_is_told_which_prompts_belong_to_an_episode(options, key):
+    episode, _ = fresh(sp.Budget(tool_calls=3))
+    arguments = {"responses_api": False, "api_key": "k", **options.get("model_args", {})}
+    with OpenAI([calling(act("A->C"))] * 3) as stub, rerouted.clients(stub.url) as clients, episode:
+        model = get_model("openai/gpt-5.5", memoize=False, http_client=clients["http_async_client"], **arguments)
+        task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
+        own = {name: value for name, value in options.items() if name != "model_args"}
+        (log,) = evaluate(task, model=model, display="none", max_retries=0, **own)
+    sample_of(log)
+    assert {body.get("prompt_cache_key") for body in stub.bodies} == {episode.config.key if key == "ours" else key}
+    assert len(stub.bodies) == 3

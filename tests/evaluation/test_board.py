@@ -43,7 +43,11 @@ def test_submissions_are_ranked_by_what_replays(folder, tmp_path):
     first, last = group.entries[0], group.entries[-1]
     assert first.mean.mean > last.mean.mean
     assert first.games[HANOI].score.mean == 3
-    assert first.cost == 0
+    assert (first.cost, first.modelled) == (0, None)
+    assert board.rules == ("none", "openai-5-6", "anthropic-512", "vllm")
+    for entry in group.entries:
+        nothing, *_, server = entry.costs
+        assert nothing > entry.tokens > server > 0  # a reply's token costs more than one of a prompt
     assert [one.bundle for _, one in board.refused] == ["cheat.zip"]
 
 
@@ -55,6 +59,7 @@ def test_the_page_shows_texts_as_text_and_allows_no_script(folder, tmp_path):
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
     assert "default-src &#39;none&#39;" in page or "default-src 'none'" in page
     assert "Not verified" in page
+    assert '<th scope="col">anthropic-512</th>' in page
     for place in tmp_path.glob("*/report.json"):
         assert json.loads(place.read_text())["format"] == 1
 

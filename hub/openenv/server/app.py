@@ -1,4 +1,4 @@
-"""The environment as a server: `server`, or `uvicorn server.app:app`, which waits for half-sent requests for ever.
+"""The environment as a server: `server`, or `uvicorn server.app:app`, which does not end half-sent requests.
 
 `SMARTPLAY_GAME` and `SMARTPLAY_REWARD` choose what is played, and for what.
 """

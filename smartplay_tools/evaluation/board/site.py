@@ -21,17 +21,18 @@ from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Check
 from smartplay_tools.evaluation.board.submissions.plan import Allowed
 from smartplay_tools.evaluation.board.submissions.report import report_json
 from smartplay_tools.evaluation.board.submissions.results import by_cell
-from smartplay_tools.evaluation.board.table import Board, make_board
+from smartplay_tools.evaluation.board.table import Board, Charges, make_board
 from smartplay_tools.evaluation.pages import templates
+from smartplay_tools.quantities import short
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.tariffs import tariffs_of
+from smartplay_tools.records.tariffs import charge_records, tariffs_of
 
 REPLAYS = 1
 """Episodes of every game and budget that the replay page of a submission shows."""
 
 CACHES = ("none", "openai-5-6", "anthropic-512", "vllm")
-"""The rules of caches under which that page says what the episodes cost."""
+"""The rules of caches under which the table and that page say what episodes cost."""
 
 
 def build_board(
@@ -64,6 +65,7 @@ def build_board(
     if not paths:
         raise InvalidArgumentError(f"{folder} holds no bundle; submit prepare writes them as .zip files.")
     checked: dict[str, Checked] = {}
+    charged: dict[str, Charges] = {}
     site.mkdir(parents=True, exist_ok=True)
     for path in paths:
         with checking(path, seeds=seeds, allowed=allowed, workers=workers, limits=limits) as (submitted, unpacked):
@@ -71,13 +73,23 @@ def build_board(
             if place in checked:
                 raise InvalidArgumentError(f"{path} is the same file as {checked[place].bundle}; remove one of them.")
             checked[place] = submitted
+            charged[place] = _charges(submitted, unpacked, workers)
             _write_files(site / place, submitted, unpacked, replays)
         if on_checked is not None:
             on_checked(submitted)
-    board = make_board(list(checked.items()))
+    board = make_board(list(checked.items()), charged=charged, rules=CACHES)
     (site / "index.html").write_text(_page(board, title, replays), encoding="utf-8", newline="\n")
     (site / "board.css").write_text(_style(), encoding="utf-8", newline="\n")
     return board
+
+
+def _charges(checked: Checked, unpacked: Path | None, workers: int) -> Charges:
+    """What the episodes of a verified submission cost under the board's rules."""
+    if not checked.verified or unpacked is None:
+        return {}
+    run = RunFolder(unpacked)
+    records = {row["key"]: run.transcript(row["key"]) for row in checked.rows}
+    return charge_records(records, tariffs_of(CACHES), run.manifest().prices, processes=max(1, workers))
 
 
 def _write_files(place: Path, checked: Checked, unpacked: Path | None, replays: int) -> None:
@@ -109,7 +121,7 @@ def _pick(unpacked: Path, folder: Path, rows: list[Row], replays: int) -> None:
 
 def _page(board: Board, title: str, replays: int) -> str:
     environment = templates.environment(__package__, "A board")
-    environment.filters |= {"figure": figure, "estimate": estimate}
+    environment.filters |= {"figure": figure, "estimate": estimate, "short": short}
     return environment.get_template("board.html.j2").render(
         board=board,
         title=title,

@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
+from types import MappingProxyType
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimates, weighted_estimates
@@ -20,6 +21,7 @@ from smartplay_tools.evaluation.board.submissions.check import Checked
 from smartplay_tools.evaluation.board.submissions.metadata import Submission
 from smartplay_tools.evaluation.board.submissions.results import by_cell, normalized_scores, total_cost
 from smartplay_tools.records.rows import Row
+from smartplay_tools.records.tariffs import Charged
 from smartplay_tools.types import Budget
 
 
@@ -47,7 +49,11 @@ class Entry:
     tokens: float
     """Budget tokens of an episode, prompts and replies, on average."""
     cost: float | None
-    """US dollars for all episodes; None where it is not known."""
+    """The bill: US dollars for all episodes; None where it is not known."""
+    modelled: float | None
+    """US dollars for all episodes under the rule of their model's cache; None where that is not known."""
+    costs: tuple[float, ...]
+    """What an episode costs under each rule of the board, in uncached tokens; empty where records have no prompts."""
     calls: float
     mistakes: float
     """Illegal actions and malformed calls of an episode, on average."""
@@ -79,14 +85,27 @@ class Board:
     """Submissions that are not verified, each with the folder of its report."""
     checked: tuple[tuple[str, Checked], ...]
     """All submissions."""
+    rules: tuple[str, ...] = ()
+    """The rules of caches under which the board says what an episode costs."""
 
 
 Games = dict[str, list[Row]]
 """The rows of a submission under one budget, by game."""
 
+Charges = Mapping[str, Charged | None]
+"""What the episodes of a submission cost, by key; None for one whose record has no prompts or no usage."""
 
-def make_board(checked: Sequence[tuple[str, Checked]]) -> Board:
-    """Return the board of checked submissions, each given with the folder of its files."""
+
+def make_board(
+    checked: Sequence[tuple[str, Checked]],
+    *,
+    charged: Mapping[str, Charges] = MappingProxyType({}),
+    rules: Sequence[str] = (),
+) -> Board:
+    """Return the board of checked submissions, each given with the folder of its files.
+
+    `charged` has by the same folder what their episodes cost under the named rules.
+    """
     groups: dict[tuple[str, str], dict[str, Games]] = {}
     for place, submitted in checked:
         if submitted.verified and submitted.submission is not None:
@@ -94,10 +113,10 @@ def make_board(checked: Sequence[tuple[str, Checked]]) -> Board:
                 group = groups.setdefault((submitted.submission.suite or "", asked), {})
                 group.setdefault(place, {})[game] = rows
     ordered = sorted(groups.items(), key=lambda item: (item[0][0] == "", item[0][0], _size(item[0][1])))
-    places = dict(checked)
-    classes = [_budget_class(suite or None, json.loads(asked), group, places) for (suite, asked), group in ordered]
+    submissions = {place: (submitted, charged.get(place, {})) for place, submitted in checked}
+    classes = [_budget_class(suite or None, json.loads(asked), group, submissions) for (suite, asked), group in ordered]
     refused = tuple((place, submitted) for place, submitted in checked if not submitted.verified)
-    return Board(tuple(classes), refused, tuple(checked))
+    return Board(tuple(classes), refused, tuple(checked), tuple(rules))
 
 
 def _size(asked: str) -> tuple[float, str]:
@@ -105,20 +124,25 @@ def _size(asked: str) -> tuple[float, str]:
 
 
 def _budget_class(
-    suite: str | None, asked: Mapping[str, Any], group: Mapping[str, Games], places: Mapping[str, Checked]
+    suite: str | None,
+    asked: Mapping[str, Any],
+    group: Mapping[str, Games],
+    submissions: Mapping[str, tuple[Checked, Charges]],
 ) -> BudgetClass:
     names = list(dict.fromkeys(name for games in group.values() for name in games))
     common = [name for name in names if all(normalized_scores(games.get(name, ())) for games in group.values())]
-    entries = [_entry(place, places[place], games, common) for place, games in group.items()]
+    entries = [_entry(place, *submissions[place], games, common) for place, games in group.items()]
     entries.sort(key=lambda entry: (-math.inf if entry.mean is None else entry.mean.mean, entry.place), reverse=True)
     return BudgetClass(asked, suite, tuple(names), tuple(common), tuple(entries))
 
 
-def _entry(place: str, checked: Checked, games: Games, common: Sequence[str]) -> Entry:
+def _entry(place: str, checked: Checked, charges: Charges, games: Games, common: Sequence[str]) -> Entry:
     assert checked.submission is not None
     samples = [normalized_scores(games[name]) for name in common]
     mean = weighted_estimates(samples, [[1 / len(samples)] * len(samples)])[0] if samples else None
     rows = [row for members in games.values() for row in members]
+    charged = [each for row in rows if (each := charges.get(row["key"])) is not None]
+    own = [each.own.cost for each in charged if each.own is not None]
     return Entry(
         place=place,
         submission=checked.submission,
@@ -128,6 +152,8 @@ def _entry(place: str, checked: Checked, games: Games, common: Sequence[str]) ->
         episodes=len(rows),
         tokens=fmean(map(tokens, rows)),
         cost=total_cost(rows),
+        modelled=math.fsum(own) if len(own) == len(rows) else None,
+        costs=tuple(fmean(charge.cost for charge in each) for each in zip(*(c.charges for c in charged), strict=True)),
         calls=fmean(row["tool_calls"] for row in rows),
         mistakes=fmean(row["illegal_actions"] + row["malformed_calls"] for row in rows),
     )

@@ -1,0 +1,91 @@
+"""What a chat model is sent for its provider's cache: marks in the messages, and a key that is the episode's.
+
+LangChain's packages for Anthropic and OpenAI pass both on unchanged. Other providers cache by themselves, or by means
+that LangChain has no common name for, and are sent neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from langchain_core.language_models import BaseChatModel
+from langchain_core.messages import AnyMessage
+
+from smartplay_langchain.messages import to_langchain
+from smartplay_tools import Message, Prompt
+from smartplay_tools.messages import text_of
+from smartplay_tools.prompts import CacheMarks, last_markable, stable_end
+from smartplay_tools.records import CacheFields, openai_cache_fields
+
+ANTHROPIC = {"cache_control": {"type": "ephemeral"}}
+OPENAI = {"prompt_cache_breakpoint": {"mode": "explicit"}}
+
+
+def cache_key(prompt: Prompt, model: BaseChatModel, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the setting that tells OpenAI which prompts belong together; none where there is one, or another server.
+
+    Arguments:
+        prompt: the prompt.
+        model: the chat model.
+        settings: the settings of the request.
+    """
+    own = {**(getattr(model, "model_kwargs", None) or {}), **settings}
+    wanted = _openai(model).key and "prompt_cache_key" not in own
+    return {"prompt_cache_key": prompt.cache_key} if wanted else {}
+
+
+def messages_for(
+    prompt: Prompt, model: BaseChatModel, cache: CacheMarks, settings: Mapping[str, Any] | None = None
+) -> list[AnyMessage]:
+    """Return a prompt's messages, marked for the cache of the model's provider where `cache` asks for it.
+
+    Settings with Anthropic's own `cache_control` say that the caller has taken care of the cache.
+    """
+    messages = to_langchain(prompt.messages)
+    if not cache:
+        return messages
+    if _is_a(model, "ChatAnthropic"):
+        if "cache_control" not in (settings or {}):
+            for at in {*_stable(prompt), *(_end(prompt) if cache is True else ())}:
+                messages[at] = _marked(messages[at], ANTHROPIC)
+    elif _openai(model).marks:
+        for at in _stable(prompt):
+            messages[at] = _marked(messages[at], OPENAI)
+    return messages
+
+
+def _openai(model: BaseChatModel) -> CacheFields:
+    if not _is_a(model, "ChatOpenAI"):
+        return CacheFields()
+    client: Any = getattr(model, "root_async_client", None)
+    return openai_cache_fields(getattr(model, "model_name", ""), str(getattr(client, "base_url", "")))
+
+
+def _is_a(model: BaseChatModel, name: str) -> bool:
+    """Whether a model is of a class; by name, since the packages of providers need not be installed."""
+    return any(kind.__name__ == name for kind in type(model).__mro__)
+
+
+def _stable(prompt: Prompt) -> Iterator[int]:
+    at = stable_end(prompt, one_system_text=True)
+    if at is not None:
+        yield _place(prompt.messages, at)
+
+
+def _end(prompt: Prompt) -> Iterator[int]:
+    at = last_markable(prompt.messages)
+    if at is not None:
+        yield _place(prompt.messages, at)
+
+
+def _place(messages: Sequence[Message], at: int) -> int:
+    """Where a message stands when all system messages are one at the beginning."""
+    system = [message["role"] in ("system", "developer") for message in messages]
+    return 0 if system[at] else any(system) + system[:at].count(False)
+
+
+def _marked(message: AnyMessage, mark: Mapping[str, Any]) -> AnyMessage:
+    content = [{"type": "text", "text": text_of({"content": message.content}), **mark}]
+    marked: AnyMessage = message.model_copy(update={"content": content})
+    return marked

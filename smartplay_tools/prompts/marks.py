@@ -1,0 +1,39 @@
+"""Where a prompt is marked for a provider's cache, which stores prompts up to marks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.messages import Message, text_of
+from smartplay_tools.types import Prompt
+
+CacheMarks = bool | Literal["stable"]
+"""What is marked: the prompt's end and that of its stable part (True), only the latter ("stable"), or nothing."""
+
+
+def checked_marks(cache: CacheMarks) -> CacheMarks:
+    """Return a choice of marks; anything else is an `InvalidArgumentError`."""
+    if cache not in (True, False, "stable"):
+        raise InvalidArgumentError(f'cache is True, "stable" or False, not {cache!r}.')
+    return cache
+
+
+def stable_end(prompt: Prompt, *, one_system_text: bool = False) -> int | None:
+    """Return which message to mark for a provider's cache: the last stable one that can be marked; None if none can.
+
+    Stable is what is unchanged since the previous prompt. Replies are not marked, because providers differ in which of
+    their parts can be. With `one_system_text` all system messages come first in the request, so that nothing is stable
+    if one of them is new.
+    """
+    stable, new = prompt.messages[: prompt.prefix_messages], prompt.messages[prompt.prefix_messages :]
+    if one_system_text and any(message["role"] in ("system", "developer") for message in new):
+        return None
+    return last_markable(stable)
+
+
+def last_markable(messages: Sequence[Message]) -> int | None:
+    """Return the last of messages that can be marked for a provider's cache: one with a text that is not a reply."""
+    last_first = range(len(messages) - 1, -1, -1)
+    return next((at for at in last_first if messages[at]["role"] != "assistant" and text_of(messages[at])), None)
