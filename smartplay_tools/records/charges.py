@@ -74,12 +74,11 @@ def calls_under(log: RequestLog, rule: CacheRule, *, marks: Sequence[Place] = PL
     if unknown := set(marks) - set(PLACES):
         raise InvalidArgumentError(f"A mark is at one of {', '.join(PLACES)}, not {', '.join(sorted(unknown))}.")
     knows_times = all(request.at is not None for request in log.requests)
-    looked_up = _stored_whole if rule.marks == "auto" else _stored_to_marks
+    life = rule.life if knows_times else None
+    stored = _stored_whole(log, rule, life) if rule.marks == "auto" else _stored_to_marks(log, rule, life, marks)
     calls = []
     block, minimum, writes = rule.block, rule.minimum, rule.write is not None
-    for request, (length, last) in zip(
-        log.requests, looked_up(log, rule, rule.life if knows_times else None, marks), strict=True
-    ):
+    for request, (length, last) in zip(log.requests, stored, strict=True):
         hit = min(request.ends[length], request.prompt - 1)
         hit -= hit % block
         if hit < minimum:
@@ -90,10 +89,8 @@ def calls_under(log: RequestLog, rule: CacheRule, *, marks: Sequence[Place] = PL
     return calls
 
 
-def _stored_whole(
-    log: RequestLog, rule: CacheRule, life: float | None, places: Sequence[Place]
-) -> Iterator[tuple[int, int]]:
-    """Yield of each request the length of its longest stored prefix, in units, and the tokens that are stored after it.
+def _stored_whole(log: RequestLog, rule: CacheRule, life: float | None) -> Iterator[tuple[int, int]]:
+    """Yield for each request the length of its longest stored prefix, in units, and how many of its tokens are stored.
 
     Where a prefix is stored, all that it begins with are, and were used no earlier, so that the longest is found by
     bisection.
@@ -145,7 +142,7 @@ def _longest(
     rule: CacheRule,
     life: float,
 ) -> int:
-    """The longest stored prefix that ends at a mark or at most `lookback` blocks before it, if it is longer than this."""
+    """The longest stored prefix that ends at a mark or at most `lookback` blocks before it; at least `longest`."""
     blocks, now = request.blocks, request.at or 0.0
     least = -1 if rule.lookback is None else blocks[mark] - rule.lookback
     for length in range(mark, longest, -1):

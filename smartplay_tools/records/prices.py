@@ -107,9 +107,11 @@ class Price:
         kinds = (self.input, self.cached, self.write or self.input, self.output)
         starts = sorted({start for rates in kinds for start, _ in rates})
         tiers = [tuple(_rate(rates, start) for rates in kinds) for start in starts]
+        given, read, write, taken = tiers[0]
         costs = []
         for prompt, cached, written, reply in calls:
-            given, read, write, taken = tiers[bisect_right(starts, prompt) - 1]
+            if len(tiers) > 1:
+                given, read, write, taken = tiers[bisect_right(starts, prompt) - 1]
             dollars = (prompt - cached - written) * given + cached * read + written * write + reply * taken
             costs.append(dollars / 1_000_000)
         return costs

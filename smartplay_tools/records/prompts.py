@@ -17,7 +17,7 @@ from smartplay_tools.context.view import Head, Selection, with_manual
 from smartplay_tools.conversation import paper
 from smartplay_tools.messages import Message
 from smartplay_tools.records.error_location import ErrorLocation
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, Purpose, ResolvedBudget, ToolSpec
@@ -84,7 +84,7 @@ class Rebuilder:
         self._turns = turns
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         # What a prompt says does not depend on how it is counted.
-        self._form = Strategies(ResolvedBudget(**events[0]["budget"]), TokenCounter("approximate")).summaries
+        self._form = Strategies(ResolvedBudget(**events[0]["budget"]), shared_counter("approximate")).summaries
 
     def use_head(self, head: Event) -> None:
         """Rebuild the following prompts with another head and its tools."""

@@ -151,7 +151,7 @@ class _Units:
                 yield view, [self._tools(prompt.tools), *map(self.of, prompt.messages)]
             return
         rebuilder = Rebuilder(record.events, record.turns)
-        tools, head, messages, whole = self._tools(()), None, [], self._whole
+        head, messages, whole = None, [], self._whole
         for event in record.events:
             if event["event"] == "head":
                 rebuilder.use_head(event)
@@ -160,11 +160,11 @@ class _Units:
                 shown = rebuilder.shown(event)
                 if shown.head is not head:
                     head, messages = shown.head, [*map(self.of, shown.head.messages)]
-                units = [tools, *messages, *map(self.of, shown.before)]
+                units, texts = [tools, *messages, *map(self.of, shown.before)], shown.texts
                 for turn, oldest in shown.turns:
-                    if turn.number in shown.texts:
-                        units.append(self.of(shown.texts[turn.number]))
-                    is_masked = turn.shows and oldest > turn.shows[0]
+                    if texts and turn.number in texts:
+                        units.append(self.of(texts[turn.number]))
+                    is_masked = oldest and turn.shows and oldest > turn.shows[0]
                     units += self._partly(turn, oldest) if is_masked else whole.get(turn.number) or self.turn(turn)
                 yield event, [*units, *map(self.of, shown.after)]
 
@@ -203,8 +203,10 @@ class _Units:
         return self._masked[key]
 
     def _tools(self, tools: Sequence[ToolSpec]) -> _Unit:
-        unit = _Unit(len(self._units), self._counter.tools(tools), 0, is_system=True)
-        return self._units.setdefault(tools_bytes(tools), unit)
+        written = tools_bytes(tools)
+        if written not in self._units:
+            self._units[written] = _Unit(len(self._units), self._counter.tools(tools), 0, is_system=True)
+        return self._units[written]
 
 
 class _Sums:
@@ -226,7 +228,8 @@ class _Sums:
         self.ends = [*self.ends[:same], *accumulate([unit.tokens for unit in new], initial=self.ends[same])]
         self.blocks = [*self.blocks[:same], *accumulate([unit.blocks for unit in new], initial=self.blocks[same])]
         self.system = next((at for at, unit in enumerate(prompt) if not unit.is_system), len(prompt))
-        stable = 1 + _common(ne, self.units[1:], before[1:])
+        # What follows the tools is stable though they change.
+        stable = same or 1 + _common(ne, self.units[1:], before[1:])
         return stable if stable > 1 else 0
 
 
