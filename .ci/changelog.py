@@ -32,24 +32,26 @@ def problems(root: Path) -> list[str]:
     changelog = (root / "CHANGELOG.md").read_text(encoding="utf-8")
     sections = {match["title"]: match["date"] for match in HEADING.finditer(changelog)}
     date = sections.get(version)
-    found = []
+    remedies = []
     if any(fragments(root).values()):
-        found.append("changelog.d has fragments: run `make changelog`, and read what it wrote.")
+        remedies.append("changelog.d has fragments: run `make changelog`, and read what it wrote.")
     if "Unreleased" in sections:
         today = datetime.datetime.now(tz=datetime.UTC).date()
-        found.append(f"CHANGELOG.md has a section without a date: make '## Unreleased' '## {version} - {today}'.")
+        remedies.append(f"CHANGELOG.md has a section without a date: make '## Unreleased' '## {version} - {today}'.")
     elif version not in sections:
-        found.append(f"CHANGELOG.md has no section for {version}: write one, with the heading '## {version} - DATE'.")
+        remedies.append(
+            f"CHANGELOG.md has no section for {version}: write one, with the heading '## {version} - DATE'."
+        )
     elif date is None or not _is_date(date):
-        found.append(f"CHANGELOG.md does not say when {version} is released: make it '## {version} - YYYY-MM-DD'.")
+        remedies.append(f"CHANGELOG.md does not say when {version} is released: make it '## {version} - YYYY-MM-DD'.")
     elif next(iter(sections)) != version:
-        found.append(f"CHANGELOG.md has {next(iter(sections))} before {version}: the newest section comes first.")
+        remedies.append(f"CHANGELOG.md has {next(iter(sections))} before {version}: the newest section comes first.")
     cited = dict(FIELD.findall((root / "CITATION.cff").read_text(encoding="utf-8")))
     if cited.get("version") != version:
-        found.append(f"CITATION.cff is of version {cited.get('version')}: make it 'version: {version}'.")
+        remedies.append(f"CITATION.cff is of version {cited.get('version')}: make it 'version: {version}'.")
     if cited.get("date-released") != date or date is None:
-        found.append(f"CITATION.cff needs the changelog's date: write 'date-released: {date or 'YYYY-MM-DD'}'.")
-    return found
+        remedies.append(f"CITATION.cff needs the changelog's date: write 'date-released: {date or 'YYYY-MM-DD'}'.")
+    return remedies
 
 
 def fragments(root: Path) -> dict[str, list[Path]]:

@@ -127,12 +127,12 @@ def through_the_window(page: str, command: list[str], folder: Path) -> str:
         sp.Episode(GAME, seed=SEED, budget=budget, transcript=events) as episode,
     ):
         handle = endpoint.serve(episode)
-        told = {
+        variables = {
             "SMARTPLAY_BASE_URL": endpoint.base_url,
             "SMARTPLAY_MODEL": endpoint.model(handle),
             "SMARTPLAY_MCP": endpoint.mcp_url(handle),
         }
-        run(command, folder, env={**os.environ, **QUIET, **told}, timeout=SECONDS)
+        run(command, folder, env={**os.environ, **QUIET, **variables}, timeout=SECONDS)
     assert episode.result is not None
     return verdict(page, episode.result, events)
 
@@ -164,8 +164,8 @@ def with_texts(command: list[str], folder: Path) -> str:
     """Run an agent whose model writes its calls as text, and say how it did by what the page prints."""
     model = TextModel()
     with LocalEndpoint(model) as endpoint, tempfile.TemporaryDirectory() as cache:
-        told = {"OPENAI_API_BASE": endpoint.base_url, "DSPY_CACHEDIR": cache}
-        shown = run(command, folder, env={**os.environ, **QUIET, **told}, timeout=SECONDS)
+        variables = {"OPENAI_API_BASE": endpoint.base_url, "DSPY_CACHEDIR": cache}
+        shown = run(command, folder, env={**os.environ, **QUIET, **variables}, timeout=SECONDS)
     if "score=3.0 " not in shown or "end_reason='terminated'" not in shown:
         raise SystemExit(f"the agent did not win:\n{shown[-2000:]}")
     return f"score 3, {len(model.calls)} calls"

@@ -39,9 +39,9 @@ def package_round(seed: int, rng: np.random.Generator) -> dict[str, float]:
     env = crafter.Env(seed=seed)
     resets, steps = [seconds(env.reset)], []
     for action in rng.integers(17, size=PACKAGE_STEPS):
-        found: list[object] = []
-        steps.append(seconds(lambda action=action, found=found: found.append(env.step(action))))
-        if found[0][2]:
+        stepped: list[object] = []
+        steps.append(seconds(lambda action=action, stepped=stepped: stepped.append(env.step(action))))
+        if stepped[0][2]:
             resets.append(seconds(env.reset))
     pictures = [seconds(env.render) for _ in range(50)]
     return {"step and image": np.mean(steps), "reset": np.mean(resets), "image": np.mean(pictures)}

@@ -69,8 +69,8 @@ def main(games: list[str]) -> None:
     )
 
 
-def _show(said: Range, took: int, hit: bool) -> str:
-    return f"{said.low:,.0f} to {said.high:,.0f}, took {took:,}{'' if hit else ' (!)'}"
+def _show(estimate: Range, took: int, hit: bool) -> str:
+    return f"{estimate.low:,.0f} to {estimate.high:,.0f}, took {took:,}{'' if hit else ' (!)'}"
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ def main() -> None:
     if asked.publish:
         marked = re.compile(r"(<!-- table: caps -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
         text = PAGE.read_text(encoding="utf-8")
-        PAGE.write_text(marked.sub(lambda found: f"{found[1]}\n{table}\n\n{found[3]}", text), encoding="utf-8")
+        PAGE.write_text(marked.sub(lambda match: f"{match[1]}\n{table}\n\n{match[3]}", text), encoding="utf-8")
 
 
 def _table(seeds: int) -> Iterator[str]:

@@ -329,24 +329,24 @@ def _limit(value: float | None) -> str:
     return "none" if value is None else f"{value:,g}"
 
 
-def _interval(found: MeanEstimate | None, sign: str = "-") -> str:
-    if found is None:
+def _interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
+    if estimate is None:
         return "no pairs"
-    digits = ",.0f" if max(abs(found.mean), abs(found.high or 0)) >= 100 else ",.2f"
-    mean = f"{found.mean:{sign}{digits}}"
-    if found.low is None or found.high is None:
-        return f"{mean} (all {found.episodes} equal)" if found.all_equal else mean
-    return f"{mean} [{found.low:{sign}{digits}}, {found.high:{sign}{digits}}]"
+    digits = ",.0f" if max(abs(estimate.mean), abs(estimate.high or 0)) >= 100 else ",.2f"
+    mean = f"{estimate.mean:{sign}{digits}}"
+    if estimate.low is None or estimate.high is None:
+        return f"{mean} (all {estimate.episodes} equal)" if estimate.all_equal else mean
+    return f"{mean} [{estimate.low:{sign}{digits}}, {estimate.high:{sign}{digits}}]"
 
 
-def _percent(found: MeanEstimate) -> str:
-    return f"{100 * found.mean:.1f} %"
+def _percent(estimate: MeanEstimate) -> str:
+    return f"{100 * estimate.mean:.1f} %"
 
 
-def _points(found: MeanEstimate | None) -> str:
-    if found is None or found.low is None or found.high is None:
+def _points(estimate: MeanEstimate | None) -> str:
+    if estimate is None or estimate.low is None or estimate.high is None:
         return ""
-    mean, low, high = (f"{100 * share:+.1f}" for share in (found.mean, found.low, found.high))
+    mean, low, high = (f"{100 * share:+.1f}" for share in (estimate.mean, estimate.low, estimate.high))
     return mean if low == high else f"{mean} [{low}, {high}]"
 
 

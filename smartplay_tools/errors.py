@@ -54,8 +54,8 @@ class InvalidArgumentError(SmartPlayError, ValueError):
 class UnknownNameError(SmartPlayError, KeyError):
     """A name that is not registered."""
 
-    def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
-        self.message = f"There is no {kind} {name!r}; {similar(name, known)}"
+    def __init__(self, kind: str, name: object, registered: Iterable[str]) -> None:
+        self.message = f"There is no {kind} {name!r}; {similar(name, registered)}"
         super().__init__(self.message)
 
     def __str__(self) -> str:
@@ -102,13 +102,13 @@ MOST_NAMES = 12
 """Names that are listed where none is similar; of more, the first are."""
 
 
-def similar(name: object, known: Iterable[str]) -> str:
+def similar(name: object, registered: Iterable[str]) -> str:
     """Return "did you mean ...?" with the names like an unknown one or, if there are none, the known names."""
-    known = list(known)
-    if near := difflib.get_close_matches(str(name), known, n=3, cutoff=0.5):
+    names = list(registered)
+    if near := difflib.get_close_matches(str(name), names, n=3, cutoff=0.5):
         return f"did you mean {' or '.join(near)}?"
-    more = f" and {len(known) - MOST_NAMES} more" if len(known) > MOST_NAMES else ""
-    return f"known: {', '.join(known[:MOST_NAMES])}{more}."
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return f"known: {', '.join(names[:MOST_NAMES])}{more}."
 
 
 FULL = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)

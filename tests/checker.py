@@ -136,8 +136,8 @@ def check_prompt(messages: list[Json], tools: list[Json], judge: Judge, k: int, 
         assert run == list(range(run[0], run[-1] + 1)) if run else True, "the run has a gap"
         assert shown <= {*range(min(shown, default=0), max(shown, default=0) + 1)}
     if purpose == "play":
-        known = {o for turn in judge.turns[:k] for o in turn["shows"]} - {None}
-        assert not known or t in shown, "the current observation is missing"
+        observed = {o for turn in judge.turns[:k] for o in turn["shows"]} - {None}
+        assert not observed or t in shown, "the current observation is missing"
         assert k == 0 or kept[-1] == k - 1, "the newest turn is missing"
 
 
@@ -185,7 +185,7 @@ def check_summaries(summaries: Sequence[Json], judge: Judge) -> None:
     """Judge what is shown of every reply to a request: all of it, its beginning with a notice, or the earlier one."""
     before = ""
     for event in summaries:
-        said, text, cap = plain_text(event["message"]["content"]), event["text"], judge.summary_cap
+        reply, text, cap = plain_text(event["message"]["content"]), event["text"], judge.summary_cap
 
         def added(words: str) -> int:
             return judge.n(FRAME + words) - judge.n(FRAME)
@@ -193,14 +193,14 @@ def check_summaries(summaries: Sequence[Json], judge: Judge) -> None:
         assert added(text) <= cap
         if event["empty"]:
             assert text == before
-            assert not said.strip() or added(said) > cap
+            assert not reply.strip() or added(reply) > cap
         elif event["cut"]:
-            assert added(said) > cap
+            assert added(reply) > cap
             kept, _, notice = text.rpartition("[")
             assert NOTICE.fullmatch(f"[{notice}")
-            assert said.startswith(kept.rstrip("\n"))
+            assert reply.startswith(kept.rstrip("\n"))
         else:
-            assert text == said
+            assert text == reply
         assert event["tokens"] == (judge.tokens([{"role": "user", "content": FRAME + text}]) if text else 0)
         before = text
 

@@ -122,8 +122,8 @@ def hostile_calls(chance: random.Random, counts: Counter[str]) -> None:
             assert cap is None or scripts.Words().count(result.text) <= cap
             json.dumps(dict(result.data))
             counts["calls"] += 1
-    found = replay(events, tokenizer=scripts.Words())
-    assert found.identical, found.differences
+    replayed = replay(events, tokenizer=scripts.Words())
+    assert replayed.identical, replayed.differences
 
 
 def strategy_of(budget: sp.Budget) -> str:
@@ -198,10 +198,10 @@ def hostile_conversation(chance: random.Random, counts: Counter[str]) -> None:
             scripts.act_as_host(chance, conversation)
         counts["calls"] += len(conversation.latest_turn.calls)
         answer_foreign(conversation)
-        said = {"role": "user", "content": [{"type": "text", "text": "Go on."}]}
+        message = {"role": "user", "content": [{"type": "text", "text": "Go on."}]}
         if chance.random() < 0.3:
-            conversation.add(said)
-        deface([reply, said])
+            conversation.add(message)
+        deface([reply, message])
     if (prompt := conversation.prompt()) is not None and prompt.purpose == "summary" and chance.random() < 0.5:
         conversation.receive({"role": "assistant", "content": "The end."})
     episode.close()
@@ -209,8 +209,8 @@ def hostile_conversation(chance: random.Random, counts: Counter[str]) -> None:
     counts["episodes"] += 1
     choices = None if episode.strategies.brought is None else scripts.choices_of(episode.strategies.brought)
     checker.check_episode(scripts.as_json(events), sent, tokenizer.count, choices)
-    found = replay(events, tokenizer=tokenizer)
-    assert found.identical, found.differences
+    replayed = replay(events, tokenizer=tokenizer)
+    assert replayed.identical, replayed.differences
 
 
 def refuse_odd_replies(chance: random.Random, conversation: Any) -> None:

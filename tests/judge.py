@@ -97,11 +97,11 @@ class Judge:
 
     def noted(self, k: int) -> int | None:
         """q: the newest turn with accepted notes, unless they were cleared since."""
-        found = None
+        latest = None
         for i in range(k):
-            for said in self.turns[i].get("notes", ()):
-                found = i if said.strip() else None
-        return found
+            for notes in self.turns[i].get("notes", ()):
+                latest = i if notes.strip() else None
+        return latest
 
     # What it costs.
 
@@ -271,16 +271,18 @@ class Judge:
         """Everything that the prompt to play says after k turns; None where the pinned parts do not fit."""
         if not self.pins_fit(k):
             return None
-        return self._said(self.traced(k), self.shown(k), k, k) | {"prefix_tokens": self.prefix(k)}
+        return self._prompt_of(self.traced(k), self.shown(k), k, k) | {"prefix_tokens": self.prefix(k)}
 
     def request(self, k: int) -> Json:
         """The prompt for a summary after k turns: the last one without the turns that stay, and the question."""
         stop = self.first(k)
         traced = self.traced(k - 1, stop)
-        said = self._said([*traced, (-3, 0, self.question)], self.shown(k - 1, stop), k - 1, k - 1)
-        return said | {"prefix_tokens": said["tokens"] - self.asking - PRIMING, "covers": stop}
+        prompt = self._prompt_of([*traced, (-3, 0, self.question)], self.shown(k - 1, stop), k - 1, k - 1)
+        return prompt | {"prefix_tokens": prompt["tokens"] - self.asking - PRIMING, "covers": stop}
 
-    def _said(self, traced: list[tuple[int, int, Json]], shown: list[tuple[int, bool]], k: int, turns: int) -> Json:
+    def _prompt_of(
+        self, traced: list[tuple[int, int, Json]], shown: list[tuple[int, bool]], k: int, turns: int
+    ) -> Json:
         body = [(i, m, one) for i, m, one in traced if i >= 0 and m >= 0]
         marked = [[i, m - 1] for i, m, one in body if m and one is not self.turns[i]["messages"][m]]
         seen = {self.turns[i]["shows"][m] for i, m, one in body if [i, m - 1] not in marked} - {None}

@@ -164,7 +164,7 @@ def as_json(value: Any) -> Any:
 
 def choices_of(odd: Any) -> dict[int, Any]:
     """What `tests/data/odd_strategy.py` chose, as a record holds it."""
-    texts = {k: {turn: as_json(text) for turn, text in said.items()} for k, (_, _, said) in odd.chosen.items()}
+    texts = {k: {turn: as_json(text) for turn, text in spoken.items()} for k, (_, _, spoken) in odd.chosen.items()}
     return {k: (*odd.chosen[k][:2], texts[k]) for k in odd.chosen}
 
 

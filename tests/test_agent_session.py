@@ -42,8 +42,8 @@ def texts(session):
 
 def assert_replays(session, events):
     session.episode.close()
-    found = replay(events)
-    assert found.identical, found.differences
+    replayed = replay(events)
+    assert replayed.identical, replayed.differences
 
 
 def test_a_reply_is_charged_and_recorded_before_anything_is_played():
@@ -103,8 +103,8 @@ def test_a_hosts_edit_is_played_shown_and_on_record():
     agent.answer(call.id, {"action": "2"})
     [played] = [event for event in events if event["event"] == "call"]
     assert (played["host"], played["arguments"]) == ("edited", '{"action": "2"}')
-    [said] = [event["message"] for event in events if event["event"] == "message"]
-    assert said["tool_calls"][0]["function"]["arguments"] == '{"action": "1"}', "the model's own words stay"
+    [message] = [event["message"] for event in events if event["event"] == "message"]
+    assert message["tool_calls"][0]["function"]["arguments"] == '{"action": "1"}', "the model's own words stay"
     [shown] = [m for m in agent.prompt().messages if m["role"] == "assistant"]
     assert shown["tool_calls"][0]["function"]["arguments"] == '{"action": "2"}'
     assert_replays(agent, events)

@@ -219,8 +219,8 @@ def public_names(module: str) -> list[str]:
 def outside() -> list[tuple[str, str]]:
     """Code that uses the package as a user does: adapters, examples, and the blocks of README and docs."""
     files = [path for folder in ("adapters", "examples") for path in sorted((ROOT / folder).rglob("*.py"))]
-    found = [(str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")) for path in files]
-    return [*found, *((page.name, code) for page, code in blocks("python"))]
+    modules = [(str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")) for path in files]
+    return [*modules, *((page.name, code) for page, code in blocks("python"))]
 
 
 def test_what_users_import_is_public():

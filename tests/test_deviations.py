@@ -46,13 +46,13 @@ def test_tool_calls_are_a_deviation_and_so_are_their_manual_and_batches():
     ],
 )
 def test_every_cap_is_a_deviation(budget, expected):
-    found = deviations(budget=sp.Budget(**budget))
-    assert found == {**TOOLS, **{name: {"paper": None, "played": cap} for name, cap in expected.items()}}
+    fields = deviations(budget=sp.Budget(**budget))
+    assert fields == {**TOOLS, **{name: {"paper": None, "played": cap} for name, cap in expected.items()}}
 
 
 def test_a_cap_on_results_that_follows_from_the_prompts_is_one_too():
-    found = deviations(budget=sp.Budget(prompt_tokens=800))
-    assert found["result_tokens"]["played"] > 0
+    fields = deviations(budget=sp.Budget(prompt_tokens=800))
+    assert fields["result_tokens"]["played"] > 0
 
 
 def test_history_rollout_slack_and_a_player_that_knows_more():
@@ -65,9 +65,9 @@ def test_history_rollout_slack_and_a_player_that_knows_more():
 
 def test_what_keeps_more_of_the_past_than_the_paper_is_one_too():
     budget = sp.Budget(history=2, beyond_history="mask", notes_tokens=50)
-    found = deviations(budget=budget)
-    assert found["beyond_history"] == {"paper": "drop", "played": "mask"}
-    assert found["notes_tokens"] == {"paper": None, "played": 50}
+    fields = deviations(budget=budget)
+    assert fields["beyond_history"] == {"paper": "drop", "played": "mask"}
+    assert fields["notes_tokens"] == {"paper": None, "played": 50}
 
 
 def test_a_host_decides_itself_what_its_model_sees():

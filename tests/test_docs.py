@@ -30,14 +30,14 @@ ELSEWHERE = {
 
 def blocks(kind: str) -> list[tuple[Path, str]]:
     """The blocks of one kind; a `python continued` block continues the block before it."""
-    found: list[tuple[Path, str]] = []
+    pieces: list[tuple[Path, str]] = []
     for page in PAGES:
         for language, text in BLOCK.findall(page.read_text(encoding="utf-8")):
             if language == f"{kind} continued":
-                found[-1] = (page, found[-1][1] + "\n" + text)
+                pieces[-1] = (page, pieces[-1][1] + "\n" + text)
             elif language == kind:
-                found.append((page, text))
-    return found
+                pieces.append((page, text))
+    return pieces
 
 
 def test_there_is_documentation():

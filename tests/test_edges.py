@@ -260,8 +260,8 @@ class TestInterruptions:
         with pytest.raises(error), episode:
             sp.play(episode, sp.get_player("rule"))
         assert episode.result.steps == 1
-        found = sp.replay(path)
-        assert found.identical, found.differences
+        replayed = sp.replay(path)
+        assert replayed.identical, replayed.differences
 
     def test_an_interruption_inside_a_step_leaves_a_record_without_an_end(self, tmp_path):
         path = tmp_path / "inside.jsonl"
@@ -277,9 +277,9 @@ class TestInterruptions:
         episode.game.advance = interrupted
         with pytest.raises(KeyboardInterrupt), episode:
             conversation.receive(acting())
-        found = sp.replay(path)
-        assert not found.differences
-        assert not found.complete
+        replayed = sp.replay(path)
+        assert not replayed.differences
+        assert not replayed.complete
         with sp.resume(path) as resumed:
             assert sp.play(resumed.conversation, sp.get_player("rule")).steps == 50
         assert sp.replay(path).identical

@@ -32,9 +32,9 @@ def rows(folder: Path) -> list[dict]:
 
 
 def test_a_row_of_sft_is_what_the_model_saw_and_what_it_said(run, tmp_path):
-    found = export(run, tmp_path / "data", "sft", players=("rule",), games=("Hanoi3Disk-v0",))
+    exported = export(run, tmp_path / "data", "sft", players=("rule",), games=("Hanoi3Disk-v0",))
     written = rows(tmp_path / "data")
-    assert found.counts == {"episodes": 3, "rows": len(written)}
+    assert exported.counts == {"episodes": 3, "rows": len(written)}
     records = sorted((run / "episodes").glob("*.jsonl"))
     sent = {(record.stem, s.turn): s for record in records for s in sent_prompts(sp.read_transcript(record))}
     first = next(r for r in map(Record.read, records) if (r.game, r.player) == ("Hanoi3Disk-v0", "rule"))
@@ -92,10 +92,10 @@ def test_columns_have_one_type(run, tmp_path):
     ids=str,
 )
 def test_what_is_left_out_is_counted(run, tmp_path, selection, kept):
-    found = export(run, tmp_path / "data", "sft-episodes", **selection)
-    assert found.counts["episodes"] == kept
-    assert found.counts["episodes"] + found.left_out.total() == 12
-    for reason in found.left_out:
+    exported = export(run, tmp_path / "data", "sft-episodes", **selection)
+    assert exported.counts["episodes"] == kept
+    assert exported.counts["episodes"] + exported.left_out.total() == 12
+    for reason in exported.left_out:
         assert reason in (tmp_path / "data" / "README.md").read_text(encoding="utf-8")
 
 
@@ -133,9 +133,9 @@ def test_data_is_never_overwritten(run, tmp_path):
         export(run, tmp_path / "data")
 
 
-@pytest.mark.parametrize(("arguments", "said"), [({"format": "csv"}, "csv"), ({"best": 0}, "best")], ids=str)
-def test_what_cannot_be_exported_is_said_in_a_sentence(run, tmp_path, arguments, said):
-    with pytest.raises(sp.SmartPlayError, match=said):
+@pytest.mark.parametrize(("arguments", "sentence"), [({"format": "csv"}, "csv"), ({"best": 0}, "best")], ids=str)
+def test_what_cannot_be_exported_is_said_in_a_sentence(run, tmp_path, arguments, sentence):
+    with pytest.raises(sp.SmartPlayError, match=sentence):
         export(run, tmp_path / "data", **arguments)
 
 
@@ -157,10 +157,10 @@ def test_a_trajectory_has_the_calls_with_their_results_and_what_the_prompt_showe
     files = sorted((tmp_path / "data" / "trajectories").glob("*.json"))
     assert len(files) == 3
     for file in files:
-        found = json.loads(file.read_text(encoding="utf-8"))
-        result = found["extra"]["smartplay"]["result"]
-        agent = [step for step in found["steps"] if step["source"] == "agent"]
-        assert [step["step_id"] for step in found["steps"]] == list(range(1, len(found["steps"]) + 1))
+        trajectory = json.loads(file.read_text(encoding="utf-8"))
+        result = trajectory["extra"]["smartplay"]["result"]
+        agent = [step for step in trajectory["steps"] if step["source"] == "agent"]
+        assert [step["step_id"] for step in trajectory["steps"]] == list(range(1, len(trajectory["steps"]) + 1))
         assert sum(step["metrics"]["prompt_tokens"] for step in agent) == result["tokens"]["prompt"]
         for step in agent:
             called = [call["tool_call_id"] for call in step["tool_calls"]]

@@ -130,8 +130,8 @@ def test_players_and_games_of_a_notebook_are_played_in_it(tmp_path):
     assert "100 calls" in bar
     assert "100 steps" in bar
     assert "2 of 2 episodes finished" in table
-    assert "is defined in this notebook, which worker processes cannot import" in said(refused)
-    assert "MyHanoi-v0 was registered in this notebook" in said(game)
+    assert "is defined in this notebook, which worker processes cannot import" in output_of(refused)
+    assert "MyHanoi-v0 was registered in this notebook" in output_of(game)
     assert '<progress value="3" max="3"' in model.outputs[0]["data"]["text/html"]
     (widget,) = look.outputs
     assert widget["data"]["text/html"].startswith("<iframe srcdoc=")
@@ -139,5 +139,5 @@ def test_players_and_games_of_a_notebook_are_played_in_it(tmp_path):
     assert frame.outputs[0]["data"]["text/plain"] == "2"
 
 
-def said(cell: nbformat.NotebookNode) -> str:
+def output_of(cell: nbformat.NotebookNode) -> str:
     return "".join(output["text"] for output in cell.outputs if output["output_type"] == "stream")

@@ -76,8 +76,8 @@ def run_python(script: str, *arguments: object) -> str:
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="nothing is to be taken away here")
 def test_without_unix_s_modules_everything_imports_and_a_run_is_played(tmp_path):
-    said = run_python(IMPORT_EVERYTHING + WITHOUT_UNIX + PLAY, tmp_path / "run")
-    assert said.splitlines() == [
+    printed = run_python(IMPORT_EVERYTHING + WITHOUT_UNIX + PLAY, tmp_path / "run")
+    assert printed.splitlines() == [
         f"The engine {engine!r} needs the processes and pipes of Unix; use the engine 'voxel' here, or WSL."
         for engine in ("luanti", "minedojo")
     ]

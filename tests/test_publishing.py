@@ -94,8 +94,8 @@ def release(folder: Path, heading: str, *, cited: str = "0.2.0", date: str = "20
     (folder / "pyproject.toml").write_text('[project]\nversion = "0.2.0"\n')
     (folder / "CHANGELOG.md").write_text(CHANGELOG.format(heading=heading))
     (folder / "CITATION.cff").write_text(CITATION.format(version=cited, date=date))
-    found: list[str] = script("changelog").problems(folder)
-    return found
+    remedies: list[str] = script("changelog").problems(folder)
+    return remedies
 
 
 def test_a_release_with_one_date_in_both_files_may_go(tmp_path):
@@ -103,7 +103,7 @@ def test_a_release_with_one_date_in_both_files_may_go(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("heading", "settings", "said"),
+    ("heading", "settings", "remedy"),
     [
         ("Unreleased", {}, "make '## Unreleased' '## 0.2.0 - 20"),
         ("Unreleased - 2026-03-01", {}, "make '## Unreleased'"),
@@ -115,8 +115,8 @@ def test_a_release_with_one_date_in_both_files_may_go(tmp_path):
         ("0.2.0 - 2026-03-01", {"date": "2026-03-02"}, "write 'date-released: 2026-03-01'"),
     ],
 )
-def test_a_release_without_its_date_is_refused_with_the_remedy(tmp_path, heading, settings, said):
-    assert said in " ".join(release(tmp_path, heading, **settings))
+def test_a_release_without_its_date_is_refused_with_the_remedy(tmp_path, heading, settings, remedy):
+    assert remedy in " ".join(release(tmp_path, heading, **settings))
 
 
 def test_fragments_become_lines_of_the_changelog(tmp_path):
@@ -316,7 +316,7 @@ def test_the_development_environment_is_fixed_by_versions_alone():
 
 # Nothing is invented.
 
-KNOWN = (
+ALLOWED_ADDRESSES = (
     "https://arxiv.org/abs/2310.01557",
     "https://keepachangelog.com",
     "https://semver.org",
@@ -342,7 +342,7 @@ PUBLIC = (
 def test_no_address_is_invented(file):
     text = (ROOT / file).read_text(encoding="utf-8")
     addresses = {address.rstrip(".,") for address in re.findall(r"https?://[\w./~%-]+", text)}
-    assert addresses <= set(KNOWN)
+    assert addresses <= set(ALLOWED_ADDRESSES)
     assert re.findall(r"[\w.+-]+@[\w-]+\.[a-z]{2,}\b", text) == []
 
 

@@ -78,7 +78,7 @@ def changed(event: dict[str, Any], path: tuple[Any, ...], *, remove: bool = Fals
     return event
 
 
-def found(path: Path) -> bool:
+def is_noticed(path: Path) -> bool:
     """Whether a replay finds a difference, or refuses the record in one sentence."""
     try:
         return not sp.replay(path).identical
@@ -94,7 +94,7 @@ def test_every_change_of_a_single_field_is_found(recorded, tmp_path, remove):
     for at, event in enumerate(recorded):
         for path in leaves(event)[1:]:
             events = [*recorded[:at], changed(event, path, remove=remove), *recorded[at + 1 :]]
-            assert found(write(tmp_path / "changed.jsonl", events)), (event["event"], path)
+            assert is_noticed(write(tmp_path / "changed.jsonl", events)), (event["event"], path)
             tried += 1
     assert tried >= 550
 
@@ -102,11 +102,11 @@ def test_every_change_of_a_single_field_is_found(recorded, tmp_path, remove):
 def test_every_change_of_the_order_is_found(recorded, tmp_path):
     path = tmp_path / "moved.jsonl"
     for at in range(len(recorded)):
-        assert found(write(path, recorded[:at] + recorded[at + 1 :])), f"event {at} is missing"
-        assert found(write(path, [*recorded[: at + 1], *recorded[at:]])), f"event {at} is doubled"
+        assert is_noticed(write(path, recorded[:at] + recorded[at + 1 :])), f"event {at} is missing"
+        assert is_noticed(write(path, [*recorded[: at + 1], *recorded[at:]])), f"event {at} is doubled"
         if at + 1 < len(recorded):
             swapped = [*recorded[:at], recorded[at + 1], recorded[at], *recorded[at + 2 :]]
-            assert found(write(path, swapped)), f"event {at} and the next are swapped"
+            assert is_noticed(write(path, swapped)), f"event {at} and the next are swapped"
 
 
 @pytest.fixture(scope="module")
@@ -191,10 +191,10 @@ def test_what_makes_no_sense_is_a_transcript_error_that_names_event_and_field(re
     next(event for event in reversed(events) if event["event"] == kind)[field] = value
     path = write(tmp_path / "wrong.jsonl", events)
     try:
-        told = " ".join(sp.replay(path).differences)
+        sentence = " ".join(sp.replay(path).differences)
     except TranscriptError as error:
-        told = str(error)
-    assert f"({kind}" in told
+        sentence = str(error)
+    assert f"({kind}" in sentence
 
 
 def test_counters_and_turns_are_folds_over_the_events(recorded):
@@ -278,9 +278,9 @@ class TestResume:
                 turns = resumed.episode.stats.turns
                 player = sp.get_player("random", seed=2)
                 replies = [event["message"] for event in sp.read_transcript(whole) if event["event"] == "message"]
-                said = [message for message in replies if message["role"] == "assistant"]
-                assert turns <= len(said)
-                assert sp.play(resumed.conversation, sp.ScriptedPlayer(said[turns:])) == result, player.name
+                answers = [message for message in replies if message["role"] == "assistant"]
+                assert turns <= len(answers)
+                assert sp.play(resumed.conversation, sp.ScriptedPlayer(answers[turns:])) == result, player.name
             assert sp.replay(path).identical
             assert [event["sha256"] for event in sp.read_transcript(path) if event["event"] == "view"] == prompts
             assert len(sp.replay(path).resumed) == 1

@@ -123,9 +123,9 @@ class TestLateNames:
             alias.name: node.module for node in guarded.body if isinstance(node, ast.ImportFrom) for alias in node.names
         }
         (table,) = (node for node in ast.walk(tree) if isinstance(node, ast.Dict))
-        told = {name: f"{package}.{where}" for where, names in ast.literal_eval(table).items() for name in names}
-        assert told == read
-        assert sorted(told) == sorted(module.__all__)
+        listed = {name: f"{package}.{where}" for where, names in ast.literal_eval(table).items() for name in names}
+        assert listed == read
+        assert sorted(listed) == sorted(module.__all__)
         assert set(module.__all__) <= set(dir(module))
 
     def test_a_name_that_is_not_there_is_no_attribute(self):

@@ -235,17 +235,17 @@ class TestSummaries:
         assert sp.replay(again, tokenizer=WORDS).identical
 
     @pytest.mark.parametrize(
-        ("said", "cut", "empty"),
+        ("text", "cut", "empty"),
         [("He likes Rock.", False, False), ("word " * 30, True, False), ("", False, True), (" \n" * 40, False, True)],
         ids=["short", "too long", "empty", "white space"],
     )
-    def test_what_became_of_one_is_on_record_and_counted(self, said, cut, empty):
+    def test_what_became_of_one_is_on_record_and_counted(self, text, cut, empty):
         events: list[Any] = []
         conversation = summarised(events)
-        conversation.receive(saying(said))
+        conversation.receive(saying(text))
         conversation.episode.close()
         (summary,) = [event for event in events if event["event"] == "summary"]
-        assert (summary["message"]["content"], summary["cut"], summary["empty"]) == (said, cut, empty)
+        assert (summary["message"]["content"], summary["cut"], summary["empty"]) == (text, cut, empty)
         result = events[-1]["result"]
         assert [result.get(name, 0) for name in ("summaries", "cut_summaries", "empty_summaries")] == [1, cut, empty]
         assert sp.replay(events, tokenizer=WORDS).identical

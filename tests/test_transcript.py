@@ -53,13 +53,13 @@ def test_every_prompt_is_rebuilt_word_for_word(played):
 
 
 def test_it_replays_to_the_bit(played):
-    found = sp.replay(played[0])
-    assert found.identical, found.differences
-    assert found.result.steps > 0
+    replayed = sp.replay(played[0])
+    assert replayed.identical, replayed.differences
+    assert replayed.result.steps > 0
 
 
 @pytest.mark.parametrize(
-    ("event", "change", "told"),
+    ("event", "change", "sentence"),
     [
         ("call", lambda event: event.update(text=event["text"] + " "), "text is"),
         ("call", lambda event: event["data"].update(score=99), "data: score is"),
@@ -70,14 +70,14 @@ def test_it_replays_to_the_bit(played):
         ("start", lambda event: event.update(seed=12), ""),
     ],
 )
-def test_a_record_that_was_tampered_with_is_found_out(played, event, change, told):
+def test_a_record_that_was_tampered_with_is_found_out(played, event, change, sentence):
     path, _ = played
     events = sp.read_transcript(path)
     change(next(e for e in reversed(events) if e["event"] == event))
     path.write_text("\n".join(map(json.dumps, events)))
-    found = sp.replay(path)
-    assert not found.identical
-    assert any(told in difference for difference in found.differences)
+    replayed = sp.replay(path)
+    assert not replayed.identical
+    assert any(sentence in difference for difference in replayed.differences)
 
 
 def test_a_changed_message_is_found_out_by_the_prompts_hash(played):
@@ -97,10 +97,10 @@ def test_a_torn_last_line_costs_that_line_only(played):
         path.write_text(text[:-cut])
         events = sp.read_transcript(path)
         assert events == whole[: len(events)]
-        found = sp.replay(path)
-        assert not found.differences
-        assert not found.complete
-        assert not found.identical
+        replayed = sp.replay(path)
+        assert not replayed.differences
+        assert not replayed.complete
+        assert not replayed.identical
 
 
 def line_by_line(written: bytes) -> list[dict] | None:

@@ -42,7 +42,7 @@ class InspectChat:
 
     def __init__(self, model: str) -> None:
         self._model = model
-        self._known: dict[str, ChatMessage] = {}
+        self._written_messages: dict[str, ChatMessage] = {}
         self._functions: dict[str, str] = {}
         """The function of every call by the call's id."""
 
@@ -57,11 +57,11 @@ class InspectChat:
         self._keep(message, sent.model_copy(update={"tool_calls": calls or None}))
 
     def _written(self, message: Message) -> ChatMessage:
-        return self._known.get(_key(message)) or self._keep(message, self._new(message))
+        return self._written_messages.get(_key(message)) or self._keep(message, self._new(message))
 
     def _keep(self, message: Message, written: ChatMessage) -> ChatMessage:
         self._functions |= {call["id"]: call["function"]["name"] for call in calls_of(message)}
-        self._known[_key(message)] = written
+        self._written_messages[_key(message)] = written
         return written
 
     def _new(self, message: Message) -> ChatMessage:

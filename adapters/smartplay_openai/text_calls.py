@@ -17,7 +17,7 @@ from typing import Any
 
 from smartplay_tools import InvalidArgumentError, Message
 
-Found = tuple[str, list[tuple[str, str]]]
+WordsAndCalls = tuple[str, list[tuple[str, str]]]
 """The words around the calls, and each call's name and arguments as JSON."""
 
 _HERMES = re.compile(r"<tool_call>\s*(.*?)\s*(?:</tool_call>|\Z)", re.DOTALL)
@@ -26,18 +26,18 @@ _MISTRAL = re.compile(r"(?:\[TOOL_CALLS\])?\s*([A-Za-z0-9_-]+)(?:\[CALL_ID\]\S+?
 _DECODER = json.JSONDecoder()
 
 
-def _hermes(text: str) -> Found | None:
+def _hermes(text: str) -> WordsAndCalls | None:
     calls = [_named(_load(body)) for body in _HERMES.findall(_THINKING.sub("", text))]
     return (_HERMES.sub("", text), [call for call in calls if call]) if calls and all(calls) else None
 
 
-def _llama(text: str) -> Found | None:
+def _llama(text: str) -> WordsAndCalls | None:
     before, _, after = text.rpartition("<|python_tag|>")
     calls = [_named(value) for value in _values(after, separator=";")]
     return (before, [call for call in calls if call]) if calls and all(calls) else None
 
 
-def _mistral(text: str) -> Found | None:
+def _mistral(text: str) -> WordsAndCalls | None:
     words, mark, rest = text.partition("[TOOL_CALLS]")
     if not mark:
         return None
@@ -55,7 +55,7 @@ def _mistral(text: str) -> Found | None:
     return (words, read) if read and not rest[at:].strip() else None
 
 
-PARSERS: Mapping[str, Callable[[str], Found | None]] = {"hermes": _hermes, "llama": _llama, "mistral": _mistral}
+PARSERS: Mapping[str, Callable[[str], WordsAndCalls | None]] = {"hermes": _hermes, "llama": _llama, "mistral": _mistral}
 
 
 def check_parser(name: str | None) -> None:

@@ -58,7 +58,7 @@ def read_tool_choice(body: Mapping[str, Any], tools: Sequence[ToolSpec], functio
     if choice == "none":
         return ToolChoice(frozenset())
     if choice == "required":
-        return ToolChoice(_known({tool.name for tool in tools}, tools), True, at_most_one)
+        return ToolChoice(_checked_names({tool.name for tool in tools}, tools), True, at_most_one)
     if not isinstance(choice, Mapping):
         raise bad(f"tool_choice is none, auto, required or an object, not {choice!r}.", "tool_choice")
     if choice.get("type") == "allowed_tools":
@@ -67,8 +67,8 @@ def read_tool_choice(body: Mapping[str, Any], tools: Sequence[ToolSpec], functio
         if not isinstance(listed, list):
             raise bad("allowed_tools has a list of tools.", "tool_choice")
         names = {_name(tool, function_field) for tool in listed}
-        return ToolChoice(_known(names, tools), inner.get("mode") == "required", at_most_one)
-    return ToolChoice(_known({_name(choice, function_field)}, tools), True, at_most_one)
+        return ToolChoice(_checked_names(names, tools), inner.get("mode") == "required", at_most_one)
+    return ToolChoice(_checked_names({_name(choice, function_field)}, tools), True, at_most_one)
 
 
 def _name(tool: Any, function_field: str | None) -> str:
@@ -80,7 +80,7 @@ def _name(tool: Any, function_field: str | None) -> str:
     return str(name)
 
 
-def _known(names: set[str], tools: Sequence[ToolSpec]) -> frozenset[str]:
+def _checked_names(names: set[str], tools: Sequence[ToolSpec]) -> frozenset[str]:
     if not names or not names <= {tool.name for tool in tools}:
         raise bad("tool_choice names a tool that the request does not have.", "tool_choice")
     return frozenset(names)

@@ -66,8 +66,8 @@ class PublicNames(SphinxDirective):
         asked = self.options.get("names", "").split() or offered
         if missing := set(asked) - set(offered):
             raise self.error(f"{module.__name__} does not offer {', '.join(sorted(missing))}.")
-        found = [name for name in asked if belongs(getattr(module, name))]
-        text = "\n\n".join(_describe(module, name) for name in found)
+        described = [name for name in asked if belongs(getattr(module, name))]
+        text = "\n\n".join(_describe(module, name) for name in described)
         return self.parse_text_to_nodes(f"```{{eval-rst}}\n{text}\n```")
 
 
@@ -94,12 +94,12 @@ def adapters() -> list[str]:
 
 def importable() -> list[str]:
     """The adapters whose framework is installed."""
-    found = []
+    names = []
     for name in adapters():
         with suppress(MissingExtraError):
             importlib.import_module(name)
-            found.append(name)
-    return found
+            names.append(name)
+    return names
 
 
 def _first_line(adapter: str) -> str:
@@ -213,8 +213,8 @@ def _resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: no
         return None
     package, _, path = node["reftarget"].partition(".")
     public = f"{package}.{path.split('.')[-1]}"
-    found = env.get_domain("py").resolve_xref(env, node["refdoc"], app.builder, "obj", public, node, content)
-    return found or content
+    reference = env.get_domain("py").resolve_xref(env, node["refdoc"], app.builder, "obj", public, node, content)
+    return reference or content
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

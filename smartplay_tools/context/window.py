@@ -171,7 +171,7 @@ class ContextWindow:
         shared += 0 if contents.summary is None else contents.summary.tokens
         return self._view_of(contents, "summary", shared + form.question_tokens + PRIMING, shared)
 
-    def summarise(self, said: str) -> tuple[Summary | None, bool, bool]:
+    def summarise(self, reply_text: str) -> tuple[Summary | None, bool, bool]:
         """Take the answer to `request`; return the summary that is shown now, and whether the answer was cut, or empty.
 
         An answer of which nothing is left to show leaves the earlier summary as it is; the turns still leave.
@@ -180,9 +180,9 @@ class ContextWindow:
         assert self._form is not None
         self._leaving = None
         self.summaries += 1
-        if text := self._form.cut(said):
+        if text := self._form.cut(reply_text):
             self._now = replace(self._now, summary=self._form.show(text))
-        return self._now.summary, text != said and bool(said.strip()), not text
+        return self._now.summary, text != reply_text and bool(reply_text.strip()), not text
 
     def canonical(self, purpose: Purpose = "play") -> list[bytes]:
         """Return the canonical JSON of a prompt's messages, of which its sha256 is made."""

@@ -61,15 +61,15 @@ def trajectory(episode: Record) -> dict[str, Any]:
 def _steps(episode: Record) -> Iterator[dict[str, Any]]:
     views = {view["turn"]: view for view in episode.views if not concerns_summary(view)}
     for message in episode.conversation.head:
-        yield _said(message)
+        yield _message_step(message)
     for turn in episode.conversation.turns:
         yield _reply(turn, episode.usage.get(turn.number, {}), views.get(turn.number, {}))
         for item in turn.items:
             if item.position is None:
-                yield _said(item.message)
+                yield _message_step(item.message)
 
 
-def _said(message: Message) -> dict[str, Any]:
+def _message_step(message: Message) -> dict[str, Any]:
     source = {"user": "user", "assistant": "agent"}.get(message["role"], "system")
     return {"source": source, "message": text_of(message)}
 

@@ -82,11 +82,11 @@ class Accounts:
         self._whole = [[0] * len(PARTS)]
         self._hidden = [[0] * len(PARTS)]
         """The parts of the turns before each, unmasked and with every observation masked."""
-        self._said: list[Tokens] = []
+        self._replies: list[Tokens] = []
         """The parts of each turn's reply."""
         for turn in record.turns:
             self._index.append(turn)
-            self._said.append(self._parts_of_reply(turn))
+            self._replies.append(self._parts_of_reply(turn))
             self._whole.append(_plus(self._whole[-1], self._parts_of(turn, 0)))
             self._hidden.append(_plus(self._hidden[-1], self._parts_of(turn, turn.step + 1)))
         self._heads: dict[tuple[int, str | None], tuple[int, int]] = {}
@@ -200,7 +200,7 @@ class Accounts:
 
     def _parts_of(self, turn: Turn, oldest: int) -> Tokens:
         """The parts of a turn whose observations before `oldest` are masked."""
-        tokens, count = self._said[turn.number].copy(), self._counter.message
+        tokens, count = self._replies[turn.number].copy(), self._counter.message
         for item in turn.items:
             if item.observation_step is None:
                 tokens[_OTHER] += count(item.message)

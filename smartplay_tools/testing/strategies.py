@@ -59,12 +59,12 @@ def check_strategy(strategy: str | Budget, *, episodes: int = 200, seconds: floa
 
 def digests(budget: Budget, episodes: int) -> list[str]:
     """Play and check the episodes; return a digest of the record of each."""
-    found: list[str] = []
+    chains: list[str] = []
     for number in range(episodes):
         events = hostile_episode(budget, number)
         _check_record(events)
-        found.append(str(events[-1]["chain"]))
-    return found
+        chains.append(str(events[-1]["chain"]))
+    return chains
 
 
 def _check_record(events: Sequence[Event]) -> None:

@@ -54,23 +54,23 @@ class OpenAIStub(ScriptedServer):
 
 def read_items(items: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Read input items as messages; all that a model said between two others is one assistant message."""
-    said: dict[str, Any] | None = None
+    reply: dict[str, Any] | None = None
     for item in items:
         kind = item.get("type", "message")
         if kind == "function_call" or (kind == "message" and item["role"] == "assistant"):
-            said = said or {"role": "assistant", "content": "", "tool_calls": []}
+            reply = reply or {"role": "assistant", "content": "", "tool_calls": []}
             if kind == "message":
-                said["content"] += "".join(part["text"] for part in item["content"])
+                reply["content"] += "".join(part["text"] for part in item["content"])
             else:
                 function = {"name": item["name"], "arguments": item["arguments"]}
-                said["tool_calls"].append({"id": item["call_id"], "function": function})
+                reply["tool_calls"].append({"id": item["call_id"], "function": function})
             continue
-        if said is not None:
-            yield said
-            said = None
+        if reply is not None:
+            yield reply
+            reply = None
         if kind == "function_call_output":
             yield {"role": "tool", "tool_call_id": item["call_id"], "content": item["output"]}
         elif kind == "message":
             yield {"role": item["role"], "content": item["content"]}
-    if said is not None:
-        yield said
+    if reply is not None:
+        yield reply

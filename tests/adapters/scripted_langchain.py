@@ -36,12 +36,12 @@ class ScriptedModel(BaseChatModel):
     @property
     def received(self) -> list[Received]:
         """What the model was sent, in canonical form."""
-        found = []
+        requests = []
         for messages, settings in zip(self.sent, self.settings, strict=True):
             functions = [convert_to_openai_tool(tool)["function"] for tool in settings["tools"]]
             tools = [(function["name"], function["description"], function["parameters"]) for function in functions]
-            found.append(Received(messages, tools, settings.get("max_tokens", self.max_tokens)))
-        return found
+            requests.append(Received(messages, tools, settings.get("max_tokens", self.max_tokens)))
+        return requests
 
     @property
     def _llm_type(self) -> str:

@@ -67,8 +67,8 @@ class ScriptedServer:
 
             def do_POST(self) -> None:
                 body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-                status, said = answer(self.path, body)
-                data = json.dumps(said).encode()
+                status, answered = answer(self.path, body)
+                data = json.dumps(answered).encode()
                 self.send_response(status)
                 self.send_header("Content-Type", "application/json")
                 self.send_header("Content-Length", str(len(data)))

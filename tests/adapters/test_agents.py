@@ -38,11 +38,11 @@ def _no_traces():
     set_tracing_disabled(True)
 
 
-async def run(episode: sp.Episode, script: list[sp.Message], tools: tuple = (), said: str | list = "", **options):
+async def run(episode: sp.Episode, script: list[sp.Message], tools: tuple = (), prompt: str | list = "", **options):
     inner = ScriptedModel([step(message) if isinstance(message, dict) else message for message in script])
     model = SmartPlayModel(inner, episode)
     agent = Agent("player", model=model, tools=[*model.tools, *tools], **options)
-    result = await Runner.run(agent, said or [], max_turns=None, run_config=model.run_config)
+    result = await Runner.run(agent, prompt or [], max_turns=None, run_config=model.run_config)
     return inner, result
 
 

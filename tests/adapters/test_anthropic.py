@@ -122,7 +122,7 @@ def with_ids(message, number):
 
 
 PLAYED = [with_ids(calling(act(move)), number) for number, move in enumerate(("A->C", "Fly", "A->B"))]
-SAID = [*PLAYED, calling(say="Well.")]
+WITH_LAST_WORDS = [*PLAYED, calling(say="Well.")]
 
 
 def check_runner(stub, episode):
@@ -142,14 +142,14 @@ class Unchecked(AnthropicStub):
 
 def test_the_clients_own_runner_plays():
     episode, _ = fresh(context="host")
-    with Unchecked(SAID) as stub, episode, anthropic.Anthropic(base_url=stub.url, api_key="k") as client:
+    with Unchecked(WITH_LAST_WORDS) as stub, episode, anthropic.Anthropic(base_url=stub.url, api_key="k") as client:
         client.beta.messages.tool_runner(**runner_options(episode, tools(episode))).until_done()
         check_runner(stub, episode)
 
 
 async def test_the_clients_own_runner_plays_on_an_event_loop():
     episode, _ = fresh(context="host")
-    with Unchecked(SAID) as stub, episode:
+    with Unchecked(WITH_LAST_WORDS) as stub, episode:
         async with anthropic.AsyncAnthropic(base_url=stub.url, api_key="k") as client:
             await client.beta.messages.tool_runner(**runner_options(episode, async_tools(episode))).until_done()
         check_runner(stub, episode)

@@ -38,11 +38,11 @@ def test_sft_trainer_trains_on_the_replies_only(run, tmp_path, name, monkeypatch
     export(run, tmp_path / "data", name, players=("rule",))
     # By its card, as from the Hub.
     rows = load_dataset(str(tmp_path / "data"), split="train", cache_dir=str(tmp_path / "cache"))
-    known = tiny_model.tokenizer()
+    tokenizer = tiny_model.tokenizer()
     which = {"completion_only_loss": True} if name == "sft" else {"assistant_only_loss": True}
     trainer = SFTTrainer(
-        model=tiny_model.model(known),
-        processing_class=known,
+        model=tiny_model.model(tokenizer),
+        processing_class=tokenizer,
         train_dataset=rows.select(range(4)),
         args=SFTConfig(
             output_dir=str(tmp_path / "out"),
@@ -60,8 +60,8 @@ def test_sft_trainer_trains_on_the_replies_only(run, tmp_path, name, monkeypatch
     assert trainer.train().training_loss > 0
     batch = next(iter(trainer.get_train_dataloader()))
     for ids, labels in zip(batch["input_ids"].tolist(), batch["labels"].tolist(), strict=True):
-        shown = known.decode([i for i, label in zip(ids, labels, strict=True) if label == -100])
-        trained = known.decode([label for label in labels if label != -100])
+        shown = tokenizer.decode([i for i, label in zip(ids, labels, strict=True) if label == -100])
+        trained = tokenizer.decode([label for label in labels if label != -100])
         assert '"parameters": {"type": "object", "properties": {"action"' in shown, "the schemas reach the model whole"
         assert "You’re a player trying to play the game" in shown
         assert "<tool_call>" in trained
@@ -74,25 +74,25 @@ def test_what_is_trained_on_is_the_recorded_prompt(run, tmp_path):
     (record,) = [
         path
         for path in (run / "episodes").glob("*.jsonl")
-        if (found := Record.read(path)).player == "rule"
-        and (found.result.game, found.result.seed) == (rows[0]["game"], rows[0]["seed"])
+        if (each := Record.read(path)).player == "rule"
+        and (each.result.game, each.result.seed) == (rows[0]["game"], rows[0]["seed"])
     ]
-    known = tiny_model.tokenizer()
+    tokenizer = tiny_model.tokenizer()
     for row, sent in zip(rows, Record.read(record).prompts, strict=True):
-        exported = known.apply_chat_template(row["prompt"], tools=json.loads(row["tools"]), tokenize=False)
+        exported = tokenizer.apply_chat_template(row["prompt"], tools=json.loads(row["tools"]), tokenize=False)
         tools = [
             {"type": "function", "function": {"name": t.name, "description": t.description, "parameters": t.parameters}}
             for t in sent.prompt.tools
         ]
         messages = [{**message, "content": message["content"] or ""} for message in sent.prompt.messages]
-        assert exported == known.apply_chat_template(messages, tools=tools, tokenize=False)
+        assert exported == tokenizer.apply_chat_template(messages, tools=tools, tokenize=False)
 
 
 def test_every_reply_of_a_chain_is_trained_once(run, tmp_path, monkeypatch):
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     export(run, tmp_path / "data", "sft-chains", players=("rule",), games=("Hanoi3Disk-v0",), best=1)
     rows = load_dataset(str(tmp_path / "data"), split="train", cache_dir=str(tmp_path / "cache"))
-    known = tiny_model.tokenizer()
+    tokenizer = tiny_model.tokenizer()
     settings = SFTConfig(
         output_dir=str(tmp_path / "out"),
         assistant_only_loss=True,
@@ -102,9 +102,11 @@ def test_every_reply_of_a_chain_is_trained_once(run, tmp_path, monkeypatch):
         bf16=False,
         gradient_checkpointing=False,
     )
-    trainer = SFTTrainer(model=tiny_model.model(known), processing_class=known, train_dataset=rows, args=settings)
+    trainer = SFTTrainer(
+        model=tiny_model.model(tokenizer), processing_class=tokenizer, train_dataset=rows, args=settings
+    )
     trained = sum(
-        known.decode([label for label in row["labels"] if label != -100]).count("<|im_end|>")
+        tokenizer.decode([label for label in row["labels"] if label != -100]).count("<|im_end|>")
         for row in trainer.train_dataset
     )
     assert len(rows) > 1, "the window has moved"
@@ -120,8 +122,8 @@ def test_trajectories_are_valid(run, tmp_path):
     files = sorted((tmp_path / "data" / "trajectories").glob("*.json"))
     assert len(files) == 8
     for file in files:
-        found = atif.Trajectory.model_validate_json(file.read_text(encoding="utf-8"))
-        assert found.agent.name == "smartplay-tools"
+        trajectory = atif.Trajectory.model_validate_json(file.read_text(encoding="utf-8"))
+        assert trajectory.agent.name == "smartplay-tools"
 
 
 def test_a_trajectory_with_broken_arguments_is_valid(tmp_path):
@@ -131,7 +133,7 @@ def test_a_trajectory_with_broken_arguments_is_valid(tmp_path):
     with sp.Episode("Hanoi3Disk-v0", seed=1, budget=sp.Budget(tool_calls=2), transcript=record) as episode:
         sp.play(episode, sp.ScriptedPlayer([{"role": "assistant", "content": "Well."}, reply, reply]))
     export(record, tmp_path / "data", "atif")
-    found = atif.Trajectory.model_validate_json((tmp_path / "data" / "trajectories" / "one.json").read_text())
-    step = next(step for step in found.steps if step.tool_calls)
+    trajectory = atif.Trajectory.model_validate_json((tmp_path / "data" / "trajectories" / "one.json").read_text())
+    step = next(step for step in trajectory.steps if step.tool_calls)
     assert (step.tool_calls[0].arguments, step.tool_calls[0].extra) == ({}, {"sent": '{"action": '})
     assert step.reasoning_content == "Hm."

@@ -75,20 +75,20 @@ class Provider(OpenAIStub):
         return super()._answer(path, body)
 
     def say(self, path: str, body: dict[str, Any], message: Any) -> dict[str, Any]:
-        said = super().say(path, body, calling(say=WORDS) if purpose_of(body) == "summary" else message)
+        answer = super().say(path, body, calling(say=WORDS) if purpose_of(body) == "summary" else message)
         if path == "/v1/chat/completions":
-            said["usage"] = {"prompt_tokens": 100, "completion_tokens": 10, "total_tokens": 110}
+            answer["usage"] = {"prompt_tokens": 100, "completion_tokens": 10, "total_tokens": 110}
         else:
-            said["usage"] = {
+            answer["usage"] = {
                 "input_tokens": 100,
                 "output_tokens": 10,
                 "total_tokens": 110,
                 "input_tokens_details": {"cached_tokens": 0},
                 "output_tokens_details": {"reasoning_tokens": 0},
             }
-            for number, item in enumerate(said["output"]):
+            for number, item in enumerate(answer["output"]):
                 item["call_id"] = f"c{len(self.requests)}.{number}"
-        return said
+        return answer
 
 
 def purpose_of(body: dict[str, Any]) -> str:

@@ -74,8 +74,8 @@ def _logs_go_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def output(message: sp.Message) -> ModelOutput:
     """A reply as Inspect's providers give it."""
     calls = [parsed(call["id"], **call["function"]) for call in message.get("tool_calls", ())]
-    said = ChatMessageAssistant(content=message["content"] or "", tool_calls=calls or None)
-    return ModelOutput(model="mockllm", choices=[ChatCompletionChoice(message=said)], usage=USAGE)
+    reply = ChatMessageAssistant(content=message["content"] or "", tool_calls=calls or None)
+    return ModelOutput(model="mockllm", choices=[ChatCompletionChoice(message=reply)], usage=USAGE)
 
 
 def parsed(call_id: str, name: str, arguments: str) -> ToolCall:
@@ -337,7 +337,7 @@ def test_a_score_can_be_made_again_from_the_log():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "sentence"),
     [
         ({"game": "Hanoi9Disk-v0"}, "Hanoi9Disk-v0"),
         ({"prompt_tokens": 0}, "prompt_tokens"),
@@ -346,8 +346,8 @@ def test_a_score_can_be_made_again_from_the_log():
     ],
     ids=str,
 )
-def test_what_cannot_be_played_is_said_before_a_model_is_asked(arguments, said):
-    with pytest.raises(sp.SmartPlayError, match=said):
+def test_what_cannot_be_played_is_said_before_a_model_is_asked(arguments, sentence):
+    with pytest.raises(sp.SmartPlayError, match=sentence):
         smartplay(**arguments)
 
 

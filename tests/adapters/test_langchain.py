@@ -234,11 +234,11 @@ def test_call_ids_are_unique_in_the_state():
 
 def test_what_a_provider_adds_goes_back_to_it_and_is_counted():
     thinking = {"type": "thinking", "thinking": "Hm, hm.", "signature": "s1"}
-    said = AIMessage([thinking, {"type": "text", "text": "Go."}], response_metadata={"model_provider": "anthropic"})
-    message = from_langchain(said)
+    reply = AIMessage([thinking, {"type": "text", "text": "Go."}], response_metadata={"model_provider": "anthropic"})
+    message = from_langchain(reply)
     assert (message["content"], message["reasoning_content"]) == ("Go.", "Hm, hm.")
     (again,) = to_langchain([message])
-    assert again.content == said.content
+    assert again.content == reply.content
     counter = TokenCounter()
     assert counter.message(message) > counter.message({"role": "assistant", "content": "Go."})
 

@@ -80,8 +80,8 @@ def test_a_new_process_goes_on_from_a_checkpoint_on_disk(where, tmp_path):
 
     done = run(times=0)
     assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
-    assert said["answered"] == said["asked"], "the state has every call and its result once"
+    printed = json.loads(done.stdout)
+    assert printed["answered"] == printed["asked"], "the state has every call and its result once"
 
     events = events_of(tmp_path / "episode.jsonl")
     assert events[: len(interrupted)] == interrupted, "the record went on where it was"

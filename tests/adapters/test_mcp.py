@@ -303,8 +303,8 @@ class TestEpisodes:
         now[0] = 100
         with HttpServer(episodes, port=0) as server:
             refused = post(f"{server.url}/mcp/{handle}", json=CALL, headers=ACCEPT)
-        told = "The episode was closed after 60 seconds without a request."
-        assert (refused.status_code, refused.text) == (404, told)
+        sentence = "The episode was closed after 60 seconds without a request."
+        assert (refused.status_code, refused.text) == (404, sentence)
         assert episodes.gone(handle).result.end_reason == "closed"
 
     def test_with_a_folder_it_is_told_that_the_episode_is_over(self, tmp_path):
@@ -314,10 +314,10 @@ class TestEpisodes:
         episodes.find(handle)
         now[0] = 100
         with ThreadPoolExecutor(8) as pool:
-            found = list(pool.map(episodes.find, [handle] * 8))
-        assert {id(table) for table in found} == {id(found[0])}
-        assert found[0].episode.call("observe").text.startswith("Error: The episode is over")
-        assert found[0].episode.end_reason == "closed"
+            tables = list(pool.map(episodes.find, [handle] * 8))
+        assert {id(table) for table in tables} == {id(tables[0])}
+        assert tables[0].episode.call("observe").text.startswith("Error: The episode is over")
+        assert tables[0].episode.end_reason == "closed"
 
     def test_there_is_a_limit(self):
         episodes = EpisodeStore(most=2)
@@ -346,9 +346,9 @@ class TestEpisodes:
         handles = [before.open(GAME, seed=seed) for seed in range(3)]
         after = EpisodeStore(folder=tmp_path)
         with ThreadPoolExecutor(12) as pool:
-            found = list(pool.map(after.find, handles * 4))
-        assert found == found[:3] * 4
-        assert [table.episode.config.seed for table in found[:3]] == [0, 1, 2]
+            tables = list(pool.map(after.find, handles * 4))
+        assert tables == tables[:3] * 4
+        assert [table.episode.config.seed for table in tables[:3]] == [0, 1, 2]
         close(before, *handles)
         close(after, *handles)
 

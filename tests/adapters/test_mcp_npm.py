@@ -69,12 +69,12 @@ def node(tmp_path_factory):
     return run
 
 
-def check(said):
-    assert said["names"] == ["observe", "act", "read_manual"]
-    assert said["result"]["structuredContent"]["step"] == 2
-    assert said["result"]["structuredContent"]["text"] == said["result"]["content"][0]["text"]
-    assert "until it is over" in said["instructions"]
-    assert said["manual"]
+def check(printed):
+    assert printed["names"] == ["observe", "act", "read_manual"]
+    assert printed["result"]["structuredContent"]["step"] == 2
+    assert printed["result"]["structuredContent"]["text"] == printed["result"]["content"][0]["text"]
+    assert "until it is over" in printed["instructions"]
+    assert printed["manual"]
 
 
 def test_the_typescript_client_plays_on_stdio(node):
@@ -90,6 +90,6 @@ def test_the_typescript_client_plays_over_http(node):
 def test_the_ai_sdk_plays_over_http(node):
     store = EpisodeStore()
     with HttpServer(store, port=0) as server:
-        said = node(AI_SDK, f"{server.url}/mcp/{store.open(GAME, seed=7)}", move("A->C"))
-    assert said["names"] == ["observe", "act", "read_manual"]
-    assert said["result"]["structuredContent"]["step"] == 1
+        printed = node(AI_SDK, f"{server.url}/mcp/{store.open(GAME, seed=7)}", move("A->C"))
+    assert printed["names"] == ["observe", "act", "read_manual"]
+    assert printed["result"]["structuredContent"]["step"] == 1

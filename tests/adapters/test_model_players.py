@@ -63,8 +63,8 @@ class Busy:
                 usage = {"prompt_tokens": 7, "completion_tokens": 2}
                 return 200, {"choices": [{"message": {"role": "assistant", "content": question}}], "usage": usage}
             case "responses":
-                said = {"type": "message", "role": "assistant", "content": [{"type": "output_text", "text": question}]}
-                return 200, {"status": "completed", "output": [said], "usage": {"input_tokens": 7, "output_tokens": 2}}
+                item = {"type": "message", "role": "assistant", "content": [{"type": "output_text", "text": question}]}
+                return 200, {"status": "completed", "output": [item], "usage": {"input_tokens": 7, "output_tokens": 2}}
         return 200, {
             "content": [{"type": "text", "text": question}],
             "usage": {"input_tokens": 7, "output_tokens": 2},

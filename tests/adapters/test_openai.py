@@ -266,18 +266,18 @@ def test_output_items_come_back_in_their_order():
 
 def test_names_and_half_characters_are_put_right_on_the_wire_alone():
     function = {"name": "go north!", "arguments": "{}"}
-    said = {
+    reply = {
         "role": "assistant",
         "content": "\ud83d",
         "tool_calls": [{"id": "c\ud83d", "type": "function", "function": function}],
     }
     result = {"role": "tool", "content": "no", "tool_call_id": "c\ud83d"}
-    prompt = sp.Prompt([said, result], ())
+    prompt = sp.Prompt([reply, result], ())
     messages = so.chat_request(prompt)["messages"]
     assert messages[0]["tool_calls"][0]["id"] == messages[1]["tool_call_id"] == "c\ufffd"
     assert messages[0]["tool_calls"][0]["function"]["name"] == "go_north_"
     assert messages[0]["content"] == "\ufffd"
-    assert prompt.messages[0] == said
+    assert prompt.messages[0] == reply
 
 
 def test_what_a_server_adds_to_a_message_goes_back_to_it():
@@ -337,8 +337,8 @@ def test_the_cap_is_called_as_the_server_calls_it():
 
 def test_a_missing_extra_is_one_sentence():
     code = "import sys; sys.modules['openai'] = None; import smartplay_tools as sp; sp.get_player('openai:m')"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert "pip install 'smartplay-tools[openai]'" in found.stderr
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "pip install 'smartplay-tools[openai]'" in done.stderr
 
 
 def test_an_agent_of_ones_own_can_use_the_endpoint(endpoint):

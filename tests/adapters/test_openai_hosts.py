@@ -51,11 +51,11 @@ def play_as_a_host(client, episode, wrap=str, shuffle=False, turns=60):
     tools = [sp.schema(tool, "openai") for tool in episode.tools]
     messages: list[Any] = [{"role": "system", "content": "You play games."}, {"role": "user", "content": "Play."}]
     for _ in range(turns):
-        said = client.chat.completions.create(model="rule", messages=messages, tools=tools).choices[0].message
-        messages.append(said.model_dump(exclude_none=True))
-        if not said.tool_calls:
-            return said.content
-        for call in said.tool_calls:
+        reply = client.chat.completions.create(model="rule", messages=messages, tools=tools).choices[0].message
+        messages.append(reply.model_dump(exclude_none=True))
+        if not reply.tool_calls:
+            return reply.content
+        for call in reply.tool_calls:
             result = episode.call(call.function.name, call.function.arguments)
             messages.append({"role": "tool", "tool_call_id": call.id, "content": wrap(result.text)})
     return None
@@ -133,16 +133,16 @@ def test_results_out_of_order_are_told_apart_by_their_ids(client):
         {"role": "tool", "tool_call_id": "c1", "content": HANOI.format("2", "", "1, 0")},
         {"role": "tool", "tool_call_id": "c0", "content": HANOI.format("2, 1, 0", "", "")},
     ]
-    said = client.chat.completions.create(model="rule", messages=messages, tools=hanoi_tools()).choices[0].message
-    (call,) = said.tool_calls
+    reply = client.chat.completions.create(model="rule", messages=messages, tools=hanoi_tools()).choices[0].message
+    (call,) = reply.tool_calls
     assert "rod C to the top of rod A" in call.function.arguments
 
 
 def test_requests_without_tools_are_answered_in_words(client):
     """Hosts ask for a title, or for a summary, in between."""
     messages = [{"role": "user", "content": "Give this conversation a title."}]
-    said = client.chat.completions.create(model="rule", messages=messages).choices[0].message
-    assert "no tool `act`" in said.content
+    reply = client.chat.completions.create(model="rule", messages=messages).choices[0].message
+    assert "no tool `act`" in reply.content
     assert not called(asked(client, HANOI.format("2, 1, 0", "", ""), tools=[])), "no call without tools"
     tool = {"name": "act", "description": "1. Castle\n2. Resign", "parameters": {"type": "object"}}
     with pytest.raises(openai.BadRequestError, match="no rules for a game with the actions Castle, Resign"):

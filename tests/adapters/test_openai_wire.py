@@ -23,8 +23,8 @@ def message(content, calls, provider_items):
         {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}
         for call_id, name, arguments in calls
     ]
-    said = {"role": "assistant", "content": content, "tool_calls": tool_calls}
-    return {**said, "provider_items": provider_items} if provider_items else said
+    reply = {"role": "assistant", "content": content, "tool_calls": tool_calls}
+    return {**reply, "provider_items": provider_items} if provider_items else reply
 
 
 TOOLS = st.sampled_from(["act", "observe", "read_manual", "jump"])
@@ -44,11 +44,11 @@ def prompts(messages, budget):
     """The prompts of a conversation, each with our count of it."""
     with sp.Episode("RockPaperScissorBasic-v0", seed=7, budget=budget) as episode:
         conversation = sp.Conversation(episode)
-        for said in messages:
+        for reply in messages:
             if (prompt := conversation.prompt()) is None:
                 return
             yield prompt, conversation.view.tokens
-            conversation.receive(said)
+            conversation.receive(reply)
 
 
 @pytest.mark.parametrize("interface", SERVER)
@@ -59,8 +59,8 @@ def test_a_request_is_taken_and_counts_what_the_prompt_counts(interface, message
     counter = TokenCounter()
     for prompt, tokens in prompts(messages, budget):
         if interface == "chat":
-            for said in prompt.messages:
-                said.pop("provider_items", None)  # chat completions have no place for another interface's items
+            for sent in prompt.messages:
+                sent.pop("provider_items", None)  # chat completions have no place for another interface's items
             tokens = counter.prompt(prompt.messages, prompt.tools)
         received = read({"model": "m", **json.loads(json.dumps(request(prompt)).encode())})
         assert counter.prompt(received.messages, received.tools) == tokens
@@ -88,9 +88,9 @@ def test_a_request_is_taken_whatever_was_said(interface, messages):
 
 
 @settings(max_examples=100, deadline=None)
-@given(said=st.builds(message, WORDS, CALLS, st.just([])))
-def test_a_stream_adds_up_to_the_completion(said):
-    completion = so.CHAT.write(said, "m", sp.Usage(prompt=3, reply=2))
+@given(reply=st.builds(message, WORDS, CALLS, st.just([])))
+def test_a_stream_adds_up_to_the_completion(reply):
+    completion = so.CHAT.write(reply, "m", sp.Usage(prompt=3, reply=2))
     whole = so.chat_reply(completion)
     chunks = [data for _, data in so.CHAT.stream(completion, {"stream_options": {"include_usage": True}})][:-1]
     streamed = so.chat_reply(so.CHAT.assemble(chunks))

@@ -144,8 +144,8 @@ def served(app: Any) -> Iterator[str]:
 def url() -> Iterator[str]:
     patch = pytest.MonkeyPatch()
     patch.setenv("NO_PROXY", "127.0.0.1")
-    with served(new_app(GAME, budget=HOST_BUDGET, sessions=8)) as found:
-        yield found
+    with served(new_app(GAME, budget=HOST_BUDGET, sessions=8)) as address:
+        yield address
     patch.undo()
 
 
@@ -258,8 +258,8 @@ def test_a_mistake_in_the_options_is_reported_where_the_server_is_made():
 def test_the_folder_for_the_hub_is_valid_and_serves(monkeypatch):
     script = Path(sys.executable).with_name("openenv")
     command = [script, "validate", HUB, "--skip-build", "--level", "static", "--json"]
-    found = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert found.returncode == 0, found.stdout + found.stderr
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
     monkeypatch.syspath_prepend(str(HUB))
     import server.app
 

@@ -40,8 +40,8 @@ def content(request: pytest.FixtureRequest) -> Any:
 
 
 def spans(operation: str) -> list[Any]:
-    found = [s for s in EXPORTER.get_finished_spans() if s.attributes["gen_ai.operation.name"] == operation]
-    return sorted(found, key=lambda span: span.start_time)
+    finished = [s for s in EXPORTER.get_finished_spans() if s.attributes["gen_ai.operation.name"] == operation]
+    return sorted(finished, key=lambda span: span.start_time)
 
 
 def play(script: list[sp.Message], **options: Any) -> sp.EpisodeResult:
@@ -86,9 +86,9 @@ def test_what_was_said_is_there_only_if_asked_for(content):
     assert ("You play through tools" in text) == content
     if content:
         (first, *_) = spans("chat")
-        (said,) = json.loads(first.attributes["gen_ai.output.messages"])
-        assert [part["type"] for part in said["parts"]] == ["tool_call"]
-        assert said["parts"][0]["id"] == spans("execute_tool")[0].attributes["gen_ai.tool.call.id"]
+        (output,) = json.loads(first.attributes["gen_ai.output.messages"])
+        assert [part["type"] for part in output["parts"]] == ["tool_call"]
+        assert output["parts"][0]["id"] == spans("execute_tool")[0].attributes["gen_ai.tool.call.id"]
 
 
 def test_results_and_records_are_the_same_with_and_without(content):
@@ -152,10 +152,10 @@ def test_an_episode_that_began_before_is_not_traced():
 
 def test_the_names_are_those_of_the_conventions(content):
     play(MOVES)
-    known = {value for name, value in vars(gen_ai_attributes).items() if name.startswith("GEN_AI_")}
+    conventions = {value for name, value in vars(gen_ai_attributes).items() if name.startswith("GEN_AI_")}
     used = {name for span in EXPORTER.get_finished_spans() for name in span.attributes}
     used |= {name for span in EXPORTER.get_finished_spans() for event in span.events for name in event.attributes}
-    assert {name for name in used if name.startswith("gen_ai.")} <= known
+    assert {name for name in used if name.startswith("gen_ai.")} <= conventions
     assert {name.partition(".")[0] for name in used} == {"gen_ai", "smartplay", "error"}
 
 
@@ -175,8 +175,8 @@ def record(tmp_path: Path) -> Path:
 
 def traced() -> list[tuple[Any, ...]]:
     """The finished spans, without ids and times."""
-    found = sorted(EXPORTER.get_finished_spans(), key=lambda span: (span.start_time, span.end_time, span.name))
-    return [(s.name, dict(s.attributes), s.status.status_code, s.parent is None, len(s.events)) for s in found]
+    finished = sorted(EXPORTER.get_finished_spans(), key=lambda span: (span.start_time, span.end_time, span.name))
+    return [(s.name, dict(s.attributes), s.status.status_code, s.parent is None, len(s.events)) for s in finished]
 
 
 def test_a_record_with_times_has_the_spans_of_the_episode(tmp_path):

@@ -196,9 +196,9 @@ def test_the_reasoning_of_a_reply_goes_back_to_the_model_and_into_the_record():
 
 
 def test_records_of_replies_have_no_times():
-    said = ModelResponse([ThinkingPart("Hm."), TextPart("Rock.")])
+    response = ModelResponse([ThinkingPart("Hm."), TextPart("Rock.")])
     again = ModelResponse([ThinkingPart("Hm."), TextPart("Rock.")])
-    assert from_response(said) == from_response(again)
+    assert from_response(response) == from_response(again)
 
 
 @pytest.mark.parametrize("options", [{"output_type": int}], ids=["output_type"])

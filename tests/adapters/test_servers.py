@@ -197,10 +197,10 @@ def test_what_is_half_sent_is_closed_and_others_are_answered(
         assert second.recv(4096)
         second.sendall(post)
         assert ask(case, padded(case.body, 1))[0] in (200, 201)
-        for connection, told in zip(sockets, half_sent.values(), strict=True):
+        for connection, sentence in zip(sockets, half_sent.values(), strict=True):
             answer = b"".join(iter(lambda: connection.recv(4096), b""))  # noqa: B023  # the server ends each
-            assert answer.endswith(told)
-            assert (b" 408 " in answer) is bool(told)
+            assert answer.endswith(sentence)
+            assert (b" 408 " in answer) is bool(sentence)
         assert b" 408 " not in b"".join(iter(lambda: second.recv(4096), b""))
 
 

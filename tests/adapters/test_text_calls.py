@@ -44,9 +44,9 @@ TEXT = [
 def test_calls_are_read(parser, text, words, calls):
     message = with_calls({"role": "assistant", "content": text}, parser)
     assert message["content"] == words
-    found = [(call["function"]["name"], call["function"]["arguments"]) for call in message["tool_calls"]]
-    assert len(found) == calls if isinstance(calls, int) else found == calls
-    assert len({call["id"] for call in message["tool_calls"]}) == len(found)
+    read = [(call["function"]["name"], call["function"]["arguments"]) for call in message["tool_calls"]]
+    assert len(read) == calls if isinstance(calls, int) else read == calls
+    assert len({call["id"] for call in message["tool_calls"]}) == len(read)
 
 
 @pytest.mark.parametrize(("parser", "text"), TEXT)

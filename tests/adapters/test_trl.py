@@ -37,8 +37,8 @@ def begun(seed: int = 1, **options: Any) -> Any:
 
 def tools_of(made: type[GameEnvironment]) -> list[str]:
     """The tools as the trainer finds them."""
-    found = [name for name, _ in inspect.getmembers(made, inspect.isfunction) if not name.startswith("_")]
-    return [name for name in found if name not in ("reset", "get_reward")]
+    functions = [name for name, _ in inspect.getmembers(made, inspect.isfunction) if not name.startswith("_")]
+    return [name for name in functions if name not in ("reset", "get_reward")]
 
 
 def carries(name: str, arguments: dict[str, Any]) -> bool:
@@ -79,8 +79,8 @@ def test_the_tools_are_described_as_everywhere():
         described = get_json_schema(getattr(CLASS(), name))["function"]
         assert described["description"] == tool.description
         arguments = {key: value["description"] for key, value in tool.parameters["properties"].items()}
-        found = described["parameters"]["properties"]
-        assert {key: value["description"] for key, value in found.items()} == arguments
+        properties = described["parameters"]["properties"]
+        assert {key: value["description"] for key, value in properties.items()} == arguments
 
 
 def test_games_have_their_own_actions():
@@ -132,16 +132,16 @@ def test_an_environment_is_used_again(tmp_path):
 class Scripted:
     """Generates for TRL: of the rollouts of a batch every second one plays, the others say nothing worth a reward."""
 
-    def __init__(self, known: Any) -> None:
-        self.known = known
+    def __init__(self, tokenizer: Any) -> None:
+        self._tokenizer = tokenizer
         self.shown: list[str] = []
 
     def __call__(self, input_ids: torch.Tensor, **options: Any) -> torch.Tensor:
-        texts = [self.known.decode(row) for row in input_ids]
+        texts = [self._tokenizer.decode(row) for row in input_ids]
         self.shown += texts
-        said = [self.known(self._reply(at, text) + "<|im_end|>")["input_ids"] for at, text in enumerate(texts)]
-        longest = max(map(len, said))
-        padded = [reply + [self.known.pad_token_id] * (longest - len(reply)) for reply in said]
+        replies = [self._tokenizer(self._reply(at, text) + "<|im_end|>")["input_ids"] for at, text in enumerate(texts)]
+        longest = max(map(len, replies))
+        padded = [reply + [self._tokenizer.pad_token_id] * (longest - len(reply)) for reply in replies]
         return torch.cat([input_ids, torch.tensor(padded)], dim=-1)
 
     def _reply(self, at: int, text: str) -> str:
@@ -152,14 +152,14 @@ class Scripted:
         return f"<tool_call>\n{json.dumps(call)}\n</tool_call>"
 
 
-def taught(known: Any, folder: Path) -> str:
+def taught(tokenizer: Any, folder: Path) -> str:
     """The first prompt of an exported row, as the model's template writes it."""
     with sp.Episode(GAME, seed=1, transcript=folder / "teacher.jsonl") as episode:
         sp.play(episode, sp.get_player("rule"))
     export(folder / "teacher.jsonl", folder / "taught", "sft-chains")
     row = json.loads((folder / "taught" / "data.jsonl").read_text(encoding="utf-8").splitlines()[0])
     tools = json.loads(tools_as_text(CLASS))
-    return str(known.apply_chat_template(row["prompt"], tools=tools, add_generation_prompt=True, tokenize=False))
+    return str(tokenizer.apply_chat_template(row["prompt"], tools=tools, add_generation_prompt=True, tokenize=False))
 
 
 @pytest.mark.parametrize("manual", ["tool", "pinned"])
@@ -176,21 +176,21 @@ def test_the_rows_of_a_dataset_have_the_heads_own_messages(context, manual):
 
 
 def test_a_row_without_the_games_messages_gets_them_as_text():
-    said = CLASS().reset(seed=1, prompt=[{"role": "user", "content": "Hello. "}])
+    text = CLASS().reset(seed=1, prompt=[{"role": "user", "content": "Hello. "}])
     with sp.Episode(GAME, seed=1, context="host") as episode:
-        assert said == "\n\n".join(message["content"] for message in episode.head)
+        assert text == "\n\n".join(message["content"] for message in episode.head)
 
 
 def test_grpo_trainer_takes_two_steps(tmp_path, monkeypatch):
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     monkeypatch.setenv("TRL_EXPERIMENTAL_SILENCE", "1")
     torch.manual_seed(0)
-    known = tiny_model.tokenizer()
-    model = tiny_model.model(known)
+    tokenizer = tiny_model.tokenizer()
+    model = tiny_model.model(tokenizer)
     before = {name: value.detach().clone() for name, value in model.named_parameters()}
     trainer = GRPOTrainer(
         model=model,
-        processing_class=known,
+        processing_class=tokenizer,
         train_dataset=Dataset.from_dict(rows(GAME, [1, 2])),
         environment_factory=environment(GAME, records=tmp_path / "records"),
         args=GRPOConfig(
@@ -209,7 +209,7 @@ def test_grpo_trainer_takes_two_steps(tmp_path, monkeypatch):
             save_strategy="no",
         ),
     )
-    generate = Scripted(known)
+    generate = Scripted(tokenizer)
     monkeypatch.setattr(trainer.model, "generate", generate)
     trainer.train()
 
@@ -217,7 +217,7 @@ def test_grpo_trainer_takes_two_steps(tmp_path, monkeypatch):
     assert [log["rewards/SmartPlayHanoi3Diskv0/mean"] for log in logs] == [0.5, 0.5]
     assert [log["tools/failure_frequency"] for log in logs] == [0, 0]
     assert any((value != before[name]).any() for name, value in trainer.model.named_parameters()), "it has learnt"
-    assert generate.shown[0] == taught(known, tmp_path), "the prompt is the one that exported rows teach"
+    assert generate.shown[0] == taught(tokenizer, tmp_path), "the prompt is the one that exported rows teach"
     records = list((tmp_path / "records").glob("*.jsonl"))
     assert sorted(sp.read_transcript(record)[-1]["result"]["score"] for record in records) == [0, 0, 3, 3]
     assert all(sp.replay(record).identical for record in records)

@@ -58,8 +58,8 @@ class RolloutLoop(_HarnessRolloutLoop):
 
     async def _generate_one_turn(self, prompt_ids: list[int]) -> tuple[list[int], list[float]]:
         call = {"name": "act", "arguments": {"action": move(next(self._moves))}}
-        said = f"<tool_call>\n{json.dumps(call)}\n</tool_call><|im_end|>"
-        ids = self.tokenizer(said, add_special_tokens=False)["input_ids"]
+        text = f"<tool_call>\n{json.dumps(call)}\n</tool_call><|im_end|>"
+        ids = self.tokenizer(text, add_special_tokens=False)["input_ids"]
         return ids, [-0.1] * len(ids)
 
 

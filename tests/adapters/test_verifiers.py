@@ -79,11 +79,11 @@ def tasks(number: int, **options: Any) -> list[Any]:
 
 
 def test_tasks_are_the_trials_of_an_evaluation():
-    found = tasks(3, game=GAME, seed=5, budget=BudgetConfig(prompt_tokens=700, history="none"))
-    assert [task.data.config["seed"] for task in found] == [trial_seed(5, GAME, trial) for trial in range(3)]
-    config = sp.EpisodeConfig(**found[0].data.config)
+    trials = tasks(3, game=GAME, seed=5, budget=BudgetConfig(prompt_tokens=700, history="none"))
+    assert [task.data.config["seed"] for task in trials] == [trial_seed(5, GAME, trial) for trial in range(3)]
+    config = sp.EpisodeConfig(**trials[0].data.config)
     assert (config.budget.prompt_tokens, config.budget.history) == (700, None)
-    assert found[2].data.name == f"{GAME}-2"
+    assert trials[2].data.name == f"{GAME}-2"
 
 
 def test_a_wrong_budget_is_one_sentence():
@@ -124,8 +124,8 @@ def evaluated(folder: Path, *options: str, environment: str = "smartplay_verifie
         taskset = ["--env.taskset.game", GAME, "--env.taskset.options", '{"manual": "pinned"}']
         output = ["--no-push", "--no-rich", "--output-dir", str(folder)]
         command = [script, environment, "-m", "rule", *client, *taskset, *output, *options]
-        found = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300)
-    assert found.returncode == 0, found.stderr
+        done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
     return [trace for line in lines(folder) for trace in json.loads(line)["traces"]]
 
 
@@ -153,10 +153,10 @@ def rows_of(record: Path) -> int:
 
 def test_an_evaluation_is_rewarded_recorded_and_split_into_rows_where_the_window_moves(tmp_path):
     window = ["--env.taskset.budget.prompt-tokens", "800", "--env.taskset.budget.history", "none"]
-    found = evaluated(tmp_path / "out", "-n", "2", "-r", "2", *window)
+    traces = evaluated(tmp_path / "out", "-n", "2", "-r", "2", *window)
     records = save_records(traces_file(tmp_path / "out"), tmp_path / "records")
-    assert len(found) == len(records) == 4
-    for trace, record in zip(found, records, strict=True):
+    assert len(traces) == len(records) == 4
+    for trace, record in zip(traces, records, strict=True):
         assert (trace["rewards"]["game_reward"]["score"], trace["metrics"]["score"]) == (1.0, 3.0)
         ours = [event for event in sp.read_transcript(record) if event["event"] == "usage"]
         theirs = [call["usage"]["prompt_tokens"] for call in trace["calls"]]

@@ -216,10 +216,10 @@ class TestHosts:
         answer = httpx2.post(
             f"{host.url}/chat/completions", json=host.request(temperature=0.3), trust_env=False, timeout=60
         )
-        told = answer.headers["x-smartplay-ignored"]
-        assert told == "system messages (55 characters), user messages (5 characters), temperature"
-        assert endpoint.ignored(handle) == told
-        assert [record.levelname for record in caplog.records if told in record.getMessage()] == ["WARNING"]
+        ignored = answer.headers["x-smartplay-ignored"]
+        assert ignored == "system messages (55 characters), user messages (5 characters), temperature"
+        assert endpoint.ignored(handle) == ignored
+        assert [record.levelname for record in caplog.records if ignored in record.getMessage()] == ["WARNING"]
 
     def test_names_that_a_client_puts_in_front_are_taken_off(self):
         endpoint, _ = scripted(calling(act(WAY[0])))

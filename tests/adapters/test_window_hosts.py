@@ -102,9 +102,9 @@ class TestMessages:
         ]
         answer = post(endpoint, "chat/completions", host.request(store=True))
         assert answer.json()["choices"][0]["message"]["tool_calls"]
-        told = answer.headers["x-smartplay-ignored"]
-        assert "image_url (1)" in told
-        assert told.endswith("store")
+        ignored = answer.headers["x-smartplay-ignored"]
+        assert "image_url (1)" in ignored
+        assert ignored.endswith("store")
 
     def test_items_of_new_kinds_are_told_of(self, endpoint):
         handle = endpoint.open(GAME, seed=7)
@@ -115,9 +115,9 @@ class TestMessages:
             {"role": "user", "content": [{"type": "input_image", "image_url": "data:,"}]},
         ]
         answer = post(endpoint, "responses", {"model": endpoint.model(handle), "input": items, "tools": FLAT})
-        told = answer.headers["x-smartplay-ignored"]
-        assert told.startswith("developer messages (6 characters), user messages")
-        assert told.endswith("item_reference (1), compaction (1), input_image (1)")
+        ignored = answer.headers["x-smartplay-ignored"]
+        assert ignored.startswith("developer messages (6 characters), user messages")
+        assert ignored.endswith("item_reference (1), compaction (1), input_image (1)")
 
 
 class TestResponses:
@@ -155,9 +155,9 @@ class TestResponses:
         handle = endpoint.open(GAME, seed=7)
         elsewhere = [{"type": "web_search"}, {"type": "custom", "name": "grep"}, {"type": "mcp", "server_url": "x"}]
         body = {"model": endpoint.model(handle), "input": "Play.", "tools": [*FLAT, *elsewhere]}
-        told = post(endpoint, "responses", body).headers["x-smartplay-ignored"]
-        assert told == "user messages (5 characters), the tools web_search, grep (custom), mcp"
-        assert told in caplog.text
+        ignored = post(endpoint, "responses", body).headers["x-smartplay-ignored"]
+        assert ignored == "user messages (5 characters), the tools web_search, grep (custom), mcp"
+        assert ignored in caplog.text
 
 
 class TestSideRequests:
@@ -174,8 +174,8 @@ class TestSideRequests:
         for _ in range(2):
             assert "offer the game's tools" in self.words(host, endpoint, tools=[])
         assert "moves only" in self.words(host, endpoint, tool_choice="none")
-        told = "2 requests without the game's tools, 1 requests that allow no call"
-        assert endpoint.ignored(handle).endswith(told)
+        sentence = "2 requests without the game's tools, 1 requests that allow no call"
+        assert endpoint.ignored(handle).endswith(sentence)
         assert [record.levelname for record in caplog.records if "answered here" in record.message] == ["WARNING"] * 2
         assert endpoint.store.find(handle).episode.stats.turns == 0
 

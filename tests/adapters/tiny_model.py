@@ -18,22 +18,22 @@ def tokenizer() -> Any:
     of_bytes = Tokenizer(models.BPE(vocab=alphabet, merges=[]))
     of_bytes.pre_tokenizer = pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=False)
     of_bytes.decoder = decoders.ByteLevel()
-    found = PreTrainedTokenizerFast(
+    fast = PreTrainedTokenizerFast(
         tokenizer_object=of_bytes,
         eos_token="<|im_end|>",
         pad_token="<|endoftext|>",
         additional_special_tokens=["<|im_start|>", "<|im_end|>", "<|endoftext|>"],
     )
     words = [f"<{slash}{name}>" for name in ("tool_call", "tool_response", "think") for slash in ("", "/")]
-    found.add_tokens([AddedToken(word, special=False, normalized=False) for word in words])
+    fast.add_tokens([AddedToken(word, special=False, normalized=False) for word in words])
     template = Path(trl.__file__).parent / "chat_templates" / "qwen3.jinja"
-    found.chat_template = template.read_text(encoding="utf-8")
-    return found
+    fast.chat_template = template.read_text(encoding="utf-8")
+    return fast
 
 
-def model(known: Any) -> Any:
+def model(tokens: Any) -> Any:
     config = Qwen3Config(
-        vocab_size=len(known),
+        vocab_size=len(tokens),
         hidden_size=16,
         intermediate_size=32,
         num_hidden_layers=1,
@@ -41,7 +41,7 @@ def model(known: Any) -> Any:
         num_key_value_heads=1,
         head_dim=8,
         max_position_embeddings=32768,
-        eos_token_id=known.eos_token_id,
-        pad_token_id=known.pad_token_id,
+        eos_token_id=tokens.eos_token_id,
+        pad_token_id=tokens.pad_token_id,
     )
     return Qwen3ForCausalLM(config)

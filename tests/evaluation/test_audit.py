@@ -108,6 +108,6 @@ def test_a_record_that_cannot_be_opened_is_a_finding(run):
     record = run.folder.transcript(run.rows[0]["key"])
     record.unlink()
     record.symlink_to(record)
-    (found,) = [finding for finding in audited(run.folder, 2) if finding.differences]
-    assert found.key == run.rows[0]["key"]
-    assert "cannot be read" in found.differences[0]
+    (damaged,) = [finding for finding in audited(run.folder, 2) if finding.differences]
+    assert damaged.key == run.rows[0]["key"]
+    assert "cannot be read" in damaged.differences[0]

@@ -46,15 +46,15 @@ def test_a_human_scores_one_everywhere():
 
 
 def test_settings_without_a_normalised_score_are_left_out_and_named():
-    found = capability_scores({HANOI: [0.5, 1.0], "Hanoi4Disk-v0": [None, None]})
-    assert found.left_out == ("Hanoi4Disk-v0",)
-    assert found.settings == (HANOI,)
-    assert found.scores == capability_scores({HANOI: [0.5, 1.0]}).scores
+    capabilities = capability_scores({HANOI: [0.5, 1.0], "Hanoi4Disk-v0": [None, None]})
+    assert capabilities.left_out == ("Hanoi4Disk-v0",)
+    assert capabilities.settings == (HANOI,)
+    assert capabilities.scores == capability_scores({HANOI: [0.5, 1.0]}).scores
 
 
 def test_without_any_normalised_score_all_are_missing_with_a_reason():
-    found = capability_scores({"Hanoi4Disk-v0": [None]})
-    assert all(score.estimate is None and "normalised" in score.reason for score in found.scores)
+    capabilities = capability_scores({"Hanoi4Disk-v0": [None]})
+    assert all(score.estimate is None and "normalised" in score.reason for score in capabilities.scores)
 
 
 def test_the_interval_draws_episodes_within_each_setting():

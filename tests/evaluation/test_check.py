@@ -70,8 +70,8 @@ def test_a_model_that_errs_once_can_play():
 def test_reasoning_that_no_usage_counts_is_counted():
     message = {**calling("act", action="1"), "reasoning_content": "I take the first arm."}
     with serving(lambda body, number: completion(message, prompt_tokens=9, completion_tokens=9)) as (url, _):
-        (found,) = json.loads(run("check", "--players", MODEL, "--base-url", url, "--json")[1])
-    assert found["reasoning"] == 3 * 6
+        (report,) = json.loads(run("check", "--players", MODEL, "--base-url", url, "--json")[1])
+    assert report["reasoning"] == 3 * 6
 
 
 @contextmanager
@@ -140,11 +140,11 @@ def test_the_others_wait_for_the_first_action(tmp_path):
 
 def test_replies_that_were_cut_are_the_cause_that_is_named(tmp_path):
     with serving(lambda body, number: cut({"content": "<think>"})) as (url, _):
-        _, _, said = run(
+        _, _, stderr = run(
             "eval", "--games", BANDIT, "--players", MODEL, "--base-url", url, "--trials", 1, "--out", tmp_path
         )
         code, output, warned = run("play", BANDIT, "--player", MODEL, "--base-url", url, "--quiet")
-    assert "cut at their length before they called a tool" in said
+    assert "cut at their length before they called a tool" in stderr
     assert RunFolder(tmp_path).rows()[0]["tokens"]["provider"]["cut"] == 3
     assert (code, "cut at their length" in warned) == (0, True), output
 
@@ -195,12 +195,12 @@ def test_tool_choice_goes_to_the_server(tmp_path):
 
 def test_a_pilot_plays_one_episode_a_cell_and_the_run_goes_on(tmp_path):
     command = ("eval", "--games", BANDIT, "--players", "rule,random", "--trials", 3, "--executor", "inline")
-    code, _, said = run(*command, "--out", tmp_path, "--pilot", 1)
-    assert code == 0, said
+    code, _, stderr = run(*command, "--out", tmp_path, "--pilot", 1)
+    assert code == 0, stderr
     before = RunFolder(tmp_path).rows()
     assert [(row["player"], row["trial"]) for row in before] == [("rule", 0), ("random", 0)]
-    assert "The whole run:" in said
-    assert "without --pilot goes on" in said
+    assert "The whole run:" in stderr
+    assert "without --pilot goes on" in stderr
     assert run(*command, "--out", tmp_path)[0] == 0
     after = RunFolder(tmp_path).rows()
     assert len(after) == 6

@@ -24,11 +24,11 @@ def episodes(scores, player="rule", **facts):
 def test_pairs_share_game_seed_and_trial():
     before, after = episodes([10, 20, 30, 40]), episodes([15, 20, 20])[::-1]
     after[0] = after[0] | {"trial": 7}  # of the same seed, but another trial
-    (found,) = compare({"before": before, "after": after}).pairings
-    assert (found.pairs, found.unpaired) == (2, 3)
-    assert (found.wins, found.ties, found.losses) == (1, 1, 0)
-    assert found.differences["score"].mean == 2.5
-    assert found.means["score"].mean == pytest.approx(55 / 3)
+    (pairing,) = compare({"before": before, "after": after}).pairings
+    assert (pairing.pairs, pairing.unpaired) == (2, 3)
+    assert (pairing.wins, pairing.ties, pairing.losses) == (1, 1, 0)
+    assert pairing.differences["score"].mean == 2.5
+    assert pairing.means["score"].mean == pytest.approx(55 / 3)
 
 
 def opponents(runs, **how):
@@ -75,16 +75,16 @@ def test_over_all_games_every_game_counts_the_same():
         other = [r | {"game": RPS, "normalized_score": r["normalized_score"]} for r in episodes([9, 18])]
         return episodes([9 + shift, 18 + shift, 9, 18]) + other
 
-    found = compare({"a": run(0), "b": run(9)})
-    (overall,) = found.overall
+    comparison = compare({"a": run(0), "b": run(9)})
+    (overall,) = comparison.overall
     assert overall.difference.mean == pytest.approx((9 / 45 / 2 + 0) / 2)
     assert (overall.wins, overall.ties, overall.losses) == (2, 4, 0)
 
 
 def test_other_versions_are_named():
-    found = compare({"a": episodes([1, 2]), "b": episodes([1, 2], versions={"smartplay-tools": "2.0"})})
-    assert found.versions == {"smartplay-tools": {"a": "1.0", "b": "2.0"}}
-    assert "smartplay-tools differs: 1.0 in a, 2.0 in b" in comparison_tables(found)[0].notes
+    comparison = compare({"a": episodes([1, 2]), "b": episodes([1, 2], versions={"smartplay-tools": "2.0"})})
+    assert comparison.versions == {"smartplay-tools": {"a": "1.0", "b": "2.0"}}
+    assert "smartplay-tools differs: 1.0 in a, 2.0 in b" in comparison_tables(comparison)[0].notes
 
 
 def test_like_is_matched_with_like():
@@ -154,8 +154,8 @@ def test_the_command_writes_what_papers_and_programs_read(folders):
     ]
     assert float(rows[0]["score_difference_low"]) <= float(rows[0]["score_difference"]) < 0
     assert float(rows[0]["tokens_difference"]) < 0
-    found = json.loads(run(*folders, "--format", "json").output)
-    assert [pairing["losses"] for pairing in found["pairings"]] == [int(line["losses"]) for line in rows]
+    printed = json.loads(run(*folders, "--format", "json").output)
+    assert [pairing["losses"] for pairing in printed["pairings"]] == [int(line["losses"]) for line in rows]
     assert "\\toprule" in run(*folders, "--format", "latex").output
     assert "| RockPaperScissorBasic-v0, A rule |" in run(*folders, "--format", "markdown").output
 

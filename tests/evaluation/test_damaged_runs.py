@@ -75,10 +75,10 @@ def looked_at(folder: Path) -> None:
             if episode[0] is not None:
                 shown.record(episode[0])
     except SmartPlayError as error:
-        said(error)
+        sentence_of(error)
 
 
-def said(error: SmartPlayError) -> None:
+def sentence_of(error: SmartPlayError) -> None:
     assert "\n" not in str(error)
     assert len(str(error)) < 2_000
 
@@ -103,6 +103,6 @@ def test_a_report_says_what_is_wrong_with_a_damaged_run(run, tmp_path, monkeypat
         try:
             report.render_report(tmp_path / "run")
         except SmartPlayError as error:
-            said(error)
+            sentence_of(error)
         except Exception as error:
             raise AssertionError(f"case {number}, {what}") from error

@@ -69,12 +69,12 @@ def test_the_papers_protocol_can_be_evaluated(tmp_path):
 
 def test_an_incomplete_run_says_so_and_is_no_success(tmp_path):
     arguments = ("eval", "--games", HANOI, "--trials", 1, "--executor", "inline", "--out", tmp_path)
-    code, _, said = run(
+    code, _, stderr = run(
         *arguments, "--players", "openai:nobody", "--base-url", "http://127.0.0.1:9/v1", "--player-option", "retries=0"
     )
     assert code == 1
-    assert "1 of 1 episodes are not finished" in said
-    assert "The same command retries them." in said
+    assert "1 of 1 episodes are not finished" in stderr
+    assert "The same command retries them." in stderr
     assert {failure["end_reason"] for failure in RunFolder(tmp_path).failures()} == {"player_error"}
 
 
@@ -93,10 +93,10 @@ def test_an_incomplete_run_says_so_and_is_no_success(tmp_path):
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(tmp_path, wrong, sentence):
-    code, _, said = run("eval", "--games", HANOI, "--executor", "inline", "--out", tmp_path, *wrong)
+    code, _, stderr = run("eval", "--games", HANOI, "--executor", "inline", "--out", tmp_path, *wrong)
     assert code == 2
-    assert sentence in said
-    assert said.count("\n") == 1
+    assert sentence in stderr
+    assert stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 

@@ -76,7 +76,7 @@ def other_prompt(events: Events) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "sentence"),
     [
         (failed, "The record is not a finished episode: it ended as player_error."),
         (broken_off, "The record breaks off: it does not say how the episode ended."),
@@ -86,8 +86,8 @@ def other_prompt(events: Events) -> None:
         (other_prompt, "sha256"),
     ],
 )
-def test_a_record_that_was_changed(run, tmp_path, change, said):
-    assert said in said_of(job(copy_of(run, tmp_path / "record.jsonl", change)))
+def test_a_record_that_was_changed(run, tmp_path, change, sentence):
+    assert sentence in said_of(job(copy_of(run, tmp_path / "record.jsonl", change)))
 
 
 def test_a_row_that_is_missing_or_was_changed(run, tmp_path):
@@ -119,12 +119,12 @@ def test_a_player_that_was_shown_pictures(tmp_path):
 
 
 def test_a_host_that_owned_the_context_or_made_calls_without_prompts(tmp_path):
-    for context, said in (("host", "The host owned the context"), ("window", "The record holds no prompts")):
+    for context, sentence in (("host", "The host owned the context"), ("window", "The record holds no prompts")):
         record = tmp_path / f"{context}.jsonl"
         with sp.Episode(HANOI, seed=1, context=context, transcript=record) as episode:  # type: ignore[arg-type]
             episode.call("act", {"action": "1"})
-        assert said in said_of(job(record), "remark")
-        assert said in said_of(job(record, standard=True))
+        assert sentence in said_of(job(record), "remark")
+        assert sentence in said_of(job(record, standard=True))
 
 
 def test_a_host_that_added_messages(tmp_path):
@@ -135,12 +135,12 @@ def test_a_host_that_added_messages(tmp_path):
 
 
 def cell(manifest: Manifest) -> dict[str, Any]:
-    found: dict[str, Any] = manifest["cells"][0]
-    return found
+    first: dict[str, Any] = manifest["cells"][0]
+    return first
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "sentence"),
     [
         (lambda manifest: cell(manifest).update(game="other/Game-v0"), "is not a setting of the benchmark"),
         (lambda manifest: cell(manifest).update(engine="minedojo"), "on the engine 'minedojo', a program"),
@@ -155,11 +155,11 @@ def cell(manifest: Manifest) -> dict[str, Any]:
         (lambda manifest: manifest["episodes"].pop(0), "are not 0, 1, 2 and so on"),
     ],
 )
-def test_a_plan_that_was_changed(run, change, said):
+def test_a_plan_that_was_changed(run, change, sentence):
     manifest = manifest_of(run)
     assert check_plan(read_plan(manifest), Allowed()).findings == []
     change(manifest)
-    assert said in "\n".join(finding.text for finding in check_plan(read_plan(manifest), Allowed()).findings)
+    assert sentence in "\n".join(finding.text for finding in check_plan(read_plan(manifest), Allowed()).findings)
 
 
 def test_an_episode_of_a_cell_that_is_not_listed(run):
@@ -171,10 +171,10 @@ def test_an_episode_of_a_cell_that_is_not_listed(run):
 
 def test_a_suite_that_is_unknown_or_not_covered(run):
     plan = read_plan(manifest_of(run))
-    for suite, kind, said in (
+    for suite, kind, sentence in (
         ("mine", "custom", "There is no suite 'mine'"),
         ("paper", "custom", "The suite paper is not covered"),
         (None, "standard", "A standard submission is a run of a fixed suite"),
         ("tools-v1", "standard", "cells of the run differ from tools-v1"),
     ):
-        assert said in "\n".join(finding.text for finding in check_suite(plan, suite, kind))
+        assert sentence in "\n".join(finding.text for finding in check_suite(plan, suite, kind))

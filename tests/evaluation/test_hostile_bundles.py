@@ -57,9 +57,9 @@ BAD_NAMES = (
 
 @pytest.mark.parametrize("name", BAD_NAMES)
 def test_a_name_that_is_none_of_a_bundle_s_is_refused(bundle, tmp_path, name):
-    said = refused(with_entry(bundle, tmp_path / "x.zip", entry(name)))
-    assert said.endswith("which does not belong in a bundle.")
-    assert said.isprintable()
+    sentence = refused(with_entry(bundle, tmp_path / "x.zip", entry(name)))
+    assert sentence.endswith("which does not belong in a bundle.")
+    assert sentence.isprintable()
 
 
 def test_links_and_doubled_files_are_refused(bundle, tmp_path):
@@ -220,7 +220,7 @@ def test_configs_that_reach_for_more_are_not_replayed(bundle, tmp_path, monkeypa
 
         return check_submission(changed(bundle, tmp_path / "x.zip", edit), workers=0)
 
-    for facts, said in [
+    for facts, sentence in [
         ({"game": "Evil-v0"}, "not a setting of the benchmark"),
         ({"engine": "luanti"}, "a program that --engine NAME allows to start"),
         ({"tokenizer": "hf:/etc/passwd"}, "name it with --tokenizer"),
@@ -232,7 +232,7 @@ def test_configs_that_reach_for_more_are_not_replayed(bundle, tmp_path, monkeypa
         ({"prompts": "../../x"}, "this version knows 'v1'"),
     ]:
         checked = config(**facts)
-        assert any(said in finding.text for finding in checked.errors), facts
+        assert any(sentence in finding.text for finding in checked.errors), facts
         assert len(checked.rows) == 2, "the other cell is replayed"
     assert "evil" not in sys.modules
 

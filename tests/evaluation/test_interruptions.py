@@ -43,7 +43,7 @@ def start(out: Path, executor: str, *, games: list[str], trials: int, seconds: f
 
 
 def children(pid: int) -> list[int]:
-    found = []
+    numbers = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
@@ -51,8 +51,8 @@ def children(pid: int) -> list[int]:
             except (FileNotFoundError, ProcessLookupError):
                 continue
             if parent == pid:
-                found.append(int(entry.name))
-    return found
+                numbers.append(int(entry.name))
+    return numbers
 
 
 def kill_and_run_to_the_end(tmp_path: Path, executor: str, *, kills: int, trials: int) -> None:
@@ -139,7 +139,7 @@ def test_ctrl_c_before_the_first_episode_is_one_sentence(tmp_path):
         while not (tmp_path / "run" / "manifest.json").exists():
             time.sleep(0.01)
         os.killpg(process.pid, signal.SIGINT)
-        said, _ = process.communicate(timeout=120)
+        printed, _ = process.communicate(timeout=120)
     assert process.returncode == 1
-    assert "Traceback" not in said
-    assert "Stopped by SIGINT. The same command continues the run." in said
+    assert "Traceback" not in printed
+    assert "Stopped by SIGINT. The same command continues the run." in printed

@@ -431,7 +431,7 @@ def other_versions(files: Files) -> None:
         edit_record(files, name, change)
 
 
-def told(files: Files, lie: Lie, folder: Path) -> Files:
+def bundle_with(files: Files, lie: Lie, folder: Path) -> Files:
     """Return the files after a lie, with rows and results that fit, where anything fits."""
     lying = dict(files)
     lie(lying)
@@ -445,13 +445,13 @@ def told(files: Files, lie: Lie, folder: Path) -> Files:
 
 @pytest.mark.parametrize(("kind", "lie"), CAUGHT)
 def test_a_lie_is_caught(honest, tmp_path, kind, lie):
-    checked = check(told(honest, lie, tmp_path), tmp_path)
+    checked = check(bundle_with(honest, lie, tmp_path), tmp_path)
     assert kind in {finding.kind for finding in checked.errors}, checked.findings
 
 
 @pytest.mark.parametrize(("words", "lie"), UNPROVABLE)
 def test_what_no_check_can_prove_is_in_every_report(honest, tmp_path, words, lie):
-    checked = check(told(honest, lie, tmp_path), tmp_path)
+    checked = check(bundle_with(honest, lie, tmp_path), tmp_path)
     assert checked.verified, checked.errors
     assert any(words in line for line in NOT_PROVED)
 
@@ -461,7 +461,7 @@ def test_an_end_by_a_host_is_remarked_where_a_host_may_end(honest, tmp_path):
         stopped_at_its_best(files)
         edit_json(files, "submission.json", lambda facts: facts.update(submission_type="custom", suite=None))
 
-    checked = check(told(honest, stop, tmp_path), tmp_path)
+    checked = check(bundle_with(honest, stop, tmp_path), tmp_path)
     assert checked.verified
     remarks = [finding.text for finding in checked.findings if finding.kind == "end"]
     assert remarks == ["The host ended the episode (host: max_turns), not the game, a budget or the player."]

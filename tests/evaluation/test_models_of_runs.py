@@ -44,11 +44,11 @@ def first_arm(body: dict, number: int) -> tuple[int, dict]:
 )
 def test_a_refusal_for_good_stops_the_run_after_one_attempt(tmp_path, status, code, text):
     with serving(lambda body, number: refusal(status, code, text)) as (url, bodies):
-        exit_code, _, said = play(tmp_path, url, "--trials", 20)
+        exit_code, _, stderr = play(tmp_path, url, "--trials", 20)
     assert exit_code == 1
     assert len(bodies) == 1
     assert len(RunFolder(tmp_path).failures()) == 1
-    (sentence,) = [line for line in said.splitlines() if line.startswith(MODEL)]
+    (sentence,) = [line for line in stderr.splitlines() if line.startswith(MODEL)]
     assert text in sentence
     assert "the same command then continues the run" in sentence
 
@@ -60,18 +60,18 @@ def test_the_same_command_goes_on_when_the_key_is_right(tmp_path):
         _,
     ):
         assert play(tmp_path, url, "--trials", 2)[0] == 1
-        code, _, said = play(tmp_path, url, "--trials", 2)
-    assert code == 0, said
+        code, _, stderr = play(tmp_path, url, "--trials", 2)
+    assert code == 0, stderr
     assert len(RunFolder(tmp_path).rows()) == 2
 
 
 def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_path):
     arguments = ("--trials", 20, "--player-option", "retries=1", "--player-option", "pause=0.01")
-    code, _, said = play(tmp_path, "http://127.0.0.1:9/v1", *arguments)
+    code, _, stderr = play(tmp_path, "http://127.0.0.1:9/v1", *arguments)
     assert code == 1
     (failure,) = RunFolder(tmp_path).failures()
     assert "http://127.0.0.1:9/v1/chat/completions" in failure["error"]
-    assert "http://127.0.0.1:9/v1/chat/completions" in said
+    assert "http://127.0.0.1:9/v1/chat/completions" in stderr
 
 
 @pytest.mark.slow
@@ -86,10 +86,10 @@ def test_the_others_begin_with_the_first_reply(tmp_path):
 def test_a_missing_key_is_one_sentence_before_anything_is_written(tmp_path, monkeypatch, player):
     for name in ("OPENAI_API_KEY", "OPENAI_BASE_URL", "ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN"):
         monkeypatch.delenv(name, raising=False)
-    code, _, said = run("eval", "--games", BANDIT, "--players", player, "--out", tmp_path / "run")
+    code, _, stderr = run("eval", "--games", BANDIT, "--players", player, "--out", tmp_path / "run")
     assert code == 2
-    assert "_API_KEY" in said
-    assert said.count("\n") == 1
+    assert "_API_KEY" in stderr
+    assert stderr.count("\n") == 1
     assert not (tmp_path / "run").exists()
 
 
@@ -99,10 +99,10 @@ def test_a_missing_key_is_one_sentence_before_anything_is_written(tmp_path, monk
 def test_an_episode_without_any_action_is_flagged_with_the_likely_cause(tmp_path):
     as_text = {"content": '<tool_call>{"name": "act", "arguments": {"action": "1"}}</tool_call>'}
     with serving(lambda body, number: completion(as_text)) as (url, _):
-        code, _, said = play(tmp_path, url, "--trials", 2)
+        code, _, stderr = play(tmp_path, url, "--trials", 2)
     assert code == 1
-    assert f"2 episodes of {MODEL} at {BANDIT} ended without any action" in said
-    assert "--tool-call-parser" in said
+    assert f"2 episodes of {MODEL} at {BANDIT} ended without any action" in stderr
+    assert "--tool-call-parser" in stderr
     shown = run("results", tmp_path)[1]
     assert "--tool-call-parser" in shown
     assert f"{MODEL}!" in shown, "it is marked in the table"
@@ -122,13 +122,15 @@ def test_check_says_that_a_model_can_be_played_with(tmp_path):
     with serving(lambda body, number: acts if number % 3 else looks) as (url, bodies):
         command = ("check", "--players", f"{MODEL},rule", "--base-url", url, "--price", f"{MODEL}=1,2")
         code, output, _ = run(*command)
-        (found,) = json.loads(run(*command, "--json")[1])
+        (report,) = json.loads(run(*command, "--json")[1])
     assert code == 0
     assert len(bodies) == 2 * 3, "three turns each"
     assert "no model" in output
-    assert [found[name] for name in ("reachable", "tools", "ids", "parallel", "usage", "played", "acted")] == [True] * 7
-    assert found["cost"] == pytest.approx(3 * 160e-6)
-    assert found["advice"] == []
+    assert [report[name] for name in ("reachable", "tools", "ids", "parallel", "usage", "played", "acted")] == [
+        True
+    ] * 7
+    assert report["cost"] == pytest.approx(3 * 160e-6)
+    assert report["advice"] == []
     assert max(map(len, output.splitlines())) <= 80
 
 
@@ -140,8 +142,8 @@ def test_check_says_what_is_missing_and_what_to_do():
         assert advice in output
     with serving(lambda body, number: completion(calling("observe", ids=False))) as (url, _):
         code, output, _ = run("check", "--players", MODEL, "--base-url", url, "--json")
-    (found,) = json.loads(output)
-    assert (code, found["ids"], found["parallel"]) == (0, False, False)
+    (report,) = json.loads(output)
+    assert (code, report["ids"], report["parallel"]) == (0, False, False)
 
 
 def test_check_does_not_ask_again_and_tells_a_server_that_only_streams():

@@ -13,9 +13,9 @@ def test_each_episode_is_compared_with_that_of_its_seed():
     small = [row(seed=1, score=10), row(seed=2, score=20), row(seed=3, score=30)]
     full = [row(seed=3, score=31), row(seed=1, score=15), row(seed=2, score=20)]
     assert pairs.differences(small, full, pairs.score) == [-5, 0, -1]
-    found = pairs.paired_difference(small, full, pairs.score)
-    assert (found.mean, found.episodes) == (-2, 3)
-    assert found.low < -2 < found.high
+    difference = pairs.paired_difference(small, full, pairs.score)
+    assert (difference.mean, difference.episodes) == (-2, 3)
+    assert difference.low < -2 < difference.high
 
 
 def test_an_episode_without_counterpart_is_in_no_pair():
@@ -25,8 +25,8 @@ def test_an_episode_without_counterpart_is_in_no_pair():
 
 
 def test_one_pair_has_a_difference_and_no_interval():
-    found = pairs.paired_difference([row(seed=1, score=10)], [row(seed=1, score=15)], pairs.score)
-    assert (found.mean, found.low, found.high) == (-5, None, None)
+    difference = pairs.paired_difference([row(seed=1, score=10)], [row(seed=1, score=15)], pairs.score)
+    assert (difference.mean, difference.low, difference.high) == (-5, None, None)
 
 
 def test_what_all_seeds_share_cancels_out():
@@ -34,9 +34,9 @@ def test_what_all_seeds_share_cancels_out():
     luck = np.random.default_rng(0).normal(0, 100, 40)
     full = [row(seed=seed, score=float(points)) for seed, points in enumerate(luck)]
     small = [row(seed=seed, score=float(points) - 1 - seed % 2) for seed, points in enumerate(luck)]
-    found = pairs.paired_difference(small, full, pairs.score)
-    assert found.mean == pytest.approx(-1.5)
-    assert -1.7 < found.low < found.high < -1.3
+    difference = pairs.paired_difference(small, full, pairs.score)
+    assert difference.mean == pytest.approx(-1.5)
+    assert -1.7 < difference.low < difference.high < -1.3
     alone = mean_estimate(pairs.values(full, pairs.score))
     assert alone.high - alone.low > 40
 
@@ -56,16 +56,16 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
     for _ in range(200):
         drawn = generator.exponential(1.0, 30) - 1.0
         small = [row(seed=seed, score=float(value)) for seed, value in enumerate(drawn)]
-        found = pairs.paired_difference(small, full, pairs.score)
-        held += found.low <= 0 <= found.high
+        difference = pairs.paired_difference(small, full, pairs.score)
+        held += difference.low <= 0 <= difference.high
     assert 178 <= held <= 198
 
 
 def test_measures_of_an_episode():
     one = row(score=40, tokens=400, cost=0.25)
     one["tokens"] |= {"reply": 20, "prefix": 100}
-    found = {name: measure(one) for name, measure in pairs.MEASURES.items()}
-    assert found == {
+    measures = {name: measure(one) for name, measure in pairs.MEASURES.items()}
+    assert measures == {
         "score": 40,
         "normalized_score": pytest.approx(40 / 45),
         "tokens": 420,

@@ -103,10 +103,10 @@ def test_bars_in_80x24_then_the_table_and_the_results_of_a_run_that_goes_on(pane
         assert all(len(line) <= 80 for line in tables), tables
 
     pane.until(lambda screen: "Next:" in screen, seconds=240)
-    said = pane.history()
-    assert "6/6 episodes" in said
-    assert len(re.findall(r"\d/6 episodes", said)) == 1, "one picture is left of the progress"
-    assert "Spent in all" in said
+    history = pane.history()
+    assert "6/6 episodes" in history
+    assert len(re.findall(r"\d/6 episodes", history)) == 1, "one picture is left of the progress"
+    assert "Spent in all" in history
 
 
 def test_ctrl_c_leaves_the_terminal_in_order_and_says_how_to_go_on(pane, slow_model, tmp_path):

@@ -84,9 +84,9 @@ def test_the_commands(run, tmp_path):
     shown = runner.invoke(app, given).output
     assert "pass^k" in shown
     assert "6 x 3" in shown
-    found = json.loads(runner.invoke(app, [*given, "--json"]).output)["repeats"]
-    assert [each["repeats"] for each in found] == [3, 3]
-    assert len(found[0]["pass^3"]) == 3
+    printed = json.loads(runner.invoke(app, [*given, "--json"]).output)["repeats"]
+    assert [each["repeats"] for each in printed] == [3, 3]
+    assert len(printed[0]["pass^3"]) == 3
     with pytest.raises(sp.InvalidArgumentError, match="plays each world 3 times"):
         sp.evaluate([GAME], ["random", "rule"], trials=6, executor="inline", out=run.folder.path)
 

@@ -99,10 +99,10 @@ def handed_over(path: Path) -> Path:
     """A host that changes its instructions between prompts, the last time after the manual was read."""
     with sp.Episode(BANDIT, seed=1, transcript=path) as episode:
         session = sp.AgentSession(episode, head=[{"role": "system", "content": "Begin."}])
-        for words, said in (("Begin.", reply(act("1"))), ("Go on.", reply(("read_manual", ""))), ("Stop.", reply())):
+        for words, answer in (("Begin.", reply(act("1"))), ("Go on.", reply(("read_manual", ""))), ("Stop.", reply())):
             session.change_head([{"role": "system", "content": words}], [])
             session.prompt()
-            for call in session.receive(said):
+            for call in session.receive(answer):
                 session.answer(call.id)
     return path
 
@@ -143,8 +143,8 @@ def test_the_prompt_can_be_read_on_the_page(show, tmp_path):
 
 def test_a_prompt_shows_reasoning_names_and_provider_items_too(show, tmp_path):
     items = [{"type": "thinking", "thinking": "Then that."}]
-    said = reply(act("1"), content="Hm.", name="player", reasoning_content="First this.", provider_items=items)
-    page = show(converse(tmp_path / "thoughts.jsonl", BANDIT, [said] * 2), "#episode=thoughts&turn=1")
+    thoughts = reply(act("1"), content="Hm.", name="player", reasoning_content="First this.", provider_items=items)
+    page = show(converse(tmp_path / "thoughts.jsonl", BANDIT, [thoughts] * 2), "#episode=thoughts&turn=1")
     page.get_by_text("The prompt, word for word", exact=True).click()
     card = page.locator("#messages .message.assistant").first
     assert card.locator("h4").text_content() == "assistant (player) of turn 0new"
@@ -189,8 +189,8 @@ def test_a_click_on_a_turn_that_is_gone_says_why_and_what_it_said(show, tmp_path
 
 
 def test_a_turn_is_copied_as_markdown(show, tmp_path):
-    said = [reply(act("1"), content="I say ```this```.")]
-    page = show(converse(tmp_path / "copied.jsonl", BANDIT, said), "#episode=copied&turn=0")
+    replies = [reply(act("1"), content="I say ```this```.")]
+    page = show(converse(tmp_path / "copied.jsonl", BANDIT, replies), "#episode=copied&turn=0")
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_role("button", name="copy as Markdown").click()
     page.get_by_role("button", name="copied").wait_for()

@@ -61,8 +61,8 @@ def test_a_run_file_says_everything_and_the_command_line_overrides(tmp_path, wri
     reply = completion(calling("act", action="1"), prompt_tokens=100, completion_tokens=10)
     with serving(lambda body, number: reply) as (url, bodies):
         file = written(FILE.format(url=url))
-        code, _, said = run("eval", file, "--trials", 1, "--out", tmp_path / "run")
-    assert code == 0, said
+        code, _, stderr = run("eval", file, "--trials", 1, "--out", tmp_path / "run")
+    assert code == 0, stderr
     folder = RunFolder(tmp_path / "run")
     model, rule = folder.rows()
     assert (model["player"], rule["player"]) == ("openai:m", "rule")
@@ -86,12 +86,12 @@ def test_an_option_and_a_server_can_be_one_players(tmp_path):
     assert [dict(cell.player_options) for cell in cells] == [{}, {}, {"stream": True}]
     reply = completion(calling("act", action="1"))
     with serving(lambda body, number: reply) as (one, first), serving(lambda body, number: reply) as (other, second):
-        code, _, said = run(
+        code, _, stderr = run(
             *("eval", "--games", HANOI, "--players", "openai:gpt-4.1,openai:b,rule", "--trials", 1),
             *("--base-url", f"openai:gpt-4.1={one}", "--base-url", f"openai:b={other}", "--out", tmp_path),
             *("--history", 3, "--player-option", 'openai:gpt-4.1.parameters={"temperature": 1}'),
         )
-    assert code == 0, said
+    assert code == 0, stderr
     assert {body["model"] for body in first} == {"gpt-4.1"}
     assert {body["model"] for body in second} == {"b"}
     assert {body.get("temperature") for body in first} == {1}
@@ -122,10 +122,10 @@ def test_one_player_has_so_many_episodes_at_a_time(tmp_path):
     ],
 )
 def test_what_is_wrong_with_a_run_file_is_one_sentence(tmp_path, written, text, sentence):
-    code, _, said = run("eval", written(text), "--out", tmp_path / "run")
+    code, _, stderr = run("eval", written(text), "--out", tmp_path / "run")
     assert code == 2
-    assert sentence in said
-    assert SECRET not in said
+    assert sentence in stderr
+    assert SECRET not in stderr
     assert not (tmp_path / "run").exists()
 
 
@@ -142,10 +142,10 @@ def test_what_is_wrong_with_a_run_file_is_one_sentence(tmp_path, written, text, 
 )
 def test_a_credential_in_an_option_is_refused_before_anything_is_written(tmp_path, monkeypatch, option):
     monkeypatch.setenv("SOME_SERVICE_TOKEN", "the-value-of-my-variable")
-    code, _, said = run("eval", "--games", HANOI, "--players", "openai:m", *option, "--out", tmp_path / "run")
+    code, _, stderr = run("eval", "--games", HANOI, "--players", "openai:m", *option, "--out", tmp_path / "run")
     assert code == 2
-    assert "looks like a credential" in said
-    assert SECRET not in said
+    assert "looks like a credential" in stderr
+    assert SECRET not in stderr
     assert not (tmp_path / "run").exists()
 
 
@@ -168,9 +168,9 @@ def test_a_key_from_the_environment_is_in_no_file_of_a_run(tmp_path, written, mo
 
 def test_a_variable_that_is_not_set_is_one_sentence(tmp_path, written, monkeypatch):
     monkeypatch.delenv("MY_SERVERS_KEY", raising=False)
-    code, _, said = run("eval", written(FILE.format(url="http://127.0.0.1:9/v1")), "--out", tmp_path / "run")
+    code, _, stderr = run("eval", written(FILE.format(url="http://127.0.0.1:9/v1")), "--out", tmp_path / "run")
     assert code == 2
-    assert "The api_key of openai:m is taken from the variable MY_SERVERS_KEY, which is not set." in said
+    assert "The api_key of openai:m is taken from the variable MY_SERVERS_KEY, which is not set." in stderr
 
 
 def test_ordinary_options_are_no_credentials():

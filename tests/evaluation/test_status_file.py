@@ -23,26 +23,26 @@ class Looks:
 
     name = "looks"
     folder: Any = None
-    found: Any = None
+    status_and_results: Any = None
 
     def __init__(self, *, seed: int) -> None:
         self._rule = sp.get_player("rule")
 
     def reply(self, prompt: sp.Prompt) -> sp.Reply:
         until = time.monotonic() + 30
-        while Looks.found is None and time.monotonic() < until:
+        while Looks.status_and_results is None and time.monotonic() < until:
             time.sleep(0.005)
             now = read_status(RunFolder(Looks.folder))
             if now is not None and now.running:
-                Looks.found = now, CliRunner().invoke(app, ["results", str(Looks.folder)]).output
+                Looks.status_and_results = now, CliRunner().invoke(app, ["results", str(Looks.folder)]).output
         return self._rule.reply(prompt)
 
 
 def test_it_is_there_while_the_run_is_played(tmp_path, monkeypatch):
     monkeypatch.setattr("smartplay_tools.evaluation.runs.progress.PERIOD", 0.02)
-    Looks.folder, Looks.found = tmp_path / "run", None
+    Looks.folder, Looks.status_and_results = tmp_path / "run", None
     sp.evaluate([HANOI], {"looks": Looks}, out=Looks.folder, trials=2, executor="inline")
-    now, shown = Looks.found
+    now, shown = Looks.status_and_results
     assert (now.planned, now.finished, now.running, now.cost) == (2, 0, 1, 0.0)
     assert "Now: 0/2 episodes, 1 running" in shown
     assert not (Looks.folder / STATUS).exists()

@@ -57,8 +57,8 @@ def spent(played: Run) -> int:
 def test_a_run_file_has_the_strategies_among_its_budgets(tmp_path):
     file, out = tmp_path / "run.toml", tmp_path / "run"
     file.write_text(FILE, encoding="utf-8")
-    code, _, said = run("eval", file, "--out", out, "--executor", "inline", "--quiet")
-    assert code == 0, said
+    code, _, stderr = run("eval", file, "--out", out, "--executor", "inline", "--quiet")
+    assert code == 0, stderr
     rows = [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
     asked = {name: [row["budget"].get(name) for row in rows] for name in ("beyond_history", "notes_tokens")}
     assert asked == {"beyond_history": ["mask", None], "notes_tokens": [200, None]}
@@ -81,10 +81,10 @@ def test_what_cannot_be_played_is_one_sentence_and_leaves_nothing(tmp_path, line
     kept = [one for one in [*second, "summary_tokens = 100"] if not one.startswith(name)]
     file = tmp_path / "run.toml"
     file.write_text("\n".join([budget, "[[budgets]]", *kept, line, ""]), encoding="utf-8")
-    code, _, said = run("eval", file, "--out", tmp_path / "run")
+    code, _, stderr = run("eval", file, "--out", tmp_path / "run")
     assert code == 2
-    assert why in said
-    assert said.count("\n") == 1
+    assert why in stderr
+    assert stderr.count("\n") == 1
     assert not (tmp_path / "run").exists()
 
 
@@ -93,8 +93,8 @@ def test_what_cannot_be_played_is_one_sentence_and_leaves_nothing(tmp_path, line
 def test_what_is_then_played_is_within_the_estimate(strategy, tmp_path):
     options = [f"--{name.replace('_', '-')}={value}" for name, value in {**ROOM, **STRATEGIES[strategy]}.items()]
     command = ("eval", "--games", BANDIT, "--players", "rule-notes", "--trials", 2, *options)
-    code, output, said = run(*command, "--dry-run", "--json")
-    assert code == 0, said
+    code, output, stderr = run(*command, "--dry-run", "--json")
+    assert code == 0, stderr
     (cell,) = json.loads(output)
     played = sp.evaluate(
         [BANDIT],

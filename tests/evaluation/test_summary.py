@@ -243,15 +243,15 @@ def test_every_player_has_a_profile():
 
 def test_baselines_set_the_run_beside_the_paper():
     rows = [row for player in ("random", "rule") for row in play_rows(HANOI, player)]
-    (known,) = summarize(rows).baselines
-    assert (known.game, known.comparable) == (HANOI, True)
-    assert known.get("rule").score == 3
-    assert known.get("rule").episodes == 5
-    assert known.get("random").score < 3
-    assert known.get("human", "paper").normalized_score == 1
-    assert known.get("GPT-4-0613", "paper").score == 2.5
-    assert len(known.models) == 8
-    assert known.get("oracle") is None
+    (baselines,) = summarize(rows).baselines
+    assert (baselines.game, baselines.comparable) == (HANOI, True)
+    assert baselines.get("rule").score == 3
+    assert baselines.get("rule").episodes == 5
+    assert baselines.get("random").score < 3
+    assert baselines.get("human", "paper").normalized_score == 1
+    assert baselines.get("GPT-4-0613", "paper").score == 2.5
+    assert len(baselines.models) == 8
+    assert baselines.get("oracle") is None
 
 
 def test_players_under_other_conditions_have_baselines_of_their_own():
@@ -262,6 +262,6 @@ def test_players_under_other_conditions_have_baselines_of_their_own():
 
 
 def test_a_setting_outside_the_papers_tables_has_the_runs_marks_only():
-    (known,) = summarize(play_rows("Hanoi4Disk-v0", trials=2)).baselines
-    assert [each.name for each in known.baselines] == ["rule"]
-    assert not known.comparable
+    (baselines,) = summarize(play_rows("Hanoi4Disk-v0", trials=2)).baselines
+    assert [each.name for each in baselines.baselines] == ["rule"]
+    assert not baselines.comparable

@@ -204,7 +204,7 @@ def test_with_prices_there_is_a_front_of_cost(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "sentence"),
     [
         (["--history", "1,many"], "--history many"),
         (["--history", ","], "--history is empty"),
@@ -215,10 +215,10 @@ def test_with_prices_there_is_a_front_of_cost(tmp_path):
         (["--players", "nobody"], "'nobody'"),
     ],
 )
-def test_a_mistake_is_told_in_a_sentence(options, said, tmp_path):
+def test_a_mistake_is_told_in_a_sentence(options, sentence, tmp_path):
     shown = CliRunner().invoke(app, ["sweep", "--games", BANDIT, "--out", str(tmp_path / "run"), *options])
     assert shown.exit_code == 2
-    assert said in shown.stderr
+    assert sentence in shown.stderr
     assert not (tmp_path / "run").exists()
 
 
@@ -233,7 +233,7 @@ def test_a_dry_run_plays_nothing(tmp_path):
 
 
 def test_strategies_are_axes_and_what_cannot_be_enforced_is_left_out_and_named():
-    found = grid(
+    planned = grid(
         [BANDIT],
         ["rule-notes"],
         vary={
@@ -244,11 +244,11 @@ def test_strategies_are_axes_and_what_cannot_be_enforced_is_left_out_and_named()
             "summary_tokens": [None, 100],
         },
     )
-    asked = [(cell.budget.prompt_tokens, cell.budget.slack, *cell.budget.strategies) for cell in found.cells]
+    asked = [(cell.budget.prompt_tokens, cell.budget.slack, *cell.budget.strategies) for cell in planned.cells]
     assert len(asked) == len(set(asked)) == 2 * 2 * 2 + 2
     assert not any("summary_tokens" in cell and (cell[1] == 0 or cell[0] == 330) for cell in asked)
-    assert any("slack 0" in reason for reason in found.left_out)
-    assert any("more that summary_tokens=100 needs" in reason for reason in found.left_out)
+    assert any("slack 0" in reason for reason in planned.left_out)
+    assert any("more that summary_tokens=100 needs" in reason for reason in planned.left_out)
 
 
 def test_cells_that_differ_in_strategy_are_paired_with_plain_dropping(tmp_path):

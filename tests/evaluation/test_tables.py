@@ -31,8 +31,8 @@ def rock(times: int, usage: sp.Usage | None = None) -> sp.ScriptedPlayer:
 @pytest.fixture(scope="module")
 def rows():
     budget = sp.Budget(prompt_tokens=2_000)
-    told = play_row(RPS, rock(50, sp.Usage(prompt=100, reply=7, cached=60)), price=Price.per_million(200, 0))
-    return [*play_rows(HANOI4, "random", 3, budget=budget), *play_rows(HANOI, trials=2), told]
+    with_usage = play_row(RPS, rock(50, sp.Usage(prompt=100, reply=7, cached=60)), price=Price.per_million(200, 0))
+    return [*play_rows(HANOI4, "random", 3, budget=budget), *play_rows(HANOI, trials=2), with_usage]
 
 
 # Files.
@@ -84,8 +84,8 @@ def test_parquet_has_the_same_in_types(rows, tmp_path):
 
 
 def test_the_summary_is_json(rows):
-    found = json.loads(json.dumps(summary_json(summarize(rows))))
-    hanoi4, hanoi, rps = found["cells"]
+    summary = json.loads(json.dumps(summary_json(summarize(rows))))
+    hanoi4, hanoi, rps = summary["cells"]
     assert hanoi["score"] == {
         "mean": 3,
         "low": pytest.approx(3 * 0.05**0.5),
@@ -99,8 +99,8 @@ def test_the_summary_is_json(rows):
     assert rps["tokens"]["prompt_drift"]["provider"] == 5_000
     assert rps["tokens"]["prompt_drift"]["difference"] == 5_000 - rps["tokens"]["prompt"]
     assert 0 < rps["tokens"]["prefix_share"] < 1
-    assert found["profiles"][0]["condition"]["label"] == "prompts <= 2,000"
-    assert found["profiles"][0]["capabilities"]["left_out"] == [HANOI4]
+    assert summary["profiles"][0]["condition"]["label"] == "prompts <= 2,000"
+    assert summary["profiles"][0]["capabilities"]["left_out"] == [HANOI4]
 
 
 # Tables of words.

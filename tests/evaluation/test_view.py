@@ -60,8 +60,8 @@ def test_runs_and_episodes(site):
     runs = json.loads(get(f"{site}/api/runs")[2])
     shown = [(run["name"], run["finished"], run["planned"]) for run in runs]
     assert shown == [("deep/two", 1, 1), ("one", 4, 4)], "the newest first"
-    found = json.loads(get(f"{site}/api/runs/one/episodes")[2])
-    first = dict(zip(found["columns"], found["episodes"][0], strict=True))
+    listed = json.loads(get(f"{site}/api/runs/one/episodes")[2])
+    first = dict(zip(listed["columns"], listed["episodes"][0], strict=True))
     assert (first["game"], first["status"], first["score"], first["mistakes"]) == (HANOI, "finished", 3.0, 0)
     status, headers, page = get(f"{site}/episode/one/{first['record']}")
     assert (status, headers["content-type"]) == (200, "text/html; charset=utf-8")
@@ -135,10 +135,10 @@ def test_other_hosts_and_pages_are_refused(site):
 
 
 def test_an_address_for_others_needs_a_token(runs):
-    found = view.find_runs([runs])
+    shown = view.find_runs([runs])
     with pytest.raises(sp.InvalidArgumentError, match="give the host names"):
-        view.ViewServer(found, host="0.0.0.0")
-    with view.ViewServer(found, token="secret") as server:
+        view.ViewServer(shown, host="0.0.0.0")
+    with view.ViewServer(shown, token="secret") as server:
         site = server.url.rstrip("/")
         assert get(site + "/")[0] == 401
         assert get(f"{site}/?token=wrong")[0] == 401
@@ -167,7 +167,7 @@ def test_what_goes_on_is_streamed(runs, tmp_path):
             (folder / "results.jsonl").write_text("".join(rows[1:]))
             (folder / "running" / f"{key}.1.jsonl").write_text("".join(whole[:12]))
             lines = (line for line in stream if line.startswith(b"data: "))
-            now = next(found for line in lines if (found := json.loads(line[6:]))[0]["playing"])
+            now = next(event for line in lines if (event := json.loads(line[6:]))[0]["playing"])
         (one,) = now[0]["playing"]
         assert (one["game"], one["record"], now[0]["running"]) == (HANOI, f"running/{key}.1", 1)
         assert one["calls"] > 0
@@ -329,5 +329,5 @@ def test_new_turns_are_answered_when_the_record_has_grown(runs, tmp_path):
 
 
 def unpacked(data: str) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(data)))
-    return found
+    content: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(data)))
+    return content

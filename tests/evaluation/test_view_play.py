@@ -46,9 +46,9 @@ class Page:
         return self.request("POST", path, body, **{"X-SmartPlay-Key": self.key, "Origin": self.origin, **headers})
 
     def state(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self.request("GET", f"/api/play?after={self.number}")[1])
-        self.number = found["number"]
-        return found
+        state: dict[str, Any] = json.loads(self.request("GET", f"/api/play?after={self.number}")[1])
+        self.number = state["number"]
+        return state
 
     def answer(self, **given: Any) -> dict[str, Any]:
         status, text = self.post("/api/play/reply", {"number": self.number, **given})
@@ -133,7 +133,7 @@ def test_what_is_no_answer_is_refused_and_not_played(playing):
     play, page = playing(budget=sp.Budget(notes_tokens=50))
     page.state()
     number = page.number
-    for body, said in [
+    for body, sentence in [
         ({}, "answered already"),
         ({"number": number - 1, "tool": "observe"}, "answered already"),
         ({"number": number, "tool": "jump"}, "one of its tools"),
@@ -146,7 +146,7 @@ def test_what_is_no_answer_is_refused_and_not_played(playing):
         (b"[" * 50_000, "a JSON object"),
     ]:
         status, text = page.post("/api/play/reply", body)
-        assert (status in (400, 409), said in text) == (True, True), (body, text)
+        assert (status in (400, 409), sentence in text) == (True, True), (body, text)
     assert page.post("/api/play/picture", {"number": number}) == (
         400,
         f'{HANOI} draws itself only with render_mode="rgb_array".',
@@ -229,11 +229,11 @@ def test_the_end_has_the_scores_of_others_and_a_challenge(playing):
     page.answer(tool="act", action="1")
     over = page.answer(tool="act", action="2")
     assert over["state"] == "over"
-    found = json.loads(page.request("GET", "/api/play/beside")[1])
-    assert {"rule", "random", "GPT-4-0613"} <= found["scores"].keys()
+    scores = json.loads(page.request("GET", "/api/play/beside")[1])
+    assert {"rule", "random", "GPT-4-0613"} <= scores["scores"].keys()
     (row,) = RunFolder(play.folder.path).rows()
     with sp.Episode(BANDIT, seed=row["seed"], budget=budget) as episode:
         rule = sp.play(episode, sp.get_player("rule", seed=row["seed"]))
-    assert found["scores"]["rule"] == rule.normalized_score
+    assert scores["scores"]["rule"] == rule.normalized_score
     command = f"smartplay-tools view --play {BANDIT} --seed 0 --prompt-tokens 900 --tool-calls 2 --open"
-    assert found["challenge"] == command
+    assert scores["challenge"] == command

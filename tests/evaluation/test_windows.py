@@ -23,9 +23,11 @@ def by_window(comparisons):
 def test_the_cell_that_shows_most_is_full_context():
     windows = [(5, 500, 0.0), (50, 500, 0.0), (50, None, 0.5), (50, None, 0.0), (5, None, 0.0)]
     rows = [r for h, p, s in windows for r in cell([1, 2], history=h, prompt_tokens=p, slack=s)]
-    found = by_window(compare_windows(rows))
-    assert [window for window, c in found.items() if c.is_full] == [(50, None, 0.0)]
-    assert {tuple(c.full.budget.values()) for c in found.values()} == {tuple(found[50, None, 0.0].cell.budget.values())}
+    comparisons = by_window(compare_windows(rows))
+    assert [window for window, c in comparisons.items() if c.is_full] == [(50, None, 0.0)]
+    assert {tuple(c.full.budget.values()) for c in comparisons.values()} == {
+        tuple(comparisons[50, None, 0.0].cell.budget.values())
+    }
 
 
 def test_no_limit_on_history_shows_more_than_any_number():
@@ -61,9 +63,9 @@ def test_a_cap_on_results_that_follows_from_the_prompt_is_no_difference():
 
 def test_along_slack_alone_every_window_has_its_own_reference():
     rows = [r for h in (5, 50) for s in (0.0, 0.5) for r in cell([h, h - 2 * s], history=h, slack=s)]
-    found = by_window(compare_windows(rows, along=("slack",)))
-    assert [window for window, c in found.items() if c.is_full] == [(5, None, 0.0), (50, None, 0.0)]
-    assert found[5, None, 0.5].differences["score"].mean == -0.5
+    comparisons = by_window(compare_windows(rows, along=("slack",)))
+    assert [window for window, c in comparisons.items() if c.is_full] == [(5, None, 0.0), (50, None, 0.0)]
+    assert comparisons[5, None, 0.5].differences["score"].mean == -0.5
 
 
 def test_the_front_is_one_for_all_players_of_a_game():

@@ -34,14 +34,14 @@ def record(path, game, budget, protocol="tools"):
 def test_the_prompts_with_a_word_are_those_that_the_library_rebuilds(show, tmp_path, name, word):
     path = record(tmp_path / "game.jsonl", BANDIT, BUDGETS[name])
     page = show(path, "#episode=game")
-    found = page.evaluate("word => promptsWith(shown.episode, word)", word)
+    turns = page.evaluate("word => promptsWith(shown.episode, word)", word)
     expected = {}
     for sent in sent_prompts(sp.read_transcript(path)):
         if not sent.prompt.asks_for_summary:
             calls = [json.dumps(message.get("tool_calls", [])) for message in sent.prompt.messages]
             texts = [text_of(message) for message in sent.prompt.messages]
             expected[sent.turn] = any(word in text.lower() for text in [*texts, *calls])
-    assert found == [expected[turn] for turn in range(len(found))]
+    assert turns == [expected[turn] for turn in range(len(turns))]
 
 
 def test_the_search_says_when_a_word_was_gone(show, tmp_path):

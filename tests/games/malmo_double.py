@@ -103,21 +103,29 @@ class Client:
         climate = {"biome_id": world.biome_at(x, z), "biome_temperature": 0.5, "biome_rainfall": 0.5, "sea_level": 63}
         sky = {"is_raining": False, "can_see_sky": True, "sun_brightness": 1.0, "sky_light_level": 1.0}
         about = {"light_level": 15, "nearby_crafting_table": False, "nearby_furnace": False}
-        told = body | place | climate | sky | about | self._statistics
-        told["inventory"] = [{"inventory": "inventory", **slot}] * 41
-        told["voxels"], told["rays"] = self._voxels(x, y, z), self._rays(x, z)
-        return json.dumps(told).encode()
+        facts = body | place | climate | sky | about | self._statistics
+        facts["inventory"] = [{"inventory": "inventory", **slot}] * 41
+        facts["voxels"], facts["rays"] = self._voxels(x, y, z), self._rays(x, z)
+        return json.dumps(facts).encode()
 
     def _voxels(self, x: int, y: int, z: int) -> list:
         """The blocks around the feet, x running fastest, then y, then z."""
         reach = self.mission.grid["x"][1]
         assert set(self.mission.grid.values()) == {(-reach, reach)}
         cube = self._world.cube(x, y, z, reach)
-        told = []
+        voxels = []
         for block in cube.ravel(order="F").tolist():
             no_tool, *rest = facts(block)
-            told += [DISPLAY[block], 0, block not in (Block.AIR, Block.WATER), no_tool, *rest, bool(SOLID[block]), 0.0]
-        return told
+            voxels += [
+                DISPLAY[block],
+                0,
+                block not in (Block.AIR, Block.WATER),
+                no_tool,
+                *rest,
+                bool(SOLID[block]),
+                0.0,
+            ]
+        return voxels
 
     def _rays(self, x: int, z: int) -> list:
         player, offsets = self._player, self.mission.rays
@@ -128,12 +136,12 @@ class Client:
         hit, entity_distances = hit_boxes(low, high, eye, directions, distances)
         names = animals.NAMES[np.append(species + 1, 0)[hit]].tolist()
         classes = ["null" if name == "null" else f"Entity{name.title()}" for name in names]
-        told = []
+        rays = []
         for ray, block in enumerate(hits.tolist()):
             pitch, yaw, _ = offsets[ray].tolist()
             seen = [DISPLAY[block], float(distances[ray]), 0, -1, *facts(block)]
-            told += [*seen, classes[ray], float(entity_distances[ray]), pitch, yaw, 0.0, 0.0, 0.0]
-        return told
+            rays += [*seen, classes[ray], float(entity_distances[ray]), pitch, yaw, 0.0, 0.0, 0.0]
+        return rays
 
 
 def malmo_directions(yaw: float, offsets: np.ndarray) -> np.ndarray:
@@ -195,15 +203,15 @@ def serve(connection: Connection, client: Client, fault: tuple[str, int]) -> Non
 serve.ticks = 0
 
 
-def known_statistics() -> dict:
+def zero_statistics() -> dict:
     """The statistics that MineDojo asks for; it writes a line to its log for each that is missing."""
     (file,) = Path(os.environ["SMARTPLAY_MINEDOJO_PYTHON"]).parents[1].glob("lib/*/*/minedojo/sim/mc_meta/mc_con*.json")
-    told: dict = {}
+    zeros: dict = {}
     for statistic in json.loads(file.read_text())["stats"]:
         keys = statistic["minerl_keys"]
         if len(keys) == 2:
-            told.setdefault(keys[0], {})[keys[1]] = 0
-    return told
+            zeros.setdefault(keys[0], {})[keys[1]] = 0
+    return zeros
 
 
 def main() -> None:
@@ -214,7 +222,7 @@ def main() -> None:
     settings = Path(folder, "config", "malmomodCLIENT.cfg").read_text()
     port = int(re.search(r"portOverride=(\d+)", settings).group(1))
     goal = frozenset(map(int, os.environ["MALMO_DOUBLE_GOAL"].split(",")))
-    client = Client(goal, known_statistics())
+    client = Client(goal, zero_statistics())
     listener = socket.create_server(("127.0.0.1", port))
     print(f"***** Start MalmoEnvServer on port {port}")
     print("CLIENT enter state: DORMANT", flush=True)

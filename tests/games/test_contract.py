@@ -126,13 +126,13 @@ class Wrong(HANOI.load()):  # type: ignore[misc] - the base class is loaded at r
 def test_a_game_that_breaks_the_contract_is_told_what_is_wrong(fault, sentence):
     kind = type("Fault", (Wrong,), {"fault": fault})
     spec = sp.GAMES[HANOI.id].__class__(**{**vars(HANOI), "id": "Wrong-v0", "entry_point": kind})
-    said = []
+    errors = []
     for check in CHECKS:
         try:
             check(spec)
         except Exception as error:
-            said.append(str(error))
-    assert any(sentence.lower() in one.lower() for one in said), said
+            errors.append(str(error))
+    assert any(sentence.lower() in one.lower() for one in errors), errors
     with pytest.raises(Exception):  # noqa: B017, PT011 - whatever check fails first
         check_game(spec)
 

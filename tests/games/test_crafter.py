@@ -57,19 +57,19 @@ def test_the_tables_are_those_of_the_package() -> None:
 
 def test_what_collecting_placing_and_making_take_and_give() -> None:
     for material, rule in facts.COLLECT.items():
-        told = constants.collect[facts.NAMES[material]]
-        assert told["require"] == ({rule.tool: 1} if rule.tool else {})
-        assert told["receive"] == {rule.item: 1}
-        assert (told["leaves"], told.get("probability", 1)) == (facts.NAMES[rule.leaves], rule.probability)
+        rules = constants.collect[facts.NAMES[material]]
+        assert rules["require"] == ({rule.tool: 1} if rule.tool else {})
+        assert rules["receive"] == {rule.item: 1}
+        assert (rules["leaves"], rules.get("probability", 1)) == (facts.NAMES[rule.leaves], rule.probability)
     for name, placing in facts.PLACE.items():
-        told = constants.place[name]
-        assert told["uses"] == dict(placing.uses)
-        assert told["where"] == [facts.NAMES[material] for material in placing.where]
-        assert (told["type"] == "object") == (placing.what == facts.PLANT)
+        rules = constants.place[name]
+        assert rules["uses"] == dict(placing.uses)
+        assert rules["where"] == [facts.NAMES[material] for material in placing.where]
+        assert (rules["type"] == "object") == (placing.what == facts.PLANT)
     for name, making in facts.MAKE.items():
-        told = constants.make[name]
-        assert (told["uses"], told["gives"]) == (dict(making.uses), 1)
-        assert told["nearby"] == [facts.NAMES[material] for material in making.nearby]
+        rules = constants.make[name]
+        assert (rules["uses"], rules["gives"]) == (dict(making.uses), 1)
+        assert rules["nearby"] == [facts.NAMES[material] for material in making.nearby]
     assert (len(facts.COLLECT), len(facts.PLACE), len(facts.MAKE)) == (
         len(constants.collect),
         len(constants.place),

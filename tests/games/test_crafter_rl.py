@@ -52,14 +52,14 @@ def test_the_picture_the_rewards_and_the_infos_are_the_packages(engine: str) -> 
     for _ in range(9):
         action = int(rng.integers(17))
         picture, reward, terminated, truncated, info = ours.step(action)
-        seen, expected, over, told = theirs.step(action)
+        seen, expected, over, facts = theirs.step(action)
         assert np.array_equal(picture, seen)
         assert (reward, terminated or truncated) == (expected, over)
-        assert info.keys() == told.keys()
+        assert info.keys() == facts.keys()
         for key in ("inventory", "achievements", "discount", "reward"):
-            assert info[key] == told[key], key
+            assert info[key] == facts[key], key
         for key in ("semantic", "player_pos"):
-            assert np.array_equal(info[key], told[key]), key
+            assert np.array_equal(info[key], facts[key]), key
 
 
 @pytest.mark.parametrize("observation", SEEN)
@@ -129,9 +129,9 @@ def test_wrong_options_are_one_sentence() -> None:
 def test_without_numba_it_says_how_slow_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "numba", None)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.warns(UserWarning, match="numba is not installed") as told:
+    with pytest.warns(UserWarning, match="numba is not installed") as warned:
         vector = gymnasium.make_vec(ID, num_envs=2, observation="symbolic")
-    assert str(told[0].message) == SLOW
+    assert str(warned[0].message) == SLOW
     assert vector.reset(seed=0)[0].shape == (2, 1345)
 
 
@@ -161,9 +161,9 @@ def test_a_vector_is_single_worlds_side_by_side(engine: str, observation: str, m
     for step, row in enumerate(actions(3, 260, seed=3)):
         # Players who sleep in the open die soon.
         row = np.where(np.arange(3) == step % 5, row, facts.SLEEP)
-        expected, found = theirs.step(row), ours.step(row)
-        compare_vectors((expected[0], expected[4]), (found[0], found[4]), observation)
-        for one, other in zip(expected[1:4], found[1:4], strict=True):
+        expected, actual = theirs.step(row), ours.step(row)
+        compare_vectors((expected[0], expected[4]), (actual[0], actual[4]), observation)
+        for one, other in zip(expected[1:4], actual[1:4], strict=True):
             assert np.array_equal(one, other)
         over = expected[2] | expected[3]
         ends += int(over.sum())
@@ -176,26 +176,26 @@ def test_a_vector_is_single_worlds_side_by_side(engine: str, observation: str, m
     assert ends > 0
 
 
-def compare_vectors(expected: tuple, found: tuple, observation: str) -> None:
+def compare_vectors(expected: tuple, actual: tuple, observation: str) -> None:
     if observation == "text":
-        assert found[0] == expected[0]
+        assert actual[0] == expected[0]
     else:
-        assert np.array_equal(found[0], expected[0])
-        compare_infos(expected[1], found[1])
+        assert np.array_equal(actual[0], expected[0])
+        compare_infos(expected[1], actual[1])
 
 
-def compare_infos(expected: dict, found: dict) -> None:
-    assert found.keys() == expected.keys()
+def compare_infos(expected: dict, actual: dict) -> None:
+    assert actual.keys() == expected.keys()
     for key, value in expected.items():
         if isinstance(value, dict):
-            compare_infos(value, found[key])
+            compare_infos(value, actual[key])
         elif key == "final_obs":
-            for one, other in zip(value, found[key], strict=True):
+            for one, other in zip(value, actual[key], strict=True):
                 assert (one is None) == (other is None)
                 assert one is None or np.array_equal(one, other)
         else:
             mask = expected.get(f"_{key}", np.ones(len(value), np.bool_))
-            assert np.array_equal(value[mask], found[key][mask]), key
+            assert np.array_equal(value[mask], actual[key][mask]), key
 
 
 def test_each_world_has_its_seed(engine: str) -> None:

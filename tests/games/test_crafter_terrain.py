@@ -27,12 +27,12 @@ def test_what_is_compared_is_as_exact_as_promised(seed: int) -> None:
     """The errors are well below the slack, at every cell where a field matters."""
     terrain, drawn = new_terrain(), world_seed(seed, 1)
     entries().begin_terrain(CompiledWorlds(1)._records, 0, drawn, geometry(), terrain, SLACK)
-    found = dict(zip(FIELDS, terrain["fields"][0], strict=True))
+    fields = dict(zip(FIELDS, terrain["fields"][0], strict=True))
     noise = dict(zip(FIELDS, points().values(Stream(drawn).below(2**31 - 1)).reshape(-1, CELLS), strict=True))
     start = nearness(noise["start"])
     water = noise["water"] + 0.15 * noise["water detail"] + 0.1 - 2 * start
     mountain = (noise["mountain"] + 0.3 * noise["mountain detail"]) / 1.3 - (4 * start + 0.3 * water)
-    errors = [terrain["start"][0] - start, found["water"] - water, found["mountain"] - mountain]
+    errors = [terrain["start"][0] - start, fields["water"] - water, fields["mountain"] - mountain]
     rock, deep, shore, land = terrain["wanted"][0] != 0
     for where, names in (
         (rock, ("horizontal tunnel", "vertical tunnel", "coal", "iron")),
@@ -41,7 +41,7 @@ def test_what_is_compared_is_as_exact_as_promised(seed: int) -> None:
         (land, ("tree",)),
     ):
         assert where.any()
-        errors += [(found[name] - noise[name])[where] for name in names]
+        errors += [(fields[name] - noise[name])[where] for name in names]
     assert max(np.abs(error).max() for error in errors) < SLACK / 4
 
 

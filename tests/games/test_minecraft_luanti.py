@@ -103,7 +103,7 @@ def test_every_task_starts_outside_of_its_goal_and_is_told_in_the_contracts_word
 @pytest.mark.slow
 def test_who_is_told_the_way_nearly_always_gets_there(folders):
     # `benchmarks/minecraft.py` does this for more seeds.
-    found = []
+    arrived = []
     for task in (0, 2, 4, 7):
         game = sp.GAMES[f"MinedojoCreative{task}-v0"].make(engine="luanti")
         game.reset(seed=1)
@@ -113,10 +113,10 @@ def test_who_is_told_the_way_nearly_always_gets_there(folders):
             if terminated:
                 assert (game.completed, game.score) == (True, 1)
                 assert game._seen.biome in CORRECTED_GOALS[task].biomes
-                found.append(task)
+                arrived.append(task)
                 break
         game.close()
-    assert len(found) >= 3
+    assert len(arrived) >= 3
     assert list(folders.iterdir()) == []
 
 
@@ -314,14 +314,14 @@ def is_alive(process: int) -> bool:
 
 def servers(folders: Path) -> list[int]:
     """The processes whose working directory is in these folders."""
-    found = []
+    numbers = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
             if str((process / "cwd").readlink()).startswith(str(folders)):
-                found.append(int(process.name))
+                numbers.append(int(process.name))
         except OSError:
             continue  # it has just ended, or belongs to somebody else
-    return found
+    return numbers
 
 
 def eventually(condition, seconds: float = 20) -> bool:

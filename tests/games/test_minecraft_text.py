@@ -417,8 +417,8 @@ def test_groups_are_those_of_scipys_labelling(shape):
         for name in ("acacia wood", "dirt", "stone"):
             labels, count = ndimage.label(names == name, neighbours)
             expected += [(name, np.flatnonzero(labels == label).tolist()) for label in range(1, count + 1)]
-        found = components(names, ignored=frozenset({"air"}), mode="corrected")
-        assert found == sorted(expected, key=lambda group: group[1])
+        groups = components(names, ignored=frozenset({"air"}), mode="corrected")
+        assert groups == sorted(expected, key=lambda group: group[1])
         first, *others = components(names, ignored=frozenset({"air"}), mode="paper")
         assert first == ("acacia wood", np.flatnonzero(names == "acacia wood").tolist())
-        assert others == [group for group in found if group[0] != "acacia wood"]
+        assert others == [group for group in groups if group[0] != "acacia wood"]

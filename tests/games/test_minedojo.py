@@ -96,8 +96,8 @@ UNTRUSTWORTHY = {
 def script(folder: Path, lines: str, **answers: object) -> list[str]:
     """A program that writes a word to its log, does the lines for every call of `act`, and answers the others."""
     indented = "\n".join(f"    {line}" for line in lines.splitlines())
-    known = {"make": {"minedojo": "0.1"}, "reset": 1, "close": None} | answers
-    (folder / "answers.json").write_text(json.dumps({name: {"ok": value} for name, value in known.items()}))
+    replies = {"make": {"minedojo": "0.1"}, "reset": 1, "close": None} | answers
+    (folder / "answers.json").write_text(json.dumps({name: {"ok": value} for name, value in replies.items()}))
     path = folder / "worker.py"
     path.write_text(
         "import json, os, pathlib, signal, subprocess, sys, time\n"
@@ -227,7 +227,7 @@ def test_the_worker_s_script_needs_nothing_of_this_package():
 # The engine, with a script instead of an interpreter.
 
 
-def told(seen: Observation) -> dict:
+def facts_of(seen: Observation) -> dict:
     """An observation in the worker's format."""
     rays = {
         "block_name": seen.ray_blocks,
@@ -244,7 +244,7 @@ def interpreter(tmp_path, monkeypatch):
     """Make an interpreter that answers a reset with the voxel world's observation, and does as told for `act`."""
 
     def make(lines: str) -> None:
-        seen = told(VoxelEngine(text="paper").reset(1, PLAINS))
+        seen = facts_of(VoxelEngine(text="paper").reset(1, PLAINS))
         python, path = script(tmp_path, lines, reset=seen)
         monkeypatch.setenv(INTERPRETER, program(tmp_path / "python", f"exec {python} {path}"))
 

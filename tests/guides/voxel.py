@@ -88,6 +88,6 @@ def _walking_time(
     graph = sparse.csr_array(
         (np.concatenate(costs), (np.concatenate(rows), np.concatenate(columns))), shape=(biome.size, biome.size)
     )
-    found = np.flatnonzero(np.isin(biome, list(goals)))
-    time: NDArray[np.float64] = csgraph.dijkstra(graph, indices=found, min_only=True).reshape(biome.shape)
+    at_goal = np.flatnonzero(np.isin(biome, list(goals)))
+    time: NDArray[np.float64] = csgraph.dijkstra(graph, indices=at_goal, min_only=True).reshape(biome.shape)
     return time

@@ -12,7 +12,7 @@ from smartplay_tools.games import hanoi
 from smartplay_tools.messages import calls_of
 from smartplay_tools.records.replays import replay
 
-KNOWN = [name for name, spec in sp.GAMES.items() if spec.family in ("bandit", "rock_paper_scissors", "hanoi")]
+WITH_AN_ORACLE = [name for name, spec in sp.GAMES.items() if spec.family in ("bandit", "rock_paper_scissors", "hanoi")]
 PROTOCOLS = ["tools", "paper"]
 
 
@@ -47,7 +47,7 @@ def test_first_is_what_the_original_falls_back_to(game):
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@pytest.mark.parametrize("game", [game for game in KNOWN if "Hanoi" not in game])
+@pytest.mark.parametrize("game", [game for game in WITH_AN_ORACLE if "Hanoi" not in game])
 def test_the_oracle_takes_the_optimal_action_at_every_step(game, protocol):
     for seed in range(6):
         result = play(game, "oracle", seed, protocol)
@@ -89,9 +89,9 @@ def test_what_the_oracle_knows_stands_in_result_and_record(tmp_path):
     assert result.deviations["player"]["played"].startswith("privileged")
     assert "player" not in play("Hanoi3Disk-v0", "rule").deviations
     assert [event["event"] for event in sp.read_transcript(record)].count("reveal") == 1
-    found = replay(record)
-    assert found.identical, found.differences
-    assert found.result == result
+    replayed = replay(record)
+    assert replayed.identical, replayed.differences
+    assert replayed.result == result
 
 
 async def test_the_oracle_sits_down_on_an_event_loop_as_well():

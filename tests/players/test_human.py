@@ -78,8 +78,8 @@ def test_a_slip_is_asked_about_again_and_costs_nothing():
 
 def test_words_of_ones_own_stay_in_the_window():
     _, record, shown = sit("1 # it likes paper\n2\n")
-    said = [text_of(event["message"]) for event in record if event["event"] == "message"]
-    assert said == ["it likes paper", ""]
+    words = [text_of(event["message"]) for event in record if event["event"] == "message"]
+    assert words == ["it likes paper", ""]
     assert shown.count("it likes paper") >= 2  # as it was typed, and in the prompts after it
 
 
@@ -97,8 +97,8 @@ def test_help_says_what_can_be_typed():
 
 def test_the_papers_two_questions():
     result, record, _ = sit("paper beats rock\nwhatever\n2\n\n1\n", protocol="paper")
-    said = [text_of(event["message"]) for event in record if event["event"] == "message"]
-    assert said == ["paper beats rock", "Paper", "", "Rock"]
+    words = [text_of(event["message"]) for event in record if event["event"] == "message"]
+    assert words == ["paper beats rock", "Paper", "", "Rock"]
     assert (result.steps, result.fallback_actions) == (2, 0)
 
 
@@ -114,10 +114,10 @@ def test_the_person_sees_what_an_agent_sees():
         conversation = sp.Conversation(episode)
         for screen, answer in zip(screens, answers, strict=False):
             messages = conversation.prompt().messages
-            said = [text_of(message) for message in messages]
-            said += [call["function"]["name"] for message in messages for call in calls_of(message)]
-            assert all(plain(text) in plain(screen) for text in said)
-            assert plain(screen).count("You chose") == sum(text.count("You chose") for text in said)
+            texts = [text_of(message) for message in messages]
+            texts += [call["function"]["name"] for message in messages for call in calls_of(message)]
+            assert all(plain(text) in plain(screen) for text in texts)
+            assert plain(screen).count("You chose") == sum(text.count("You chose") for text in texts)
             name, arguments = moves[answer]
             call = {"id": "c", "type": "function", "function": {"name": name, "arguments": arguments}}
             conversation.receive({"role": "assistant", "content": None, "tool_calls": [call]})
@@ -263,7 +263,7 @@ def test_on_a_terminal_what_has_left_the_window_is_gone(tmp_path):
             terminal.type(answer)
             screens.append(terminal.screen())
         terminal.type("q")
-        said = terminal.rest()
+        printed = terminal.rest()
         assert terminal.code() == 0
     first, second, third = screens
     assert "1. Rock" in first
@@ -271,9 +271,9 @@ def test_on_a_terminal_what_has_left_the_window_is_gone(tmp_path):
     assert "You chose Scissor" in third
     assert "You chose Rock" not in third
     assert all(len(screen.splitlines()) <= terminal.rows for screen in screens)
-    assert LEAVE in said
-    assert "You chose" not in said  # nor does the ordinary screen show the game afterwards
-    assert "closed" in said
+    assert LEAVE in printed
+    assert "You chose" not in printed  # nor does the ordinary screen show the game afterwards
+    assert "closed" in printed
     assert calls(sp.read_transcript(record)) == [("act", '{"action": "Rock"}'), ("act", '{"action": "Scissor"}')]
 
 
@@ -330,10 +330,10 @@ def test_an_interrupt_gives_the_terminal_back(tmp_path):
         terminal.type("1")
         terminal.screen()
         terminal.interrupt()
-        said = terminal.rest()
-        assert LEAVE in said
+        printed = terminal.rest()
+        assert LEAVE in printed
         assert terminal.code() == 130
-    result = said.rpartition(LEAVE)[2]
+    result = printed.rpartition(LEAVE)[2]
     assert re.search(r"end +│ closed", result), "what was played counts, and is shown"
     assert "1 in 1 turns" in result
     assert sp.read_transcript(record)[-1]["result"]["end_reason"] == "closed"
@@ -347,11 +347,11 @@ def test_a_run_with_a_person_stops_when_the_person_leaves(tmp_path):
             terminal.type(answer)
         second = terminal.screen()
         terminal.type("q")
-        said = terminal.rest()
+        printed = terminal.rest()
         assert terminal.code() == 1
     assert "rod" not in second.partition("1. Move")[0]  # a new episode, and nothing of the one before
-    assert "episodes are not finished" in said
-    assert "━" not in said  # no bars over the game
+    assert "episodes are not finished" in printed
+    assert "━" not in printed  # no bars over the game
     (row,) = RunFolder(out).rows()
     assert (row["steps"], row["completed"], row["player"]) == (7, True, "human")
     assert RunFolder(out).failures() == [], "nothing was played in the second episode, so there is nothing to keep"

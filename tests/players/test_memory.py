@@ -57,11 +57,11 @@ def test_with_any_channel_it_plays_messenger_as_with_all_that_it_uses_in_the_win
     game, seed = "MessengerL2-v0", 6
     _, seen = play(game, seed, words=False, history=3)
     _, unseen = play(game, seed, words=False, history=0)
-    _, said = play(game, seed, words=True, history=0)
+    _, spoken = play(game, seed, words=True, history=0)
     _, noted = play(game, seed, words=False, history=0, notes_tokens=200)
     _, summed = play(game, seed, words=False, history=5, prompt_tokens=900, summary_tokens=200, slack=0.5)
     assert actions(unseen) != actions(seen)
-    assert actions(said) == actions(noted) == actions(summed) == actions(seen)
+    assert actions(spoken) == actions(noted) == actions(summed) == actions(seen)
 
 
 @pytest.mark.slow

@@ -67,8 +67,8 @@ def test_it_reads_the_manuals_of_games(split: Split, level: int) -> None:
     right = 0
     for seed in range(150):
         game.reset(seed=seed)
-        told = [truth[line] for line in game.manual.split("\n") if line in truth]
-        right += [(c.entity, c.role) for c in claims(game.manual)] == [(entry.entity, entry.role) for entry in told]
+        stated = [truth[line] for line in game.manual.split("\n") if line in truth]
+        right += [(c.entity, c.role) for c in claims(game.manual)] == [(entry.entity, entry.role) for entry in stated]
     assert right / 150 >= 0.97
 
 
@@ -97,15 +97,15 @@ def test_decoys_and_a_false_lead_are_seen_through() -> None:
 
 
 def test_a_sentence_that_names_nobody_is_about_who_is_missing() -> None:
-    said = (Claim("dog", "message", "chaser"), Claim(None, "enemy", "fleeing"), Claim("fish", "goal", "immovable"))
-    (probability, cast), *_ = casts(said, ("dog", "fish", "mage"))
+    sentences = (Claim("dog", "message", "chaser"), Claim(None, "enemy", "fleeing"), Claim("fish", "goal", "immovable"))
+    (probability, cast), *_ = casts(sentences, ("dog", "fish", "mage"))
     assert cast["mage"] == (Part("enemy", FLEEING),)
     assert probability > 0.7
 
 
 def test_where_the_manual_is_silent_every_movement_is_possible() -> None:
-    said = (Claim("dog", "message", None), Claim("mage", "enemy", "fleeing"), Claim("fish", "goal", "immovable"))
-    movements = {cast["dog"] for _, cast in casts(said, ("dog", "fish", "mage"))[:3]}
+    sentences = (Claim("dog", "message", None), Claim("mage", "enemy", "fleeing"), Claim("fish", "goal", "immovable"))
+    movements = {cast["dog"] for _, cast in casts(sentences, ("dog", "fish", "mage"))[:3]}
     assert movements == {(Part("message", movement),) for movement in range(len(MOVEMENTS))}
 
 
@@ -117,21 +117,21 @@ def test_the_likeliest_cast_is_mostly_the_true_one(split: Split) -> None:
     right = 0
     for seed in range(100):
         observation, _ = game.reset(seed=seed)
-        told = [truth[line] for line in game.manual.split("\n") if line in truth]
+        stated = [truth[line] for line in game.manual.split("\n") if line in truth]
         _, likeliest = casts(claims(game.manual), tuple(sorted(SeenEntities.of(observation).things)))[0]
-        right += likeliest == true_cast(told, game.unwrapped._rules_state.movements, game.unwrapped._names)
+        right += likeliest == true_cast(stated, game.unwrapped._rules_state.movements, game.unwrapped._names)
     assert right >= 80
 
 
-def true_cast(told: list[Entry], movements: tuple[str, ...], names: tuple[str, ...]) -> Cast:
+def true_cast(entries: list[Entry], movements: tuple[str, ...], names: tuple[str, ...]) -> Cast:
     enemy, message, goal, decoy_message, decoy_goal = (MOVEMENTS.index(movement) for movement in movements)
     cast = {
         names[0]: (Part("enemy", enemy),),
         names[1]: (Part("message", message), Part("enemy", decoy_message)),
         names[2]: (Part("goal", goal), Part("enemy", decoy_goal)),
     }
-    said = {(entry.entity, entry.role, entry.kind) for entry in told}
-    assert all((name, part.role, MOVEMENTS[part.movement]) in said for name, parts in cast.items() for part in parts)
+    triples = {(entry.entity, entry.role, entry.kind) for entry in entries}
+    assert all((name, part.role, MOVEMENTS[part.movement]) in triples for name, parts in cast.items() for part in parts)
     return cast
 
 

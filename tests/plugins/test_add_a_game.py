@@ -45,8 +45,8 @@ class Installed:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        found = os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH")]))
-        self._environment = {**os.environ, "PYTHONPATH": found, "COLUMNS": "120"}
+        paths = os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH")]))
+        self._environment = {**os.environ, "PYTHONPATH": paths, "COLUMNS": "120"}
 
     def python(self, *arguments: str, given: str = "", cwd: Path | None = None) -> str:
         shown = subprocess.run(

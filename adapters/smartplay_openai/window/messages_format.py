@@ -127,8 +127,8 @@ class MessagesFormat(HostFormat):
     def refusal(self, error: RequestError) -> dict[str, Any]:
         """Return the body of an error; its code is where the client looks for one."""
         details = {"details": {"error_code": error.code}} if error.code else {}
-        told = {"type": KINDS.get(error.status, "api_error"), "message": str(error), **details}
-        return {"type": "error", "error": told}
+        error_body = {"type": KINDS.get(error.status, "api_error"), "message": str(error), **details}
+        return {"type": "error", "error": error_body}
 
 
 def _is_result(block: Mapping[str, Any], results: dict[str, str]) -> bool:

@@ -100,10 +100,10 @@ def _hear(items: list[Any], ignored: Ignored) -> list[str]:
     """
     system = []
     for is_reply, group in groupby(objects(items), _is_of_assistant):
-        said = list(group)
-        if is_reply and any(item.get("type") == "function_call" for item in said):
-            said = [item for item in said if item.get("type") not in (None, "message")]
-        for item in said:
+        heard = list(group)
+        if is_reply and any(item.get("type") == "function_call" for item in heard):
+            heard = [item for item in heard if item.get("type") not in (None, "message")]
+        for item in heard:
             kind = str(item.get("type") or "message")
             if kind == "message":
                 role = str(item.get("role"))

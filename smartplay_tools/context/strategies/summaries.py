@@ -63,11 +63,15 @@ class Summaries(BudgetStrategy):
             return "summary_tokens has nothing to summarise where no turn ever leaves; give prompt_tokens a number."
         return None
 
-    def cut(self, said: str) -> str:
+    def cut(self, reply_text: str) -> str:
         """Return the agent's words as they can be shown: whole, cut at their end with a notice, or nothing."""
-        if not said.strip():
+        if not reply_text.strip():
             return ""
-        shown = said if self._count(said) <= self._cap else truncation.cut_end(said, self._cap, self._count)
+        shown = (
+            reply_text
+            if self._count(reply_text) <= self._cap
+            else truncation.cut_end(reply_text, self._cap, self._count)
+        )
         return shown if shown.strip() else ""  # where not even the notice fits
 
     def show(self, text: str) -> Summary:

@@ -168,21 +168,21 @@ NOTES = (
 )
 
 
-def areas_table(found: Sequence[Area]) -> TextTable:
+def areas_table(areas: Sequence[Area]) -> TextTable:
     """Return the table of areas, with a section for each game."""
     rows: list[tuple[str, ...]] = []
-    for game in dict.fromkeys(each.game for each in found):
-        own = [each for each in found if each.game == game]
+    for game in dict.fromkeys(each.game for each in areas):
+        own = [each for each in areas if each.game == game]
         rows.append((f"{game}, caps {', '.join('none' if cap is None else f'{cap:,}' for cap in own[0].caps)}",))
         rows += [_row(each) for each in own]
     columns = (Column("player and strategy", words=True), *map(Column, ("seeds", "area", "+-")))
-    reasons = dict.fromkeys(f"-: {each.reason}" for each in found if each.reason)
+    reasons = dict.fromkeys(f"-: {each.reason}" for each in areas if each.reason)
     low = dict.fromkeys(
         f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as random"
-        for each in found
+        for each in areas
         if each.infeasible
     )
-    cut = [f"{CUT}: some caps cut tool results"] if any(each.is_cut for each in found) else []
+    cut = [f"{CUT}: some caps cut tool results"] if any(each.is_cut for each in areas) else []
     return TextTable("areas under the curve", columns, tuple(rows), (*NOTES, *reasons, *low, *cut))
 
 

@@ -146,19 +146,19 @@ def _baselines(summary: RunSummary) -> Iterator[TextTable]:
         yield TextTable(title, columns, rows, (PAPERS, *([OTHER_ENGINE] if other_engine else [])))
 
 
-def _baseline_figures(known: Baselines) -> Iterator[str]:
-    models = sorted(known.models, key=lambda model: model.score)
-    papers = (*([models[0], models[-1]] if models else [None, None]), known.get("human", "paper"))
-    largest = max(abs(each.score) for each in known.baselines)
+def _baseline_figures(baselines: Baselines) -> Iterator[str]:
+    models = sorted(baselines.models, key=lambda model: model.score)
+    papers = (*([models[0], models[-1]] if models else [None, None]), baselines.get("human", "paper"))
+    largest = max(abs(each.score) for each in baselines.baselines)
     decimals = 2 if largest < 100 else 1 if largest < 1000 else 0
-    for baseline in (known.get("random"), known.get("rule")):
+    for baseline in (baselines.get("random"), baselines.get("rule")):
         yield _score(baseline, decimals)
     for baseline in papers:
-        yield ("~" if baseline is not None and not known.comparable else "") + _score(baseline, decimals)
+        yield ("~" if baseline is not None and not baselines.comparable else "") + _score(baseline, decimals)
 
 
-def _score(known: Baseline | None, decimals: int) -> str:
-    return NOTHING if known is None else f"{known.score:,.{decimals}f}"
+def _score(baseline: Baseline | None, decimals: int) -> str:
+    return NOTHING if baseline is None else f"{baseline.score:,.{decimals}f}"
 
 
 def _capabilities(profiles: Sequence[Profile]) -> TextTable:

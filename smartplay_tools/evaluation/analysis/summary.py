@@ -156,13 +156,13 @@ def summarize(
     rows = list(rows)
     groups = by_cell(rows)
     estimates = named_estimates((_measured(cell, members) for cell, members in groups), method)
-    cells = [_cell_summary(cell, members, found) for (cell, members), found in zip(groups, estimates, strict=True)]
-    found = conditions([cell for cell, _ in groups])
-    profiles = [_profile(condition, groups, cells, weights) for condition in found]
+    cells = [_cell_summary(cell, members, means) for (cell, members), means in zip(groups, estimates, strict=True)]
+    grouped = conditions([cell for cell, _ in groups])
+    profiles = [_profile(condition, groups, cells, weights) for condition in grouped]
     lost = _failures(failures, {row["key"] for row in rows})
     played = [
         (condition, [(c.cell, c.score, c.normalized_score) for c in cells if c.cell in condition.cells])
-        for condition in found
+        for condition in grouped
     ]
     return RunSummary(tuple(cells), tuple(profiles), tuple(find_baselines(played)), tuple(lost))
 
@@ -206,10 +206,10 @@ def _tokens(tokens: Sequence[Mapping[str, Any]]) -> TokenSummary:
     )
 
 
-def _drift(name: str, told: Sequence[Mapping[str, Any]]) -> Drift | None:
-    if not told:
+def _drift(name: str, counts: Sequence[Mapping[str, Any]]) -> Drift | None:
+    if not counts:
         return None
-    return Drift(len(told), sum(each[name] for each in told), sum(each["provider"][name] for each in told))
+    return Drift(len(counts), sum(each[name] for each in counts), sum(each["provider"][name] for each in counts))
 
 
 def _deviations(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, Any]:

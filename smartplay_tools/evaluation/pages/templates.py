@@ -9,7 +9,7 @@ from smartplay_tools.errors import MissingExtraError
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-_known: dict[str, Environment] = {}
+_environments: dict[str, Environment] = {}
 
 
 def environment(package: str, what: str) -> Environment:
@@ -21,12 +21,12 @@ def environment(package: str, what: str) -> Environment:
         from jinja2 import Environment, PackageLoader, StrictUndefined
     except ImportError as error:
         raise MissingExtraError(what, "evaluation") from error
-    if package not in _known:
-        _known[package] = Environment(
+    if package not in _environments:
+        _environments[package] = Environment(
             loader=PackageLoader(package),
             undefined=StrictUndefined,
             autoescape=True,
             trim_blocks=True,
             lstrip_blocks=True,
         )
-    return _known[package]
+    return _environments[package]

@@ -132,8 +132,8 @@ def _played(config: PlayerConfig, player: ModelPlayer, price: Price | None) -> P
                 faults[fault] = None
         acted = episode.stats.steps > 0
         reasoned = sum(episode.counter.tokenizer.count(reasoning_of(reply.message)) for reply in replies)
-    found = _judged(config.name, replies, reasoned, price)
-    return replace(found, played=was_played, acted=acted, faults=tuple(faults))
+    judged = _judged(config.name, replies, reasoned, price)
+    return replace(judged, played=was_played, acted=acted, faults=tuple(faults))
 
 
 def _address(config: PlayerConfig, error: str) -> str:

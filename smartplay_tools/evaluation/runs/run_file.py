@@ -107,5 +107,5 @@ def _unknown_field(place: tuple[int | str, ...]) -> str:
     """Return a sentence about a field that does not exist, from its place in the file."""
     models: dict[str, Any] = {"players": FilePlayer, "budgets": Budget}
     model = models.get(str(place[0])) if len(place) > 1 else None
-    known = [*RunFile.model_fields, *RULES] if model is None else [*model.model_fields]
-    return f"there is no such field; {similar(place[-1], (name for name in known if name != 'rules'))}"
+    fields = [*RunFile.model_fields, *RULES] if model is None else [*model.model_fields]
+    return f"there is no such field; {similar(place[-1], (name for name in fields if name != 'rules'))}"

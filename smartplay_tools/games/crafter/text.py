@@ -16,13 +16,13 @@ from smartplay_tools.games.crafter.views import Sight
 from smartplay_tools.games.crafter.world import COLUMN, position
 
 _COMPASS = {"move_left": "move_west", "move_right": "move_east", "move_up": "move_north", "move_down": "move_south"}
-_TOLD_ACTIONS = tuple(_COMPASS.get(action, action) for action in ENGINE_ACTIONS)
-ACTIONS = tuple(action.replace("_", " ").title() for action in _TOLD_ACTIONS)
+_ACTIONS_IN_WORDS = tuple(_COMPASS.get(action, action) for action in ENGINE_ACTIONS)
+ACTIONS = tuple(action.replace("_", " ").title() for action in _ACTIONS_IN_WORDS)
 """The actions by their names for a player, in the engine's order."""
 NUMBERED_ACTIONS = (*ACTIONS[1:], ACTIONS[0])
 """The actions in the order of the manual, which begins with Move West and ends with Noop."""
 
-_TOOK = tuple(f"You took action {action}." for action in _TOLD_ACTIONS)
+_TOOK = tuple(f"You took action {action}." for action in _ACTIONS_IN_WORDS)
 _ASLEEP = "You are sleeping, and will not be able take actions until energy is full.\n\n"
 _DEAD = "You died.\n\n"
 _NOTHING_SEEN = "You see nothing away from you."
@@ -51,7 +51,7 @@ _LINES = [
     for name in NAMES
 ]
 """The line about a thing, by its id and by the rank of its cell in the order above."""
-_TOLD = frozenset(range(1, len(NAMES))) - {PLAYER}
+_MENTIONED = frozenset(range(1, len(NAMES))) - {PLAYER}
 """What a line can be about: anything on the map except the player."""
 
 
@@ -79,7 +79,7 @@ def _view(surface: bytes | bytearray, at: int) -> str:
     columns = [surface[start : start + _ROWS] for start in range(corner, corner + _COLUMNS * COLUMN, COLUMN)]
     # Used as a table for `translate`, the view gives its cells in the wanted order at once.
     nearest_first = _ORDER.translate(b"".join(columns) + _FILL)
-    lines = [_LINES[name][nearest_first.index(name)] for name in sorted(set(nearest_first)) if name in _TOLD]
+    lines = [_LINES[name][nearest_first.index(name)] for name in sorted(set(nearest_first)) if name in _MENTIONED]
     return "You see:" + "".join(lines) if lines else _NOTHING_SEEN
 
 
@@ -102,7 +102,7 @@ def _everything() -> tuple[str, ...]:
         max(_TOOK, key=len),
         _ASLEEP,
         "\n\nYou see:",
-        *(max(_LINES[name], key=len) for name in sorted(_TOLD)),
+        *(max(_LINES[name], key=len) for name in sorted(_MENTIONED)),
         f"\n\nYou face {max(NAMES, key=len)} at your front.\n\n",
         _body(dict.fromkeys((*VITALS, *ITEMS), MOST)),
     )

@@ -38,9 +38,9 @@ def remember(reading: Reading, cap: int | None) -> tuple[Message, str]:
     return pull(reading, machines), line(facts)
 
 
-def count_pulls(reading: Reading, known: Pulls) -> Pulls:
+def count_pulls(reading: Reading, earlier: Pulls) -> Pulls:
     """Return the known pulls and rewards with the visible ones added."""
-    counts = {machine: known.get(machine, (0, 0)) for machine in range(1, len(reading.actions) + 1)}
+    counts = {machine: earlier.get(machine, (0, 0)) for machine in range(1, len(reading.actions) + 1)}
     for observation in reading.observations:
         if (match := PULL.search(observation)) and (machine := int(match[1])) in counts:
             pulls, total = counts[machine]

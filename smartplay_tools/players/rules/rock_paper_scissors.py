@@ -31,10 +31,10 @@ def remember(reading: Reading, cap: int | None) -> tuple[Message, str]:
     return play(reading, counts), line({"clock": sum(counts.values()), "hands": counts})
 
 
-def count(reading: Reading, known: Mapping[str, int]) -> dict[str, int]:
+def count(reading: Reading, earlier: Mapping[str, int]) -> dict[str, int]:
     """Return how often the opponent chose each hand, as far as it is known or visible."""
     hands = [match[1] for observation in reading.observations if (match := ROUND.search(observation))]
-    return {hand: known.get(hand, 0) + hands.count(hand) for hand in BEATS}
+    return {hand: earlier.get(hand, 0) + hands.count(hand) for hand in BEATS}
 
 
 def play(reading: Reading, counts: Mapping[str, int]) -> Message:

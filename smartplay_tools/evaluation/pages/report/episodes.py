@@ -89,7 +89,7 @@ def turns(record: Record) -> list[dict[str, Any]]:
     contents: dict[int, dict[str, Any]] = defaultdict(lambda: {"items": []})
     for view in record.views:
         kind = "request" if concerns_summary(view) else "view"
-        contents[view["turn"]][kind] = {name: value for name, value in view.items() if name not in _KNOWN}
+        contents[view["turn"]][kind] = {name: value for name, value in view.items() if name not in _LEFT_OUT}
         if (head := record.head_of[view["turn"]]) is not record.heads[0]:  # the host has changed its part
             contents[view["turn"]]["head"] = head["messages"]
     for summary in record.summaries:
@@ -139,7 +139,7 @@ def _place(item: Mapping[str, Any]) -> float:
     return math.inf if position is None else position
 
 
-_KNOWN = ("event", "turn", "sha256")
+_LEFT_OUT = ("event", "turn", "sha256")
 """Fields of a view that the page does not need: `check` compares hashes when the page is made."""
 
 

@@ -168,14 +168,14 @@ class _Site:
         """Answer with an episode as its open page needs it, as soon as its record is another than `after`."""
         after, waited = request.query_params.get("after", ""), 0.0
         try:
-            found = await run_in_threadpool(self._record, request)
-            version, is_playing = await run_in_threadpool(self._pages.version, *found)
+            run_and_record = await run_in_threadpool(self._record, request)
+            version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
             while version == after and is_playing and waited < LONGEST_WAIT and not self._is_stopping():
                 await asyncio.sleep(LOOK_SECONDS)
                 waited += LOOK_SECONDS
-                found = await run_in_threadpool(self._record, request)
-                version, is_playing = await run_in_threadpool(self._pages.version, *found)
-            news = await run_in_threadpool(self._pages.news, *found, is_new=version != after)
+                run_and_record = await run_in_threadpool(self._record, request)
+                version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
+            news = await run_in_threadpool(self._pages.news, *run_and_record, is_new=version != after)
         except SmartPlayError as error:
             return missing(str(error))
         return JSONResponse({"version": version, "playing": is_playing, **news}, headers=HEADERS)

@@ -92,8 +92,8 @@ class _Playing:
         """Answer with the scores of others: the paper's people and models, and ours in the same world."""
         ours = await run_in_threadpool(self._play.beside)
         paper = {result.player: result.normalized.get(self._play.game) for result in PAPER_RESULTS}
-        known = {name: score for name, score in {**paper, **ours}.items() if score is not None}
-        return JSONResponse({"scores": known, "challenge": self._play.challenge()}, headers=HEADERS)
+        scores = {name: score for name, score in {**paper, **ours}.items() if score is not None}
+        return JSONResponse({"scores": scores, "challenge": self._play.challenge()}, headers=HEADERS)
 
     async def reply(self, request: Request) -> Response:
         """Take the answer to a prompt."""

@@ -29,7 +29,7 @@ class RunList:
         for folder in self._folders:
             if not folder.is_dir():
                 raise InvalidArgumentError(f"There is no folder {folder}; name a run's folder, or one that holds runs.")
-        self._known: dict[Path, SiteRun] = {}
+        self._shown: dict[Path, SiteRun] = {}
         self._listed: list[ViewedRun] = []
         self._looked = float("-inf")
         self._lock = threading.Lock()
@@ -56,12 +56,12 @@ class RunList:
                     name = where.name if path == folder else path.relative_to(folder).as_posix()
                     taken = name in names.values() or any(run.name == name for run in self._always)
                     names[where] = path.as_posix().lstrip("/") if taken else name
-        kept = {where: self._known.get(where) for where in names}
-        self._known = {
+        kept = {where: self._shown.get(where) for where in names}
+        self._shown = {
             where: run if run is not None and run.name == names[where] else SiteRun(where, names[where])
             for where, run in kept.items()
         }
-        return sorted(self._known.values(), key=lambda run: run.written_at, reverse=True)
+        return sorted(self._shown.values(), key=lambda run: run.written_at, reverse=True)
 
 
 def _runs_in(folder: Path, depth: int) -> Iterator[Path]:

@@ -41,10 +41,10 @@ ODD = 0.05
 
 
 @functools.lru_cache(maxsize=64)
-def casts(said: tuple[Claim, ...], names: tuple[str, ...]) -> tuple[tuple[float, Cast], ...]:
+def casts(claims: tuple[Claim, ...], names: tuple[str, ...]) -> tuple[tuple[float, Cast], ...]:
     """Return the probable casts of three names with their probabilities, the most probable first."""
-    about = _by_name(said, names)
-    possible = _without_decoys(about) if len(said) <= FEW_SENTENCES else _with_decoys(about)
+    about = _by_name(claims, names)
+    possible = _without_decoys(about) if len(claims) <= FEW_SENTENCES else _with_decoys(about)
     ordered = sorted(possible, key=lambda weighted: -weighted[0])[:MOST_CASTS]
     total = sum(weight for weight, _ in ordered)
     if not total:
@@ -52,11 +52,11 @@ def casts(said: tuple[Claim, ...], names: tuple[str, ...]) -> tuple[tuple[float,
     return tuple((weight / total, cast) for weight, cast in ordered if weight >= NEGLIGIBLE * total)
 
 
-def _by_name(said: tuple[Claim, ...], names: tuple[str, ...]) -> dict[str, list[Claim]]:
+def _by_name(claims: tuple[Claim, ...], names: tuple[str, ...]) -> dict[str, list[Claim]]:
     """Sort the sentences by name. One without a known name is about a name that has too few sentences."""
-    about = {name: [claim for claim in said if claim.entity == name] for name in names}
-    loose = [claim for claim in said if claim.entity not in names]
-    per_name = 1 if len(said) <= FEW_SENTENCES else 2
+    about = {name: [claim for claim in claims if claim.entity == name] for name in names}
+    loose = [claim for claim in claims if claim.entity not in names]
+    per_name = 1 if len(claims) <= FEW_SENTENCES else 2
     short = [name for name in names if len(about[name]) < per_name]
     if len(short) == 1:
         about[short[0]] += loose

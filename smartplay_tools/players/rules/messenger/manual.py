@@ -116,8 +116,8 @@ def _scores(line: str, lists: Mapping[str, str]) -> dict[str, float]:
 
 
 @functools.lru_cache(maxsize=4096)
-def _likeness(word: str, known: str) -> float:
-    listed = known.split()
+def _likeness(word: str, phrase: str) -> float:
+    listed = phrase.split()
     if word in listed:
         return 1.0
     return 0.5 if any(_one_slip_apart(word, other) for other in listed) else 0.0

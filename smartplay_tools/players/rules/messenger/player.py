@@ -69,10 +69,10 @@ def _memory(clock: int, views: Sequence[SeenEntities], cap: int | None) -> str:
     return lines[0] if cap is None else next((each for each in lines if fits(each, cap)), lines[-1])
 
 
-def choose(said: tuple[Claim, ...], views: Sequence[SeenEntities]) -> str:
+def choose(manual_claims: tuple[Claim, ...], views: Sequence[SeenEntities]) -> str:
     """Return the best action. If the views fit no case, the oldest are dropped until they do."""
     now = views[-1]
-    possible = _casts(said, views)
+    possible = _casts(manual_claims, views)
     for oldest in range(len(views)):
         cases = believe(possible, views[oldest:])
         if cases is not None:
@@ -82,9 +82,9 @@ def choose(said: tuple[Claim, ...], views: Sequence[SeenEntities]) -> str:
     return "Do Nothing"
 
 
-def _casts(said: tuple[Claim, ...], views: Sequence[SeenEntities]) -> tuple[tuple[float, Cast], ...]:
-    possible = casts(said, _names(said, views))
-    if views[-1].has_message and len(said) <= FEW_SENTENCES and len(views[-1].things) == len(said):
+def _casts(manual_claims: tuple[Claim, ...], views: Sequence[SeenEntities]) -> tuple[tuple[float, Cast], ...]:
+    possible = casts(manual_claims, _names(manual_claims, views))
+    if views[-1].has_message and len(manual_claims) <= FEW_SENTENCES and len(views[-1].things) == len(manual_claims):
         # Level 1 may start with the message in hand; the message on the board must then not be touched.
         return tuple((weight, {name: _unwanted(parts) for name, parts in cast.items()}) for weight, cast in possible)
     return possible
@@ -94,10 +94,10 @@ def _unwanted(parts: tuple[Part, ...]) -> tuple[Part, ...]:
     return tuple(part._replace(role="enemy") if part.role == "message" else part for part in parts)
 
 
-def _names(said: Sequence[Claim], views: Sequence[SeenEntities]) -> tuple[str, str, str]:
+def _names(manual_claims: Sequence[Claim], views: Sequence[SeenEntities]) -> tuple[str, str, str]:
     """Return the three names of the game: those in view, then those with the most sentences, then placeholders."""
     in_view = [name for view in reversed(views) for name in view.things]
-    spoken_of = [claim.entity for claim in said if claim.entity]
+    spoken_of = [claim.entity for claim in manual_claims if claim.entity]
     named = dict.fromkeys([*in_view, *sorted(spoken_of, key=spoken_of.count, reverse=True), "?", "another?", "third?"])
     first, second, third, *_ = named
     return first, second, third

@@ -10,9 +10,9 @@ function ticks(low, most, about = 4) {
   const rough = (high - low) / about;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((factor) => factor * power).find((size) => size >= rough);
-  const found = [];
-  for (let at = Math.floor(low / step) * step; at < high + step * 0.999; at += step) found.push(Number(at.toFixed(10)));
-  return found;
+  const values = [];
+  for (let at = Math.floor(low / step) * step; at < high + step * 0.999; at += step) values.push(Number(at.toFixed(10)));
+  return values;
 }
 
 // The place of a turn on the common axis.
@@ -43,12 +43,12 @@ function thinned(points, most = 1500) {
 function curve(box, { name, values, cap = null, stepped = false, kind, turn }) {
   const [width, height] = [Math.max(320, box.clientWidth), 132];
   const x = turnScale(width, values.length);
-  const known = values.flatMap((value, at) => (value === null ? [] : [[at, value]]));
-  const all = [...known.map(([, value]) => value), 0, ...(cap === null ? [] : [cap])];
+  const given = values.flatMap((value, at) => (value === null ? [] : [[at, value]]));
+  const all = [...given.map(([, value]) => value), 0, ...(cap === null ? [] : [cap])];
   const marks = ticks(...extent(all));
   const [low, high] = [marks[0], marks.at(-1)];
   const y = (value) => height - EDGE.bottom - ((value - low) / (high - low)) * (height - EDGE.top - EDGE.bottom);
-  const points = thinned(known).map(([at, value]) => [x.middle(at), y(value)]);
+  const points = thinned(given).map(([at, value]) => [x.middle(at), y(value)]);
   const path = points
     .map(([px, py], at) => (at === 0 ? `M${px} ${py}` : stepped ? `H${px}V${py}` : `L${px} ${py}`))
     .join("");

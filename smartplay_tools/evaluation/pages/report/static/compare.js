@@ -9,8 +9,8 @@ const compared = { keys: [], episodes: [], names: [], common: "", step: 0 };
 // The address `#compare=KEY&with=KEY&step=N` shows two episodes, or more with further `with`; returns whether it does.
 async function showComparison(asked) {
   const keys = [asked.get("compare"), ...asked.getAll("with")].slice(0, MOST_COMPARED);
-  const known = (key) => page.episodes.some((episode) => episode.key === key);
-  $("compare").hidden = keys.length < 2 || !keys.every(known);
+  const isShown = (key) => page.episodes.some((episode) => episode.key === key);
+  $("compare").hidden = keys.length < 2 || !keys.every(isShown);
   if ($("compare").hidden) return false;
   stop();
   if (keys.join("\n") !== compared.keys.join("\n")) {

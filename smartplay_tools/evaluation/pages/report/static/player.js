@@ -141,8 +141,8 @@ function stop() {
 
 function goToMistake(direction) {
   const wrong = mistakes(shown.episode);
-  const found = direction > 0 ? wrong.find((turn) => turn > shown.turn) : wrong.findLast((turn) => turn < shown.turn);
-  if (found !== undefined) goTo(found);
+  const target = direction > 0 ? wrong.find((turn) => turn > shown.turn) : wrong.findLast((turn) => turn < shown.turn);
+  if (target !== undefined) goTo(target);
 }
 
 function goToEpisode(direction) {

@@ -145,11 +145,11 @@ function paperMessages(episode, words, number, view) {
 // The observations by the original's count of steps, in the paper's protocol: those up to the reset's, then one for
 // each action.
 function observationsOf(episode) {
-  const found = [...episode.first_observations];
+  const texts = [...episode.first_observations];
   for (const turn of episode.turns) {
-    for (const { call } of turn.items) if (call) found.push(call.text);
+    for (const { call } of turn.items) if (call) texts.push(call.text);
   }
-  return found;
+  return texts;
 }
 
 // An episode out of the page, with what is worked out once when it is opened.

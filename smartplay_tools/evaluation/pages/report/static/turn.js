@@ -37,15 +37,15 @@ function saidIn(turn, episode) {
         turn.view ? "No reply came to this prompt." : "The host's agent called; what it said is not on record.",
       ),
     ];
-  const said = textOf(message);
+  const text = textOf(message);
   const calls = (message.tool_calls ?? []).map(({ function: { name, arguments: sent } }) => callLine(name, sent));
   const took = turn.seconds === undefined ? "" : `, in ${number(turn.seconds, turn.seconds < 10 ? 1 : 0)} s`;
   const cost = usage ? costOf(usage) + took : null;
   return [
     thoughtsOf(message),
-    said ? element("pre", { class: "speech" }, said) : null,
+    text ? element("pre", { class: "speech" }, text) : null,
     ...calls,
-    !said && !calls.length ? caption("An empty reply.", true) : null,
+    !text && !calls.length ? caption("An empty reply.", true) : null,
     cost ? element("p", { class: "small" }, cost) : null,
   ].filter(Boolean);
 }
@@ -202,12 +202,12 @@ function askedBefore(episode, turn) {
   if (!asked) return null;
   const { summary } = episode.turns[turn];
   const outcome = !summary ? "no reply came" : summary.empty ? "empty" : summary.cut ? "cut to its cap" : "shown whole";
-  const said = summary ? element("pre", { class: "speech" }, textOf(summary.message)) : null;
+  const speech = summary ? element("pre", { class: "speech" }, textOf(summary.message)) : null;
   return element(
     "details",
     { class: "message summary" },
     element("summary", {}, `Before this prompt a summary was asked for: ${outcome}`),
-    ...[said, ...asked.map((part) => messageCard(part))].filter(Boolean),
+    ...[speech, ...asked.map((part) => messageCard(part))].filter(Boolean),
   );
 }
 
@@ -246,13 +246,13 @@ function messageCard({ message, turn, marked, what, change }) {
   const calls = (message.tool_calls ?? []).map(({ function: { name, arguments: sent } }) =>
     element("p", { class: "call" }, element("b", {}, name), ` ${sent}`),
   );
-  const said = textOf(message);
+  const text = textOf(message);
   return element(
     "article",
     { class: `message ${message.role}${marked ? " is-marked" : ""} ${change ?? ""}` },
     title,
     thoughtsOf(message),
-    said || !calls.length ? element("pre", {}, said) : null,
+    text || !calls.length ? element("pre", {}, text) : null,
     ...calls,
   );
 }

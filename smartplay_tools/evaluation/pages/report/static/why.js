@@ -20,8 +20,8 @@ function renderWhy() {
   $("why-turn").value = turn;
   $("why-reason").textContent = whyWords(episode, now, turn);
   $("why-go").onclick = () => goTo(turn);
-  const said = [{ message }, ...items.map((item) => ({ message: messageOf(episode.turns[turn], item, page.words) }))];
-  $("why-said").replaceChildren(...said.filter((part) => part.message).map((part) => messageCard({ ...part, turn })));
+  const parts = [{ message }, ...items.map((item) => ({ message: messageOf(episode.turns[turn], item, page.words) }))];
+  $("why-said").replaceChildren(...parts.filter((part) => part.message).map((part) => messageCard({ ...part, turn })));
 }
 
 // The newest of the turns that a prompt did not show.

@@ -20,12 +20,12 @@ function visibility(episode, number) {
 
 // Neighbours of one state as [state, first, last].
 function runs(states) {
-  const found = [];
+  const spans = [];
   states.forEach((state, at) => {
-    if (found.length && found.at(-1)[0] === state) found.at(-1)[2] = at;
-    else found.push([state, at, at]);
+    if (spans.length && spans.at(-1)[0] === state) spans.at(-1)[2] = at;
+    else spans.push([state, at, at]);
   });
-  return found;
+  return spans;
 }
 
 function inWords(states, state, unit) {

@@ -162,9 +162,9 @@ const HEADINGS = ["north", "north-east", "east", "south-east", "south", "south-w
 // The walk from above, north up, on the land where that is known.
 function minecraft(drawing, step) {
   const { walk, spacing, corner, rows } = drawing;
-  const known = walk.filter((place) => place);
-  const frame = rows ? [...corner, rows[0].length * spacing, rows.length * spacing] : around(known);
-  const here = walk.slice(0, step + 1).findLast((place) => place) ?? known[0];
+  const places = walk.filter((place) => place);
+  const frame = rows ? [...corner, rows[0].length * spacing, rows.length * spacing] : around(places);
+  const here = walk.slice(0, step + 1).findLast((place) => place) ?? places[0];
   const [x, y, z] = here.map((coordinate) => (typeof coordinate === "number" ? number(coordinate, 0) : coordinate));
   const place = `At ${x}, ${z}, ${y} high, facing ${here[3]}`;
   const far = number(blocksWalked(walk, step), 0);

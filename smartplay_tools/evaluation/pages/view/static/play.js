@@ -24,9 +24,9 @@ function messageCard(message) {
   const calls = (message.tool_calls ?? []).map(({ function: { name, arguments: sent } }) =>
     element("p", { class: "call" }, element("b", {}, name), ` ${sent}`),
   );
-  const said = textOf(message);
+  const text = textOf(message);
   const title = element("p", { class: "who" }, NAMES[message.role] ?? message.role);
-  return element("article", { class: `message ${message.role}` }, title, said ? element("pre", {}, said) : null, ...calls);
+  return element("article", { class: `message ${message.role}` }, title, text ? element("pre", {}, text) : null, ...calls);
 }
 
 function budgetBar({ short, share }) {
@@ -141,10 +141,10 @@ async function answer(given) {
 }
 
 async function showPicture() {
-  const found = await send("/api/play/picture", { number: play.number });
-  if (!found) return;
+  const picture = await send("/api/play/picture", { number: play.number });
+  if (!picture) return;
   const note = element("span", { class: "small" }, "The record says that you have seen this picture.");
-  $("drawn").replaceChildren(element("img", { src: found.image, alt: "The game, drawn by itself", class: "pixels" }), note);
+  $("drawn").replaceChildren(element("img", { src: picture.image, alt: "The game, drawn by itself", class: "pixels" }), note);
 }
 
 function press(id) {
@@ -180,9 +180,9 @@ const KEYS = {
 async function follow() {
   for (;;) {
     try {
-      const found = await fetch(`/api/play?after=${play.number}`);
-      if (!found.ok) throw new Error(await found.text());
-      const state = await found.json();
+      const response = await fetch(`/api/play?after=${play.number}`);
+      if (!response.ok) throw new Error(await response.text());
+      const state = await response.json();
       if (state.number !== play.number) show(state);
     } catch {
       $("live").textContent = "the server does not answer";

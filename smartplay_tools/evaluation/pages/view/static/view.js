@@ -158,9 +158,9 @@ async function load() {
     $("count").textContent = (await answer?.text()) ?? absent();
     return;
   }
-  const found = await answer.json();
-  site.at = Object.fromEntries(found.columns.map((name, place) => [name, place]));
-  site.all = found.episodes;
+  const listed = await answer.json();
+  site.at = Object.fromEntries(listed.columns.map((name, place) => [name, place]));
+  site.all = listed.episodes;
   site.texts = site.all.map((one) => ["status", "game", "player", "budget", "end", "seed"].map((name) => value(one, name) ?? "").join(" ").toLowerCase());
   list();
 }
@@ -205,18 +205,18 @@ function list() {
 }
 
 function cell(one, name) {
-  const found = value(one, name);
+  const shown = value(one, name);
   const role = { role: "gridcell" };
-  if (name === "status") return element("span", { ...role, class: `status ${found}` }, found);
+  if (name === "status") return element("span", { ...role, class: `status ${shown}` }, shown);
   if (name === "game") {
     const href = address(one);
-    return element("span", role, href ? element("a", { href, tabindex: -1 }, found) : found);
+    return element("span", role, href ? element("a", { href, tabindex: -1 }, shown) : shown);
   }
-  if (!NUMBERS.has(name)) return element("span", { ...role, title: found }, found ?? "");
-  const poor = (name === "mistakes" || name === "cut") && found > 0;
+  if (!NUMBERS.has(name)) return element("span", { ...role, title: shown }, shown ?? "");
+  const poor = (name === "mistakes" || name === "cut") && shown > 0;
   const digits = name === "cost" ? 4 : 2;
   // A seed is a name, not a quantity.
-  return element("span", { ...role, class: `number${poor ? " poor" : ""}` }, name === "seed" ? String(found ?? "–") : number(found, digits));
+  return element("span", { ...role, class: `number${poor ? " poor" : ""}` }, name === "seed" ? String(shown ?? "–") : number(shown, digits));
 }
 
 // Only the rows in sight, and a few beyond, are made.
@@ -251,8 +251,8 @@ function select(place) {
 function mark() {
   const record = site.listed[site.selected] && recordOf(site.listed[site.selected]);
   if (!record) return;
-  const known = site.marked.includes(record);
-  site.marked = known ? site.marked.filter((one) => one !== record) : [...site.marked, record].slice(-MOST_MARKED);
+  const isMarked = site.marked.includes(record);
+  site.marked = isMarked ? site.marked.filter((one) => one !== record) : [...site.marked, record].slice(-MOST_MARKED);
   showMarks();
   draw();
 }

@@ -49,11 +49,11 @@ local commands = {}
 
 -- Find a start outside of the goal; where this world has none, another one has to be tried.
 function commands.start(asked)
-    local found = start.find(asked.seed, set_of(asked.goal))
-    if not found then return '{"start":null}' end
-    player = walker.new(found.x, found.y, found.z)
+    local place_and_way = start.find(asked.seed, set_of(asked.goal))
+    if not place_and_way then return '{"start":null}' end
+    player = walker.new(place_and_way.x, place_and_way.y, place_and_way.z)
     local way = {}
-    for i, place in ipairs(found.way) do way[i] = string.format("[%d,%d]", place.x, place.z) end
+    for i, place in ipairs(place_and_way.way) do way[i] = string.format("[%d,%d]", place.x, place.z) end
     return string.format('{"start":%s,"way":[%s]}', observation(asked.rays), table.concat(way, ","))
 end
 

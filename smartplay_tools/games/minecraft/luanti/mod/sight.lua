@@ -13,14 +13,14 @@ local floor = math.floor
 local function new_palette()
     local numbers, names, count = {}, {}, 0
     local function number(kind)
-        local found = numbers[kind.name]
-        if not found then
-            found = count
+        local id = numbers[kind.name]
+        if not id then
+            id = count
             count = count + 1
-            numbers[kind.name] = found
+            numbers[kind.name] = id
             names[count] = {kind.air and "air" or kind.name, kind.title}
         end
-        return found
+        return id
     end
     return number, names
 end

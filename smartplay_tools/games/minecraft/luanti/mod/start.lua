@@ -65,7 +65,7 @@ local function places(map, goal)
     local ids, heights = draw(map)
     local around = offsets(map.step)
     local reach = math.ceil(FARTHEST / map.step)
-    local found = {}
+    local candidates = {}
     for i = -map.points + reach, map.points - reach do
         for j = -map.points + reach, map.points - reach do
             if heights[i][j] >= world.SEA_LEVEL + 1 and not goal[ids[i][j]] then
@@ -79,12 +79,12 @@ local function places(map, goal)
                         break
                     end
                 end
-                if in_bounds then found[#found + 1] = place end
+                if in_bounds then candidates[#candidates + 1] = place end
             end
         end
     end
-    shuffle(found)
-    return found
+    shuffle(candidates)
+    return candidates
 end
 
 -- Feet on the ground of a column, or nil where that is below `lowest`: `from` is where to look downwards.
