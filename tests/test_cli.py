@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -120,6 +121,11 @@ def test_demo_plays_trims_and_verifies(tmp_path):
     assert result.output.count("identical") == 6
     assert "Both players' records are equal" in result.output
     assert len(list(tmp_path.glob("*.jsonl"))) == 6
+    assert result.output.count("Hanoi3Disk-v0, rule, prompts <= 600") == 1, "nothing is printed twice"
+    assert "The window left out up to" in result.output
+    assert "Now your model:" in result.output
+    if find_spec("jinja2") is not None:
+        assert (tmp_path / "demo.html").exists()
 
 
 @pytest.mark.parametrize("command", ["games", "manual", "schema", "play", "replay", "demo", "serve openai"])

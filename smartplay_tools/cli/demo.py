@@ -1,14 +1,15 @@
 """The command `demo`: real games, real tool calls, tight budgets, verified records. No key, no network.
 
 Each game is played twice: by the rule player here, and by the same rules behind a local endpoint through the `openai`
-client, as a model would play. The two records must be equal.
+client, as a model would play. The two records must be equal, so the turns of the second are not printed again. It ends
+with the replay page of all records, what the window did, and the next command.
 """
 
 from __future__ import annotations
 
 import importlib
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -45,15 +46,19 @@ def demo(
     """
     console = Console()
     folder = out or Path(tempfile.mkdtemp(prefix="smartplay-demo-"))
-    tables, failures = [], []
+    tables, failures, watches = [], [], list[_Watch]()
     with _players(console) as players:
         for player in players:
             table = compact_table("game", "score", "human", "prompts", "dropped", "tokens", "replay")
             table.title = f"played by {player.name}"
+            if player is not players[0]:
+                console.rule(f"the same games through {player.name}, a client and a local server", align="left")
             for game, cap in GAMES.items():
                 budget = Budget(prompt_tokens=cap)
-                console.rule(f"{game}, {player.name}, {budget.describe()}", align="left")
-                watch = _Watch(console)
+                if player is players[0]:
+                    console.rule(f"{game}, {player.name}, {budget.describe()}", align="left")
+                watch = _Watch(console if player is players[0] else None)
+                watches.append(watch)
                 path = _record(folder, game, player)
                 with Episode(game, seed=seed, budget=budget, transcript=path) as episode:
                     result = loop.play(episode, player, on_turn=watch)
@@ -73,12 +78,32 @@ def demo(
         console.print(table)
     if len(players) > 1 and not failures:
         console.print("Both players' records are equal: the client and the server in between changed nothing.")
-    for path in (_record(folder, game, player) for player in players for game in GAMES):
-        console.print(f"transcript: {path}", highlight=False, soft_wrap=True)
     for failure in failures:
         console.print(f"[red]{failure}[/]")
     if failures:
         raise typer.Exit(1)
+    _conclude(console, folder, watches[: len(GAMES)])
+
+
+def _conclude(console: Console, folder: Path, watches: Sequence[_Watch]) -> None:
+    """Print what the window did, where the records are to be seen, and what comes next."""
+    dropped = max(watch.dropped for watch in watches)
+    most = max(watch.largest / cap for watch, cap in zip(watches, GAMES.values(), strict=True))
+
+    def say(text: str) -> None:
+        console.print(text, highlight=False, soft_wrap=True, markup=False)
+
+    say(
+        f"The window left out up to {dropped} turns of a prompt, no prompt was over its cap (the largest is "
+        f"{most:.0%} of it), and the rule player played on from what it could still see."
+    )
+    try:
+        from smartplay_tools.evaluation.pages.report import write_report
+
+        say(f"Every turn, and what was in sight: {write_report(folder, folder / 'demo.html', title='The demo')}")
+    except MissingExtraError as error:
+        say(f"Records: {folder}. A page that replays them: {error}")
+    say("Now your model: smartplay-tools play Hanoi3Disk-v0 --player openai:MODEL --prompt-tokens 600")
 
 
 def _record(folder: Path, game: str, player: Player) -> Path:
@@ -105,11 +130,11 @@ def _players(console: Console) -> Iterator[list[Player]]:
 
 
 class _Watch:
-    """Prints the first turns, and collects figures about the window over all turns."""
+    """Prints the first turns, if there is a console, and collects figures about the window over all turns."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console | None) -> None:
         self._console = console
-        self._print = TurnPrinter(console)
+        self._print = None if console is None else TurnPrinter(console)
         self.largest = self.dropped = 0
 
     def __call__(self, conversation: BaseConversation) -> None:
@@ -117,6 +142,8 @@ class _Watch:
         self.largest = max(self.largest, conversation.view.tokens)
         self.dropped = max(self.dropped, conversation.view.dropped_turns)
         number = conversation.episode.stats.turns - 1
+        if self._console is None or self._print is None:
+            return
         if number < SHOWN_TURNS or conversation.result is not None:
             self._print(conversation)
         elif number == SHOWN_TURNS:

@@ -56,6 +56,10 @@ def test_the_page_shows_texts_as_text_and_allows_no_script(folder, tmp_path):
     page = (tmp_path / "index.html").read_text()
     assert "<script" not in page
     assert "<img" not in page
+    assert page.count('<g class="point') == 3, "score against tokens"
+    head = page.partition("<thead>")[2].partition("</thead>")[0]
+    assert "Bandit HighLow" in head
+    assert head.index("proof") < head.index("mean"), "in sight on narrow screens"
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
     assert "default-src &#39;none&#39;" in page or "default-src 'none'" in page
     assert "Not verified" in page

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
+from smartplay_tools.evaluation.board.chart import make_chart, short_name
 from smartplay_tools.evaluation.board.submissions.bundle import Limits
 from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked, checking
 from smartplay_tools.evaluation.board.submissions.plan import Allowed
@@ -121,9 +122,10 @@ def _pick(unpacked: Path, folder: Path, rows: list[Row], replays: int) -> None:
 
 def _page(board: Board, title: str, replays: int) -> str:
     environment = templates.environment(__package__, "A board")
-    environment.filters |= {"figure": figure, "estimate": estimate, "short": short}
+    environment.filters |= {"figure": figure, "estimate": estimate, "short": short, "brief": short_name}
     return environment.get_template("board.html.j2").render(
         board=board,
+        chart=make_chart(board),
         title=title,
         replays=replays,
         not_proved=NOT_PROVED,
