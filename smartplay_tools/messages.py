@@ -13,6 +13,7 @@ from typing import Any, Literal, NotRequired, Required, TypedDict
 
 from smartplay_tools.arguments import DEEPEST, Arguments, as_text, read
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.pictures.picture import is_picture
 
 __all__ = [
     "Call",
@@ -24,6 +25,7 @@ __all__ = [
     "copy_of",
     "head_messages",
     "host_message",
+    "pictures_of",
     "read_calls",
     "reasoning_of",
     "text_of",
@@ -49,8 +51,10 @@ class MessageToolCall(TypedDict, total=False):
 class Message(TypedDict, total=False):
     """One chat message.
 
-    `content` is text or a list of text parts. `provider_items` holds what a provider wants back unchanged, such as
-    reasoning items: it is recorded and counted (its visible text), and stays out of the prompt's hash.
+    `content` is text or a list of text parts; that of a result may also name pictures, which its prompt has
+    (`Prompt.pictures`): `{"type": "image", "sha256": ..., "width": ..., "height": ...}`. `provider_items` holds what a
+    provider wants back unchanged, such as reasoning items: it is recorded and counted (its visible text), and stays out
+    of the prompt's hash.
     """
 
     role: Required[Literal["system", "developer", "user", "assistant", "tool"]]
@@ -63,11 +67,22 @@ class Message(TypedDict, total=False):
 
 
 def text_of(message: Mapping[str, Any]) -> str:
-    """Return the text of a message, its parts joined. A part that is not text is an `InvalidArgumentError`."""
+    """Return the text of a message, its parts joined, without its pictures of the game.
+
+    Any other part is an `InvalidArgumentError`.
+    """
     content = message.get("content")
     if content is None or isinstance(content, str):
         return content or ""
-    return "".join(map(_text_of_part, content))
+    return "".join([_text_of_part(part) for part in content if not is_picture(part)])
+
+
+def pictures_of(message: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    """Return the parts of a message that stand for pictures of the game, in their order."""
+    content = message.get("content")
+    if content is None or isinstance(content, str):
+        return ()
+    return [part for part in content if is_picture(part)]
 
 
 def calls_of(message: Mapping[str, Any]) -> Sequence[MessageToolCall]:

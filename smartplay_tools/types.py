@@ -16,6 +16,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Protocol, Self, run
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from smartplay_tools.messages import Message, copy_of
+from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 
 __all__ = [
     "MISTAKES",
@@ -27,6 +28,7 @@ __all__ = [
     "Count",
     "EndReason",
     "EpisodeResult",
+    "ObservationForm",
     "Player",
     "Progress",
     "Prompt",
@@ -51,6 +53,9 @@ NOTES_TOOL: Final = "take_notes"
 
 BeyondHistory = Literal["drop", "mask"]
 """What becomes of a turn that is older than `history`: it is dropped, or stays with its observations masked."""
+
+ObservationForm = Literal["text", "picture", "both"]
+"""What an observation is: words, a picture that the game makes of itself, or both."""
 
 Purpose = Literal["play", "summary"]
 """What a prompt asks for: the next reply of the play, or a summary of the turns that are about to leave."""
@@ -231,12 +236,14 @@ class ToolCall:
 
 @dataclass(frozen=True, slots=True)
 class ToolResult:
-    """The answer to a call. `text` is exactly what the model sees; `data` is for the harness and never shown."""
+    """The answer to a call. The model sees exactly `text` and `picture`; `data` is for the harness and never shown."""
 
     text: str
     is_error: bool = False
     done: bool = False
     data: Mapping[str, Any] = field(default_factory=dict)
+    picture: Picture | None = None
+    """The picture of the observation, where the episode's observations are pictures."""
 
 
 MOST_TOKENS = 10**12
@@ -314,6 +321,8 @@ class Prompt:
     """What is asked for. A "summary" is sent with `tool_choice`, below, and its reply is not a turn."""
     cache_key: str = field(default="", compare=False)
     """The same for all prompts of an episode, for providers that cache prompts with the same key together."""
+    pictures: Mapping[str, Picture] = field(default_factory=lambda: NO_PICTURES, compare=False)
+    """The pictures that the messages name, by their sha256."""
 
     @property
     def asks_for_summary(self) -> bool:

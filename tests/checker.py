@@ -13,13 +13,14 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from tests.counting import arguments_text, message_tokens, plain_text, tools_tokens
+from tests.counting import arguments_text, message_tokens, picture_tokens, plain_text, tools_tokens
 from tests.judge import FRAME, MARKER, Judge
 
 __all__ = ["Judge", "allowed", "arguments_text", "check_episode", "check_prompt", "message_tokens", "plain_text"]
 __all__ += ["tools_tokens", "turns_of"]
 
 MANUAL_IS_ABOVE = "The manual stands at the end of the system message."
+PICTURE = "The picture shows the current observation."
 GIVEN = re.compile(r"[A-Za-z0-9]{9}")
 """The format of an id that the conversation assigned."""
 NOTICE = re.compile(r"\[-?\d+ tokens cut\]")
@@ -43,6 +44,7 @@ def turns_of(events: Sequence[Json]) -> list[Json]:
         for call in one.get("tool_calls", ())
     }
     steps = shown = 0
+    form = events[0]["config"].get("observation", "text")
     for event in events:
         if event["event"] == "message" and event["by"] == "player":
             reply = with_ids(event, ids)
@@ -63,13 +65,28 @@ def turns_of(events: Sequence[Json]) -> list[Json]:
                 if event.get("host") == "edited":
                     turns[-1]["messages"][0] = edited(turns[-1]["messages"][0], event)
                 call = turns[-1]["messages"][0]["tool_calls"][event["position"]]
-                message = {"role": "tool", "content": text, "tool_call_id": call["id"]}
+                message = {
+                    "role": "tool",
+                    "content": with_picture(event, text, form, observation),
+                    "tool_call_id": call["id"],
+                }
                 shown = shown if observation is None else max(shown, observation)
             # Results are in the order of their calls, other messages come after them.
             at = sum(other <= place for other in turns[-1]["places"])
             for name, value in (("messages", message), ("shows", observation), ("made", shown), ("places", place)):
                 turns[-1][name].insert(at, value)
     return turns
+
+
+def with_picture(event: Json, text: str, form: str, observation: int | None) -> Any:
+    """What a result shows: its text and, if its observation is a picture, that too; nothing else has a picture."""
+    picture = event["data"].get("picture")
+    assert (picture is not None) == (form != "text" and observation is not None)
+    if picture is None:
+        return text
+    if form == "picture" and not event["cut"]:
+        assert text in (PICTURE, f"{PICTURE}\nThe game is over.")
+    return [{"type": "text", "text": text}, {"type": "image", **picture}]
 
 
 def with_ids(event: Json, taken: set[str]) -> Json:
@@ -210,7 +227,9 @@ def check_calls(events: Sequence[Json], budget: Json, n: Count) -> None:
     for event in events:
         if event["event"] == "call":
             cap = budget["manual_tokens" if event["data"].get("manual") else "result_tokens"]
-            assert cap is None or n(event["text"]) <= cap, f"a result exceeds its cap: {event['text']!r}"
+            shown = [{"type": "image", **event["data"]["picture"]}] if "picture" in event["data"] else []
+            size = n(event["text"]) + picture_tokens(shown)
+            assert cap is None or size <= cap, f"a result exceeds its cap: {event['text']!r}"
             is_long = event["data"].get("mistake") == "notes"
             assert is_long <= (event["name"] == "take_notes")
             if event["name"] == "take_notes" and (is_long or not event["is_error"]):

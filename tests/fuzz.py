@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import argparse
 import copy
+import functools
+import hashlib
 import json
 import random
 from collections import Counter
@@ -35,6 +37,8 @@ ODD_REPLIES: list[Any] = [
 ]  # fmt: skip
 GAMES = scripts.GAMES
 ODD = f"{Path(__file__).parent / 'data' / 'odd_strategy.py'}:Odd"
+PICTURE, WORDS_BESIDE = 81, 13
+"""What a picture of Crafter takes by `claude-28`, and the words beside it, with the tokenizer of these tests."""
 EXAMPLE = [
     {"role": "user", "content": "An example:"},
     {"role": "assistant", "content": None, "tool_calls": [
@@ -57,15 +61,18 @@ def strategy(chance: random.Random) -> dict[str, Any]:
     }
 
 
-def budget(chance: random.Random, game: str, head: int | None) -> sp.Budget:
-    """Return a budget near the size of the head, where it has an effect; impossible budgets are drawn again."""
+def budget(chance: random.Random, game: str, head: int | None, least: int = 0) -> sp.Budget:
+    """Return a budget near the size of the head, where it has an effect; impossible budgets are drawn again.
+
+    `least` is what an observation with a picture needs.
+    """
     while True:
-        drawn = _any_budget(chance, head)
+        drawn = _any_budget(chance, head, least)
         if refused_strategy(drawn, sp.GAMES[game], context="window") is None:
             return drawn
 
 
-def _any_budget(chance: random.Random, head: int | None) -> sp.Budget:
+def _any_budget(chance: random.Random, head: int | None, least: int) -> sp.Budget:
     past = strategy(chance) if head is not None else {}
     more = scripts.strategy_tokens(past, scripts.Words())
     return sp.Budget(
@@ -73,10 +80,10 @@ def _any_budget(chance: random.Random, head: int | None) -> sp.Budget:
         history=chance.choice([None, 0, 1, 2, 5]),
         prompt_tokens=None
         if head is None
-        else head + more + chance.choice([chance.randrange(400), chance.randrange(99)]),
+        else head + more + least + chance.choice([chance.randrange(400 + 4 * least), chance.randrange(99)]),
         reply_tokens=chance.choice([None, None, 1, 40]),
         episode_tokens=chance.choice([None, None, None, 4_000]),
-        result_tokens=chance.choice(["auto", None, 1, 5, 30]),
+        result_tokens=chance.choice(["auto", None, *(least + more for more in ((0, 4, 30) if least else (1, 5, 30)))]),
         tool_calls=chance.choice(["game", "game", 7]),
         stalled_turns=chance.choice([None, None, 1, 3, 10]),
         slack=chance.choice([0, 0, 0.25, 0.7, 1]),
@@ -94,8 +101,10 @@ def name(chance: random.Random) -> Any:
     return chance.choice(["act", "act", "act", "observe", "read_manual", "note", *ODD_TEXTS, "Act", None, 3])
 
 
-def function(chance: random.Random) -> dict[str, Any]:
-    """Return the name and arguments of a call; some are notes."""
+def function(chance: random.Random, *, is_lively: bool = False) -> dict[str, Any]:
+    """Return the name and arguments of a call; some are notes, and of a lively player most play or observe."""
+    if is_lively and chance.random() < 0.7:
+        return chance.choice([{"name": "act", "arguments": '{"action": "1"}'}, {"name": "observe", "arguments": "{}"}])
     if chance.random() < 0.2:
         called, text = chance.choice(scripts.NOTES)
         return {"name": called, "arguments": text}
@@ -132,7 +141,7 @@ def strategy_of(budget: sp.Budget) -> str:
     return " and ".join(budget.strategies or ("plain dropping",)) + f", {slack}"
 
 
-def hostile_reply(chance: random.Random) -> dict[str, Any]:
+def hostile_reply(chance: random.Random, *, is_lively: bool = False) -> dict[str, Any]:
     """Return a reply with odd texts, ids and calls."""
     words = chance.choice([None, "", "Let me see.", "word " * chance.randrange(60), *ODD_TEXTS])
     reply: dict[str, Any] = {"role": "assistant", "content": words}
@@ -143,21 +152,25 @@ def hostile_reply(chance: random.Random) -> dict[str, Any]:
     calls = [
         {
             "id": chance.choice(["a", "b", "", "c00000000"]),
-            "function": function(chance),
+            "function": function(chance, is_lively=is_lively),
         }
         for _ in range(chance.randrange(4))
     ]
     return {**reply, "tool_calls": calls} if calls else reply
 
 
-def hostile_conversation(chance: random.Random, counts: Counter[str]) -> None:
-    """Play a hostile conversation or agent session; judge every prompt, then replay the record."""
-    game, host, tokenizer = chance.choice(GAMES), chance.random() < 0.3, scripts.Words()
-    size = scripts.head_tokens(game, tokenizer, host=host)
+def hostile_conversation(chance: random.Random, counts: Counter[str], form: str | None = None) -> None:
+    """Play a hostile conversation or agent session; judge every prompt, then replay the record.
+
+    With a `form` the game is Crafter, and that is what its observations are.
+    """
+    host, tokenizer = chance.random() < 0.3, scripts.Words()
+    game, form = chance.choice([(game, "text") for game in GAMES]) if form is None else ("Crafter-v0", form)
+    size, least = scripts.head_tokens(game, tokenizer, host=host), 0 if form == "text" else PICTURE + WORDS_BESIDE
     events: list[Any] = []
     episode = sp.Episode(
-        game, seed=chance.randrange(9), budget=budget(chance, game, size), tokenizer=tokenizer, transcript=events,
-        batch=chance.choice(["all", "all", "first_act"]),
+        game, seed=chance.randrange(9), budget=budget(chance, game, size, least), tokenizer=tokenizer,
+        transcript=events, batch=chance.choice(["all", "all", "first_act"]), observation=form,
     )  # fmt: skip
     kind = chance.choice([sp.Conversation, sp.AgentSession])
     more = scripts.strategy_tokens(episode.budget.model_dump(), tokenizer)
@@ -168,7 +181,7 @@ def hostile_conversation(chance: random.Random, counts: Counter[str]) -> None:
         if size + more + 60 < (episode.budget.prompt_tokens or 10**9) and chance.random() < 0.3
         else []
     )
-    options = {"summaries": True} if kind is sp.AgentSession else {}
+    options = {"summaries": True, "pictures": True} if kind is sp.AgentSession else {}
     conversation = kind(episode, head=head, foreign_tools=[scripts.NOTE], **options)
     sent: list[Any] = []
     for _ in range(chance.choice([14, 14, 40])):
@@ -181,6 +194,7 @@ def hostile_conversation(chance: random.Random, counts: Counter[str]) -> None:
             for t in prompt.tools
         ]
         sent.append({**scripts.view_as_json(conversation.view), "tools": tools, "max_tokens": prompt.max_tokens})
+        check_pictures(prompt, counts)
         deface(prompt.messages)
         deface(conversation.view.messages)
         refuse_odd_replies(chance, conversation)
@@ -192,7 +206,7 @@ def hostile_conversation(chance: random.Random, counts: Counter[str]) -> None:
             deface([answer])
             counts["summaries"] += 1
             continue
-        reply = hostile_reply(chance)
+        reply = hostile_reply(chance, is_lively=form != "text")
         conversation.receive(reply)
         if isinstance(conversation, sp.AgentSession):
             scripts.act_as_host(chance, conversation)
@@ -211,6 +225,17 @@ def hostile_conversation(chance: random.Random, counts: Counter[str]) -> None:
     checker.check_episode(scripts.as_json(events), sent, tokenizer.count, choices)
     replayed = replay(events, tokenizer=tokenizer)
     assert replayed.identical, replayed.differences
+
+
+def check_pictures(prompt: sp.Prompt, counts: Counter[str]) -> None:
+    """A prompt has exactly the pictures that its messages name."""
+    named = [part for message in prompt.messages for part in message["content"] or () if "sha256" in part]
+    assert prompt.pictures.keys() == {part["sha256"] for part in named}
+    for part in named:
+        picture = prompt.pictures[part["sha256"]]
+        assert {"type": "image", **picture.facts} == part
+        assert hashlib.sha256(picture.png).hexdigest() == part["sha256"]
+    counts["pictures in prompts"] += len(named)
 
 
 def refuse_odd_replies(chance: random.Random, conversation: Any) -> None:
@@ -248,6 +273,7 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=10_000)
     parser.add_argument("--prompts", type=int, default=1_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--observation", choices=["text", "picture", "both"], help="Play Crafter with these.")
     asked = parser.parse_args()
     counts: Counter[str] = Counter()
     number = 0
@@ -255,11 +281,12 @@ def main() -> None:
         number += 1
         chance = random.Random(f"{asked.seed} {number}")
         talks = number % 2 if counts["calls"] < asked.calls else True
-        play = hostile_conversation if counts["prompts"] < asked.prompts and talks else hostile_calls
+        talk = functools.partial(hostile_conversation, form=asked.observation)
+        play = talk if counts["prompts"] < asked.prompts and talks else hostile_calls
         try:
             play(chance, counts)
         except BaseException:
-            print(f"case {number} of seed {asked.seed}, {play.__name__}")
+            print(f"case {number} of seed {asked.seed}, {'conversation' if play is talk else 'calls'}")
             raise
     print(f"{counts['calls']:,} calls and {counts['prompts']:,} prompts in {number:,} episodes: 0 violations")
     for what in sorted(counts.keys() - {"calls", "prompts", "episodes"}):

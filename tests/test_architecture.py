@@ -25,6 +25,7 @@ LAYERS = (
     "version",
     "registry",
     "json_text",
+    "pictures",
     "arguments",
     "messages",
     "tokens",

@@ -62,6 +62,7 @@ def async_tools(episode: Episode) -> list[AsyncEpisodeTool]:
 def _check(episode: Episode) -> None:
     if episode.config.context != "host":
         raise InvalidArgumentError('A tool runner manages the context; make the episode with context="host".')
+    episode.refuse_pictures("This tool runner")
 
 
 def _arguments(sent: object) -> Any:

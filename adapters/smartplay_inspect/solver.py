@@ -88,6 +88,7 @@ async def _play(state: TaskState, episode: Episode) -> None:
 
 
 async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
+    episode.refuse_pictures("Inspect")
     conversation = await _in_thread(lambda: Conversation(episode, player=f"inspect:{model}"))
     chat, tools = InspectChat(str(model)), tool_infos(episode.tools)
     own = model.config.merge(active_generate_config())

@@ -61,6 +61,7 @@ class SmartPlayToolkit(BaseToolkit):
 
     def get_tools(self) -> list[BaseTool]:
         """Return observe, act and read_manual."""
+        self.episode.refuse_pictures("This toolkit")
         tools = [schema(tool, "json") for tool in self.episode.tools]
         return [
             SmartPlayTool(

@@ -34,6 +34,7 @@ class SmartPlaySession(ResourceSession):
     """One rollout: an episode, and its reward."""
 
     def __init__(self, episode: Episode, reward: RewardName = "normalized") -> None:
+        episode.refuse_pictures("OpenEnv")
         self.episode = episode
         self._reward: RewardName = reward
 

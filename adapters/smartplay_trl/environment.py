@@ -45,6 +45,7 @@ class GameEnvironment:
             raise InvalidArgumentError("The dataset needs a column `seed`: the seed of each row's episode.")
         self._close()
         self.episode = self._factory.episode(int(seed))
+        self.episode.refuse_pictures("TRL")
         if _is_complete(prompt, self.episode.head):
             return None
         return "\n\n".join(text_of(message) for message in self.episode.head)

@@ -67,6 +67,7 @@ class SmartPlayHarness(vf.Harness[SmartPlayHarnessConfig]):
 
 
 async def _play(episode: Episode, player: ModelPlayer, trace: vf.Trace[Any, Any]) -> None:
+    episode.refuse_pictures("verifiers")
     conversation = Conversation(episode, player=f"verifiers:{player.name.partition(':')[2]}")
     while (prompt := await conversation.aprompt()) is not None:
         try:

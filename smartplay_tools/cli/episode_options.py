@@ -60,12 +60,13 @@ RULES: Mapping[str, tuple[Any, Any]] = {
     "manual": (_option(str, "tool, pinned or none."), "tool"),
     "batch": (_option(str, "all or first_act."), "all"),
     "protocol": (_option(str, "tools, or paper: free text, two questions a step."), "tools"),
+    "observation": (_option(str, "text, picture or both."), "text"),
 }
 """The fields of `Rules`; `context` is not among them, since a command decides it."""
 
 OTHERS: Mapping[str, tuple[Any, Any]] = {
     "engine": (_option(str | None, "For games with several engines."), None),
-    "tokenizer": (_option(str | None, "A tiktoken name, or hf:PATH_OR_NAME."), None),
+    "tokenizer": (_option(str | None, "A tiktoken name, or hf:PATH_OR_NAME; +RULE counts pictures."), None),
     "option": (
         Annotated[
             list[str] | None,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from bisect import bisect_left
 
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.messages import Message, text_of
+from smartplay_tools.messages import Message
 from smartplay_tools.prompts import OBSERVATION_LEFT
 from smartplay_tools.tokens import TokenCounter
 
@@ -65,9 +65,10 @@ class TokenIndex:
 
     def saved(self, turn: Turn, oldest: int) -> int:
         """Tokens saved by masking a turn's observations before `oldest`; negative if the marker is longer than they."""
-        count = self._counter.text
-        texts = [text_of(turn.items[at].message) for at in turn.masked(oldest)]
-        return sum(map(count, texts)) - len(texts) * count(OBSERVATION_LEFT) if texts else 0
+        masked = [turn.items[at].message for at in turn.masked(oldest)]
+        if not masked:
+            return 0
+        return sum(map(self._counter.content, masked)) - len(masked) * self._counter.text(OBSERVATION_LEFT)
 
     def first_from(self, step: int) -> int:
         """The first turn that is not older than a step; the number of turns if there is none."""

@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import Any
 
 from smartplay_tools.messages import Call, Message, calls_of, copy_of, read_calls
+from smartplay_tools.pictures.picture import picture_part
 from smartplay_tools.prompts import MANUAL_IS_ABOVE, OBSERVATION_LEFT
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import message_bytes
@@ -207,7 +208,10 @@ class TurnBuilder:
         observation = data.get("observation_step")
         if observation is not None:
             self.step = max(self.step, observation)
-        message: Message = {"role": "tool", "content": text, "tool_call_id": self.calls[position].id}
+        content: str | list[dict[str, Any]] = text
+        if (picture := data.get("picture")) is not None:
+            content = [{"type": "text", "text": text}, picture_part(picture)]
+        message: Message = {"role": "tool", "content": content, "tool_call_id": self.calls[position].id}
         self._answer(position, Item(message, self.step, observation, position))
 
     def add(self, message: Message, position: int | None) -> None:

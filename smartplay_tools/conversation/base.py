@@ -21,7 +21,8 @@ from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError
-from smartplay_tools.messages import Call, Message, assistant_message, calls_of, read_calls
+from smartplay_tools.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
+from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult, Prompt, ToolSpec, Usage
 
@@ -50,11 +51,14 @@ class Pending:
     max_tokens: int | None
     prefix_messages: int
     cache_key: str
+    pictures: Mapping[str, Picture]
 
     def prompt(self) -> Prompt:
         """Return the prompt, which copies the window's messages when they are first read."""
         view = self.view
-        return Prompt(view.shown, view.tools, self.max_tokens, self.prefix_messages, view.purpose, self.cache_key)
+        return Prompt(
+            view.shown, view.tools, self.max_tokens, self.prefix_messages, view.purpose, self.cache_key, self.pictures
+        )
 
     def cost(self, reply: int) -> dict[str, Any]:
         """Our count of the prompt and its reply, as fields of a `usage` event."""
@@ -92,6 +96,8 @@ class BaseConversation(ABC):
         self._shown_before: Sequence[Message] = ()
         self._pending: Pending | None = None
         self._is_warm = False
+        self._pictures: dict[str, Picture] = {}
+        """The pictures that a later view may show, by their sha256, the newest last."""
         episode.begin(player=player, protocol=self.protocol)
         self._cache_key = episode.config.key
         self._record_head(head, tools, **facts)
@@ -252,7 +258,30 @@ class BaseConversation(ABC):
         differs = compress(count(), map(is_not, view.shown, self._shown_before))
         prefix_messages = next(differs, min(len(view.shown), len(self._shown_before)))
         self._shown_before = view.shown
-        return Pending(view, max_tokens, prefix_messages, self._cache_key)
+        return Pending(view, max_tokens, prefix_messages, self._cache_key, self._shown_pictures(view))
+
+    def _shown_pictures(self, view: View) -> Mapping[str, Picture]:
+        """The pictures in a view, by their sha256."""
+        if not self._pictures:
+            return NO_PICTURES
+        if view.purpose == "play":
+            self._forget_pictures()
+        return {part["sha256"]: self._pictures[part["sha256"]] for m in view.shown for part in pictures_of(m)}
+
+    def _keep_picture(self, picture: Picture) -> None:
+        """Keep a picture for the views that may show it."""
+        self._pictures.pop(picture.sha256, None)
+        self._pictures[picture.sha256] = picture
+
+    def _forget_pictures(self) -> None:
+        """Forget the pictures that are beyond the history, or more than the cap can hold: no later view shows them."""
+        pictures, budget = self._pictures, self.episode.budget
+        limits = [] if budget.history is None else [budget.history]
+        if budget.prompt_tokens is not None:
+            smallest = min(self.episode.counter.image(each.width, each.height) for each in pictures.values())
+            limits.append(budget.prompt_tokens // max(1, smallest))
+        while limits and len(pictures) > min(limits) + 1:
+            del pictures[next(iter(pictures))]
 
     def _max_tokens(self, prompt_tokens: int) -> int | None:
         budget = self.episode.budget

@@ -26,13 +26,18 @@ class HostChat:
             of `smartplay_tools.resume(record, session=True)`.
         player: the player's name, for the record.
         not_run: the answer to a call that the host has left open.
+        pictures: whether the host gives its model pictures (see `AgentSession`).
     """
 
-    def __init__(self, episode: Episode | AgentSession, *, player: str, not_run: str = NOT_RUN) -> None:
+    def __init__(
+        self, episode: Episode | AgentSession, *, player: str, not_run: str = NOT_RUN, pictures: bool = False
+    ) -> None:
         self.session = episode if isinstance(episode, AgentSession) else None
         """The session; None before the first prompt."""
         self.episode = episode.episode if isinstance(episode, AgentSession) else episode
-        self._player, self._not_run = player, not_run
+        self._player, self._not_run, self._pictures = player, not_run, pictures
+        if not pictures:
+            self.episode.refuse_pictures("This host")
         self._first: list[Message] | None = None
         """The host's messages before the first reply, without its system texts."""
 
@@ -51,6 +56,7 @@ class HostChat:
             head=[*system, *self._first],
             foreign_tools=foreign_tools,
             summaries=True,
+            pictures=self._pictures,
         )
         return self.session
 

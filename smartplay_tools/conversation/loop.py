@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, Protocol, TypeAlias, get_args, runtime_checkable
 
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply
@@ -13,7 +13,7 @@ from smartplay_tools.conversation.session import Conversation
 from smartplay_tools.episode.config import ProtocolName, check_choice
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types import AsyncPlayer, EpisodeResult, Player, Prompt, Reply
+from smartplay_tools.types import AsyncPlayer, EpisodeResult, ObservationForm, Player, Prompt, Reply
 
 AnyConversation: TypeAlias = Conversation | PaperConversation
 
@@ -110,6 +110,19 @@ def check_player(player: object) -> None:
         )
 
 
+def check_observation(player: object, observation: ObservationForm) -> None:
+    """Raise an `InvalidArgumentError` unless a player can play from such observations.
+
+    A player's attribute `observations` lists those that it can play from; without it, these are words.
+    """
+    able: Sequence[str] = getattr(player, "observations", ("text",))
+    if observation not in able:
+        raise InvalidArgumentError(
+            f'{getattr(player, "name", player)} does not play from observation="{observation}", but from '
+            f"{' or '.join(able)}; a player that does says so in its attribute `observations`."
+        )
+
+
 def new_conversation(episode: Episode, player: str, protocol: ProtocolName) -> AnyConversation:
     """Return a new conversation of an episode in a protocol."""
     check_choice("protocol", protocol, get_args(ProtocolName))
@@ -120,6 +133,8 @@ def _attach(
     episode: Episode | AnyConversation, player: Player | AsyncPlayer, protocol: ProtocolName
 ) -> AnyConversation:
     check_player(player)
+    config = episode.config if isinstance(episode, Episode) else episode.episode.config
+    check_observation(player, config.observation)
     conversation = new_conversation(episode, player.name, protocol) if isinstance(episode, Episode) else episode
     if isinstance(player, AttachedPlayer):
         player.attach(conversation)

@@ -35,6 +35,8 @@ class AgentSession(ToolConversation):
             which gives their results to `add`.
         summaries: whether the host makes another model call where a prompt asks for a summary
             (`Prompt.asks_for_summary`). Without it, a budget that asks for summaries is refused.
+        pictures: whether the host gives its model the pictures of results (`ToolResult.picture`) and of prompts
+            (`Prompt.pictures`). Without it, an episode whose observations are pictures is refused.
     """
 
     def __init__(
@@ -45,7 +47,10 @@ class AgentSession(ToolConversation):
         head: Sequence[Mapping[str, Any]] = (),
         foreign_tools: Sequence[ToolSpec] = (),
         summaries: bool = False,
+        pictures: bool = False,
     ) -> None:
+        if not pictures:
+            episode.refuse_pictures("This host")
         if (asking := episode.strategies.summaries) is not None and not summaries:
             raise InvalidArgumentError(
                 f"{asking.name} takes model calls of its own, which this host does not make; leave it out here."
@@ -141,7 +146,7 @@ class Conversation(ToolConversation):
     """An episode as a chat: `prompt` says what to send, `receive` takes the reply and plays all its calls.
 
     `play` and `aplay` are loops over these two methods, and you can write your own. The arguments are those of
-    `AgentSession`, without `summaries`.
+    `AgentSession`, without `summaries` and `pictures`.
     """
 
     def receive(self, message: Mapping[str, Any], usage: Usage | None = None) -> list[ToolResult]:

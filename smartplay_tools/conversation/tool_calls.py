@@ -34,7 +34,7 @@ IDLE_REPLIES = 3
 class ToolConversation(BaseConversation):
     """What `Conversation` and `AgentSession` share: turns of tool calls in a context window.
 
-    The arguments are those of `AgentSession`, without `summaries`.
+    The arguments are those of `AgentSession`, without `summaries` and `pictures`.
     """
 
     protocol: ProtocolName = "tools"
@@ -238,6 +238,8 @@ class ToolConversation(BaseConversation):
         if arguments is not call.arguments:
             self._builder.edit(position, arguments.text)
         self._builder.add_result(position, result.text, result.data)
+        if result.picture is not None:
+            self._keep_picture(result.picture)
         if not self._builder.waiting:
             self.episode.complete_turn()
             result = replace(result, done=self.episode.done)

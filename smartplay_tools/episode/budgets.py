@@ -19,8 +19,10 @@ def usual_tool_calls(rollout: int) -> int:
     return 4 * rollout + 16
 
 
-def resolve(asked: Budget, spec: GameSpec, head_tokens: int) -> ResolvedBudget:
+def resolve(asked: Budget, spec: GameSpec, head_tokens: int, picture: int = 0) -> ResolvedBudget:
     """Resolve a budget for a game; `head_tokens` counts head and tool schemas without the manual.
+
+    `picture` is the tokens of a picture, which "auto" gives a result in addition.
 
     The schemas are the three that every strategy has, so that "auto" cuts results alike under all of them.
     """
@@ -33,7 +35,7 @@ def resolve(asked: Budget, spec: GameSpec, head_tokens: int) -> ResolvedBudget:
         results = manual = None
     else:
         room = asked.prompt_tokens - head_tokens
-        results, manual = max(room // 4, SMALLEST_AUTO_CAP), max(room // 3, SMALLEST_AUTO_CAP)
+        results, manual = max(room // 4, SMALLEST_AUTO_CAP) + picture, max(room // 3, SMALLEST_AUTO_CAP)
     numbers = {
         "history": _history(asked, spec),
         "result_tokens": results,
@@ -55,6 +57,22 @@ def check_head(budget: Budget, least: int, strategies: Strategies | None = None)
             f"prompt_tokens={budget.prompt_tokens} cannot hold the head of every prompt and the tool schemas, which "
             f"take {least} tokens{more}; raise it well above that."
         )
+
+
+def check_pictures(budget: ResolvedBudget, least: int, picture: int, words: int) -> None:
+    """Raise an `InvalidArgumentError` if an observation with its picture does not fit, since no picture is ever cut.
+
+    `least` counts the smallest prompt, `picture` a picture, and `words` the words that have to stand beside it.
+    """
+    for name, cap, needed in (
+        ("result_tokens", budget.result_tokens, picture + words),
+        ("prompt_tokens", budget.prompt_tokens, least + picture + words),
+    ):
+        if cap is not None and cap < needed:
+            raise InvalidArgumentError(
+                f"{name}={cap} cannot hold an observation with a picture of {picture} tokens; it takes at least "
+                f'{needed}: raise it, or play with observation="text".'
+            )
 
 
 def check_strategies(budget: Budget, spec: GameSpec, *, context: str, protocol: str = "tools") -> None:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.config import RULES, CellConfig, Setting, read_rules
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.tokens.counter import TokenCounter, shared_counter
+from smartplay_tools.tokens.counter import TokenCounter, picture_counter, shared_counter
 from smartplay_tools.types import Budget
+
+if TYPE_CHECKING:
+    from smartplay_tools.games.base import TextGame
 
 
 def cell_config(
@@ -42,13 +45,17 @@ def cell_config(
         )
     counter = counter or shared_counter()
     check_strategies(budget or Budget(), spec, context=rules["context"], protocol=rules["protocol"])
+    engine = engine or next(iter(kind.engines), None)
+    if rules["observation"] != "text":
+        _check_pictures(spec, kind, engine, options, rules)
+        counter = picture_counter(counter)
     plain = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
     plain = kind.options_to_record(plain)
     try:
         return CellConfig(
             game=spec.id,
             setting=Setting.of(spec),
-            engine=engine or next(iter(kind.engines), None),
+            engine=engine,
             options=plain,
             budget=budget or Budget(),
             tokenizer=counter.tokenizer.name,
@@ -62,6 +69,20 @@ def cell_config(
         )
     except TypeError as error:
         raise InvalidArgumentError(f"Options are recorded, so they must be JSON ({error}).") from None
+
+
+def _check_pictures(
+    spec: GameSpec, kind: type[TextGame], engine: str | None, options: Mapping[str, Any], rules: Mapping[str, Any]
+) -> None:
+    """Raise an `InvalidArgumentError` if the observations of a setting cannot be pictures."""
+    asked = f'observation="{rules["observation"]}"'
+    if reason := kind.refused_pictures(engine, options):
+        raise InvalidArgumentError(
+            f'{spec.id} cannot be played with {asked}, since {reason}; leave it at "text". Crafter and Minecraft on '
+            "the engine voxel have pictures."
+        )
+    if rules["protocol"] == "paper":
+        raise InvalidArgumentError(f'{asked} needs tool calls: the paper\'s protocol is words; leave it at "text".')
 
 
 def most_calls(cell: CellConfig) -> int:

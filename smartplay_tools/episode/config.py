@@ -20,7 +20,7 @@ from smartplay_tools import prompts
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one_line
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.transcript.hashing import canonical_json
-from smartplay_tools.types import Budget, RecordedBudget
+from smartplay_tools.types import Budget, ObservationForm, RecordedBudget
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -70,6 +70,8 @@ class Rules(BaseModel):
     """Who decides what the model sees: "window", a conversation of this library; "host", the host's agent."""
     protocol: ProtocolName = "tools"
     """Tool calls, or the paper's free text."""
+    observation: ObservationForm = "text"
+    """What an observation is: "text"; "picture", one that the game makes of itself; "both"."""
 
 
 RULES = tuple(Rules.model_fields)
@@ -140,7 +142,9 @@ class CellConfig(Rules):
         engine = {} if self.engine is None else {"engine": self.engine}
         history = spec.history if self.budget.history == "game" else self.budget.history
         options = spec.load().options_from_record(self.options)
-        return spec.make(**options, **engine, history=history)
+        game = spec.make(**options, **engine, history=history)
+        game.shows_pictures = self.observation != "text"
+        return game
 
     def to_json(self) -> dict[str, Any]:
         """Return the config as plain data, without fields at their defaults."""

@@ -39,8 +39,9 @@ from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.tokens import TokenCounter, Tokenizer
-from smartplay_tools.tokens.counter import shared_counter
+from smartplay_tools.tokens import TokenCounter, Tokenizer, get_tokenizer
+from smartplay_tools.tokens.counter import picture_counter, shared_counter
+from smartplay_tools.tokens.tokenizers import split_rule, with_pictures
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import Sink, TranscriptWriter
 from smartplay_tools.types import (
@@ -101,6 +102,7 @@ class Episode:
         cell = cell_config(
             spec, budget=budget, engine=engine, manual=manual, batch=batch, context=context, counter=counter, **options
         )
+        counter = counter if cell.observation == "text" else picture_counter(counter)
         self._open(cell.with_seed(check_seed(seed)), spec, counter, transcript)
 
     @classmethod
@@ -116,6 +118,8 @@ class Episode:
 
         A config that `is_recorded` does not decide what is imported: see `recorded_strategy`.
         """
+        if tokenizer is not None and (rule := split_rule(config.tokenizer)[1]) is not None:
+            tokenizer = with_pictures(get_tokenizer(tokenizer), rule)
         counter = shared_counter(config.tokenizer if tokenizer is None else tokenizer)
         # The file may have been moved; only its content matters.
         asked, given = config.tokenizer, counter.tokenizer.name
@@ -146,7 +150,9 @@ class Episode:
         self.game = config.make_game(spec)
         try:
             self.game.reset(seed=config.seed)
-            self._session = GameSession(spec, self.game, config.budget, counter, config.manual, config.context)
+            self._session = GameSession(
+                spec, self.game, config.budget, counter, config.manual, config.context, config.observation
+            )
             self._session.strategies.bring(config.strategy_sha256, is_recorded=is_recorded)
             self._transcript = None if transcript is None else TranscriptWriter(transcript)
         except BaseException:
@@ -215,6 +221,7 @@ class Episode:
 
     def functions(self) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
         """Return the game's tools as plain annotated, documented functions: observe, act, read_manual."""
+        self.refuse_pictures("A function")
         return tool_functions(self)
 
     # What the harness may do.
@@ -277,6 +284,14 @@ class Episode:
             self.record({"event": "picture", "turn": self.stats.turns, "step": self.stats.steps})
             return self.game.render()
 
+    def refuse_pictures(self, host: str) -> None:
+        """Raise an `InvalidArgumentError` if observations are pictures, for a host that shows its model words only."""
+        if self.config.observation != "text":
+            raise InvalidArgumentError(
+                f'{host} gives its model results in words only, and observation="{self.config.observation}" has '
+                'pictures; leave it at "text" here.'
+            )
+
     def begin(self, *, player: str | None = None, protocol: ProtocolName = "tools") -> None:
         """Write the record's first event. The first call sets player and protocol, unless the config has them."""
         if self._begun:
@@ -318,7 +333,7 @@ class Episode:
                 answer = self._session.say(refusal, "host")
             else:
                 answer = self._session.answer(name, arguments, may_act=may_act)
-            result = ToolResult(answer.text, answer.is_error, self.done, answer.data)
+            result = ToolResult(answer.text, answer.is_error, self.done, answer.data, answer.picture)
             event = self._call_event(turn, position, name, arguments, answer)
             if host is not None:
                 event["host"] = host

@@ -18,6 +18,7 @@ class GameTools:
     """
 
     def __init__(self, episode: Episode) -> None:
+        episode.refuse_pictures("A function")
         self._episode = episode
 
     @property
@@ -46,6 +47,7 @@ class AsyncGameTools:
     """`GameTools` whose methods are awaited; the game's steps run in threads."""
 
     def __init__(self, episode: Episode) -> None:
+        episode.refuse_pictures("A function")
         self._episode = episode
 
     @property

@@ -19,8 +19,9 @@ from smartplay_tools.episode import budgets
 from smartplay_tools.episode.config import ContextOwner, ManualMode
 from smartplay_tools.episode.tools import MistakeError, ParsedCall, Tools
 from smartplay_tools.games.specs import GameSpec
+from smartplay_tools.pictures.picture import Picture
 from smartplay_tools.tokens import TokenCounter, truncation
-from smartplay_tools.types import Budget, EndReason, ResolvedBudget
+from smartplay_tools.types import Budget, EndReason, ObservationForm, ResolvedBudget
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -35,6 +36,8 @@ class Answer:
     is_error: bool = False
     cut: bool = False
     """Whether the text was cut to its cap."""
+    picture: Picture | None = None
+    """The picture that is shown with the text."""
 
 
 class GameSession:
@@ -48,7 +51,9 @@ class GameSession:
         counter: TokenCounter,
         manual: ManualMode,
         context: ContextOwner,
+        observation: ObservationForm = "text",
     ) -> None:
+        self.observation = observation
         self.spec, self.game, self.counter = spec, game, counter
         self.manual, self.context = manual, context
         budgets.check_strategies(asked, spec, context=context)
@@ -64,12 +69,18 @@ class GameSession:
         head = 0
         if asked.prompt_tokens is not None:
             head = counter.messages(prompts.head(context=context)) + counter.tools(self.tools.game_specs)
-        self.budget: ResolvedBudget = budgets.resolve(asked, spec, head)
+        self._picture_tokens = 0 if observation == "text" else counter.image(*game.picture_shape)
+        self.budget: ResolvedBudget = budgets.resolve(asked, spec, head, self._picture_tokens)
         self.manual_text = self._cut(game.manual, self.budget.manual_tokens, truncation.cut_middle)
         self.manual_is_cut = self.manual_text != game.manual
         self.head = prompts.head(self.manual_text if manual == "pinned" else None, context=context)
+        least = 0
         if asked.prompt_tokens is not None and context == "window":
-            budgets.check_head(self.budget, counter.prompt(self.head, self.tools.specs), self.strategies)
+            least = counter.prompt(self.head, self.tools.specs)
+            budgets.check_head(self.budget, least, self.strategies)
+        if observation != "text":
+            words = counter.text(f"{prompts.PICTURE_SHOWN}\n{prompts.GAME_IS_OVER}")
+            budgets.check_pictures(self.budget, least, self._picture_tokens, words)
 
     def end(self, reason: EndReason, error: BaseException | None = None, detail: str | None = None) -> None:
         """End the play, unless it has ended already."""
@@ -118,7 +129,7 @@ class GameSession:
                 return self._act(call.action)
             case "observe":
                 text, cut = self._observation()
-                answer = self._show(text, observation_step=self.steps)
+                answer = self._show_observation(text)
                 answer.cut = answer.cut or cut
                 return answer
             case "read_manual" if self.manual == "tool":
@@ -150,19 +161,35 @@ class GameSession:
         data: dict[str, Any] = {"reward": reward, "score": self.game.score, "legal": True}
         if over or self.steps % self.game.hash_every == 0 or self.tool_calls == self.budget.tool_calls:
             data["state_hash"] = self.game.state_hash()
-        return self._show(f"{text}\n{prompts.GAME_IS_OVER}" if over else text, observation_step=self.steps, **data)
+        return self._show_observation(text, prompts.GAME_IS_OVER if over else "", **data)
 
     def _observation(self) -> tuple[str, bool]:
         """The current observation and whether it was cut; where the host owns the context, with the history."""
         current = self.game.observation
-        history = self.game.recent() if self.context == "host" else ""
+        history = self.game.recent() if self.context == "host" and self.observation != "picture" else ""
         if not history:
             return current, False
-        whole, cap = f"{history}\n\n{current}", self.budget.result_tokens
+        whole, cap = f"{history}\n\n{current}", self._cap_on_words
         if cap is None or self.counter.text(whole) <= cap:
             return whole, False
         steps = self.steps if self.budget.history is None else min(self.steps, self.budget.history)
         return truncation.cut_history(self.game.recent, steps, current, cap, self.counter.text), True
+
+    def _show_observation(self, text: str, last_line: str = "", **data: Any) -> Answer:
+        """Return the answer with the current observation: in words, as a picture, or both; a picture is never cut."""
+        shown = prompts.PICTURE_SHOWN if self.observation == "picture" else text
+        shown = f"{shown}\n{last_line}" if last_line else shown
+        if self.observation == "text":
+            return self._show(shown, observation_step=self.steps, **data)
+        picture, words = self.game.picture(), self._cut(shown, self._cap_on_words, truncation.cut_end)
+        data = {"step": self.steps, "observation_step": self.steps, **data, "picture": picture.facts}
+        return Answer(words, data, cut=words != shown, picture=picture)
+
+    @property
+    def _cap_on_words(self) -> int | None:
+        """The cap on the words of an observation: what its picture leaves of a result."""
+        cap = self.budget.result_tokens
+        return None if cap is None else cap - self._picture_tokens
 
     def _show(self, text: str, **data: Any) -> Answer:
         shown = self._cut(text, self.budget.result_tokens, truncation.cut_end)

@@ -55,6 +55,8 @@ class EpisodeSelection(BaseModel):
         result = record.result_data
         assert result is not None
         score, normalized = result["score"], result["normalized_score"]
+        if record.config.observation != "text":
+            return "observations are pictures"
         if self.games and result["game"] not in self.games:
             return "another game"
         if self.players and record.player not in self.players:

@@ -25,6 +25,7 @@ from smartplay_tools.games.history import history_text
 from smartplay_tools.games.seeds import check_seed, whole
 from smartplay_tools.games.spaces import Words
 from smartplay_tools.json_text import canonical_text
+from smartplay_tools.pictures.picture import Picture
 
 
 @functools.cache
@@ -56,6 +57,8 @@ class TextGame(gymnasium.Env[str, Any]):
         is_slow: whether a step may take so long that an event loop should not wait for it.
         options: the names of the keyword arguments that users of a setting may give.
         engines: the engines that can run the game, the default first; empty if there is only one.
+        picture_engines: the engines on which an observation can be a picture; (None,) for a game without engines.
+        shows_pictures: whether observations are pictures, too, which is set before the first reset.
         engine: the engine that runs it, one of `engines`; None if there is only one.
         comparable: whether scores may be compared with the paper's human score, which depends on the engine.
 
@@ -67,12 +70,14 @@ class TextGame(gymnasium.Env[str, Any]):
     is_slow: ClassVar[bool] = False
     options: ClassVar[tuple[str, ...]] = ()
     engines: ClassVar[tuple[str, ...]] = ()
+    picture_engines: ClassVar[tuple[str | None, ...]] = ()
 
     actions: tuple[str, ...]
     manual: str
     before_reset: tuple[str, ...] = ()
     engine: str | None = None
     comparable: bool = True
+    shows_pictures: bool = False
 
     def __init__(
         self,
@@ -157,6 +162,27 @@ class TextGame(gymnasium.Env[str, Any]):
     def versions(self) -> Mapping[str, str]:
         """Name to version of the programs outside of Python that run the game, for the result."""
         return {}
+
+    @classmethod
+    def refused_pictures(cls, engine: str | None, options: Mapping[str, Any]) -> str | None:
+        """Return why observations cannot be pictures on an engine with these options; None if they can be."""
+        if not cls.picture_engines:
+            return "it has no picture"
+        if engine not in cls.picture_engines:
+            return f"only its engine {' or '.join(map(str, cls.picture_engines))} draws pictures"
+        return None
+
+    @property
+    def picture_shape(self) -> tuple[int, int]:
+        """Width and height of its pictures in pixels, all of the same size."""
+        raise NotImplementedError(f"{type(self).__name__} has no pictures.")
+
+    def picture(self) -> Picture:
+        """Return the current observation as a picture: the same for the same state, to the byte.
+
+        It shows the state of the latest step, and looking changes nothing. Only with `shows_pictures`.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no pictures.")
 
     def drawing(self) -> dict[str, Any]:
         """The state as JSON for a drawing on the replay page, including facts that the player cannot see.

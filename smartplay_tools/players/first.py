@@ -17,6 +17,7 @@ class FirstPlayer:
     """Plays the game's first action, by name."""
 
     name = "first"
+    observations = ("text", "picture", "both")
 
     def __init__(self, *, seed: int = 0) -> None:
         """Every player takes a seed; this one draws nothing."""

@@ -18,6 +18,7 @@ class OraclePlayer:
     """Plays `TextGame.optimal_action`."""
 
     name = "oracle"
+    observations = ("text", "picture", "both")
 
     def __init__(self, *, seed: int = 0) -> None:
         """Every player takes a seed; this one draws nothing."""

@@ -15,6 +15,7 @@ class RandomPlayer:
     """Plays any legal action with equal probability, from its own seeded generator."""
 
     name = "random"
+    observations = ("text", "picture", "both")
 
     def __init__(self, *, seed: int = 0) -> None:
         # String seeds are hashed by a fixed algorithm, and this one gives another stream than the game's.

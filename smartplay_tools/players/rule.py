@@ -52,6 +52,7 @@ class RulePlayer:
     """Plays by rules written for each game, using only the messages of the prompt."""
 
     name = "rule"
+    observations = ("text", "both")
     rules: ClassVar[tuple[GameRules, ...]] = (bandit, crafter, hanoi, messenger, minecraft, rock_paper_scissors)
 
     def __init__(self, *, seed: int = 0) -> None:

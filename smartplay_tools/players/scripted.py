@@ -12,6 +12,7 @@ class ScriptedPlayer:
     """Replies with the given messages in order, and stores the prompts that it received in `prompts`."""
 
     name = "scripted"
+    observations = ("text", "picture", "both")
 
     def __init__(self, messages: Iterable[Message], usage: Usage | None = None) -> None:
         self._messages = iter(messages)

@@ -21,6 +21,7 @@ __all__ = [
     "MANUAL_IS_ABOVE",
     "NO_MANUAL",
     "OBSERVATION_LEFT",
+    "PICTURE_SHOWN",
     "VERSION",
     "CacheMarks",
     "checked_marks",
@@ -36,6 +37,9 @@ VERSION = "v1"
 
 OBSERVATION_LEFT = "[observation left the history window]"
 """The text of a result whose observation is older than the history limit."""
+
+PICTURE_SHOWN = "The picture shows the current observation."
+"""The text of a result whose observation is a picture only."""
 
 MANUAL_IS_ABOVE = "The manual stands at the end of the system message."
 """The text of a `read_manual` result if the manual itself is in the head."""

@@ -1,6 +1,7 @@
 """Records and the folders that hold them: read, replayed, continued, priced and added up.
 
 record          an episode as its record tells it
+pictures        the pictures that a model was shown, made again
 prompts         every prompt rebuilt from a record and verified
 driver, replays a record played again on a new game and compared
 resumption      an episode continued from its record
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from smartplay_tools.records.caches import CacheFields, CacheRule, cache_rules, openai_cache_fields, rule_of
     from smartplay_tools.records.charges import Charge, calls_under, charge
     from smartplay_tools.records.manifest import Manifest, Until, trial_seed
+    from smartplay_tools.records.pictures import recorded_pictures
     from smartplay_tools.records.prices import Price
     from smartplay_tools.records.prompts import SentPrompt, recorded_turns, sent_prompts
     from smartplay_tools.records.record import Record
@@ -62,6 +64,7 @@ __all__ = [
     "calls_under",
     "charge",
     "openai_cache_fields",
+    "recorded_pictures",
     "recorded_turns",
     "replay",
     "requests_of",
@@ -80,6 +83,7 @@ if not TYPE_CHECKING:
             "manifest": ("Manifest", "Until", "trial_seed"),
             "caches": ("CacheFields", "CacheRule", "cache_rules", "openai_cache_fields", "rule_of"),
             "charges": ("Charge", "calls_under", "charge"),
+            "pictures": ("recorded_pictures",),
             "prices": ("Price",),
             "prompts": ("SentPrompt", "recorded_turns", "sent_prompts"),
             "record": ("Record",),

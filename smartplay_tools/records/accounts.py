@@ -20,6 +20,7 @@ from smartplay_tools.messages import reasoning_of, text_of
 from smartplay_tools.records.record import Record
 from smartplay_tools.tokens import DEFAULT_TOKENIZER, PRIMING
 from smartplay_tools.tokens.counter import shared_counter
+from smartplay_tools.tokens.tokenizers import split_rule
 from smartplay_tools.transcript.events import HeadEvent, ViewEvent, concerns_summary
 from smartplay_tools.types import NOTES_TOOL, ResolvedBudget, ToolSpec
 
@@ -94,7 +95,7 @@ class Accounts:
     @classmethod
     def of(cls, record: Record) -> Accounts | None:
         """Return the accounts of a record; None if it has none."""
-        if record.is_paper or not record.views or record.config.tokenizer not in COUNTED_WITH:
+        if record.is_paper or not record.views or split_rule(record.config.tokenizer)[0] not in COUNTED_WITH:
             return None
         return cls(record)
 

@@ -139,7 +139,7 @@ class Driver:
             return PaperConversation(self.episode)
         messages, foreign = self._host_part(head)
         if self._kind is AgentSession:
-            return AgentSession(self.episode, head=messages, foreign_tools=foreign, summaries=True)
+            return AgentSession(self.episode, head=messages, foreign_tools=foreign, summaries=True, pictures=True)
         return Conversation(self.episode, head=messages, foreign_tools=foreign)
 
     def _host_part(self, head: Event) -> tuple[list[Message], list[ToolSpec]]:

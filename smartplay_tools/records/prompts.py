@@ -15,7 +15,8 @@ from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.turns import Turn, TurnBuilder
 from smartplay_tools.context.view import Head, Selection, with_manual
 from smartplay_tools.conversation import paper
-from smartplay_tools.messages import Message
+from smartplay_tools.messages import Message, pictures_of
+from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 from smartplay_tools.records.error_location import ErrorLocation
 from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.events import Event
@@ -35,8 +36,13 @@ class SentPrompt:
     """The sha256 of the rebuilt prompt; it differs from the recorded one only if the transcript was changed."""
 
 
-def sent_prompts(events: Sequence[Event], turns: Sequence[Turn] | None = None) -> Iterator[SentPrompt]:
-    """Yield every prompt of a transcript, in order; `turns` are its `recorded_turns`, if they are known already."""
+def sent_prompts(
+    events: Sequence[Event], turns: Sequence[Turn] | None = None, *, pictures: Mapping[str, Picture] = NO_PICTURES
+) -> Iterator[SentPrompt]:
+    """Yield every prompt of a transcript, in order; `turns` are its `recorded_turns`, if they are known already.
+
+    A record has no pictures, so prompts only name them; with `pictures` (`recorded_pictures`) they have them, too.
+    """
     head = next((event for event in events if event["event"] == "head"), None)
     if head is None:
         return
@@ -44,7 +50,7 @@ def sent_prompts(events: Sequence[Event], turns: Sequence[Turn] | None = None) -
         for view, prompt, sha256 in paper.sent_prompts(events):
             yield SentPrompt(view["turn"], prompt, view["sha256"], sha256)
         return
-    rebuilder = Rebuilder(events, recorded_turns(events) if turns is None else turns)
+    rebuilder = Rebuilder(events, recorded_turns(events) if turns is None else turns, pictures)
     with ErrorLocation() as at:
         for at.number, at.event in enumerate(events, start=1):
             if at.event["event"] == "head":
@@ -80,8 +86,10 @@ class PromptParts(NamedTuple):
 class Rebuilder:
     """Rebuilds the prompts of one record; parts that several prompts share are encoded once."""
 
-    def __init__(self, events: Sequence[Event], turns: Sequence[Turn]) -> None:
-        self._turns = turns
+    def __init__(
+        self, events: Sequence[Event], turns: Sequence[Turn], pictures: Mapping[str, Picture] = NO_PICTURES
+    ) -> None:
+        self._turns, self._pictures = turns, pictures
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         # What a prompt says does not depend on how it is counted.
         self._form = Strategies(ResolvedBudget(**events[0]["budget"]), shared_counter("approximate")).summaries
@@ -106,7 +114,10 @@ class Rebuilder:
             lines.extend(turn.canonical_seen(oldest))
         messages += shown.after
         lines += map(head_bytes, shown.after)
-        prompt = Prompt(messages, self._tools, view["max_tokens"], purpose=view.get("purpose", "play"))
+        named = [part["sha256"] for message in messages for part in pictures_of(message)] if self._pictures else []
+        shown_pictures = {sha256: self._pictures[sha256] for sha256 in named}
+        purpose: Purpose = view.get("purpose", "play")
+        prompt = Prompt(messages, self._tools, view["max_tokens"], purpose=purpose, pictures=shown_pictures)
         return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(lines, self._tools_bytes))
 
     def shown(self, view: Event) -> PromptParts:

@@ -30,7 +30,7 @@ COPIED = ("player", "player_options", *RULES, "options", "tokenizer", "prompts",
 """The fields of a row that come from the first event of the record."""
 
 
-LATER = frozenset({"peak_prompt_tokens"})
+LATER = frozenset({"peak_prompt_tokens", "observation"})
 """The fields that rows of older versions do not have."""
 
 

@@ -13,13 +13,17 @@ from typing import Any, Protocol
 
 from smartplay_tools.arguments import as_text, canonical
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.messages import calls_of, reasoning_of, text_of
+from smartplay_tools.messages import calls_of, pictures_of, reasoning_of, text_of
+from smartplay_tools.pictures.rules import DEFAULT_RULE
 from smartplay_tools.tokens.tokenizers import (
     DEFAULT_TOKENIZER,
     HUGGING_FACE,
+    ApproximateTokenizer,
+    PictureTokenizer,
     TiktokenTokenizer,
     Tokenizer,
     get_tokenizer,
+    with_pictures,
 )
 
 CACHED_TEXTS = 32_768
@@ -96,11 +100,15 @@ class TokenCounter:
         self.text = _remembered(self._count)
         """Count a text."""
         self._arguments = _remembered(lambda text: self.text(canonical(text)))
-        if not isinstance(self.tokenizer, TiktokenTokenizer):
+        words = self.tokenizer.words if isinstance(self.tokenizer, PictureTokenizer) else self.tokenizer
+        if not isinstance(words, TiktokenTokenizer):
             self.text("assistant")  # a tokenizer that fails does so here, not in the middle of an episode
+        self._pictures: Callable[[int, int], object] | None = getattr(self.tokenizer, "image", None)
 
     def _count(self, text: str) -> int:
-        count: object = self.tokenizer.count(well_formed(text))
+        return self._whole(self.tokenizer.count(well_formed(text)))
+
+    def _whole(self, count: object) -> int:
         try:
             number = int(operator.index(count))  # type: ignore[arg-type]  # whatever a tokenizer of yours returns
         except TypeError:
@@ -111,13 +119,32 @@ class TokenCounter:
             )
         return number
 
+    @property
+    def counts_pictures(self) -> bool:
+        """Whether its tokenizer has a rule for pictures."""
+        return callable(self._pictures)
+
+    def image(self, width: int, height: int) -> int:
+        """Count a picture by its size in pixels; an `InvalidArgumentError` if the tokenizer has no rule for that."""
+        if self._pictures is None:
+            raise InvalidArgumentError(
+                f"The tokenizer {self.tokenizer.name!r} does not count pictures; name a rule with it: "
+                f"{self.tokenizer.name}+{DEFAULT_RULE}."
+            )
+        return self._whole(self._pictures(width, height))
+
+    def content(self, message: Mapping[str, Any]) -> int:
+        """Count the text and the pictures of a message."""
+        count = self.text(text_of(message))
+        return count + sum(self.image(part["width"], part["height"]) for part in pictures_of(message))
+
     def message(self, message: Mapping[str, Any], arguments: Sequence[str] | None = None) -> int:
-        """Count a chat message. Anything but text in it (an image) raises a ValueError.
+        """Count a chat message. Anything in it but text and pictures of the game raises a ValueError.
 
         `arguments` are those of its calls in canonical form, for callers that have read them.
         """
         role = message["role"]
-        count = 3 + self.text(role) + self.text(text_of(message))
+        count = 3 + self.text(role) + self.content(message)
         if message.get("name"):
             count += 1 + self.text(message["name"])
         for position, call in enumerate(calls_of(message)):
@@ -168,6 +195,15 @@ def shared_counter(tokenizer: str | Tokenizer | None = None) -> TokenCounter:
     if tokenizer is None or (isinstance(tokenizer, str) and not tokenizer.startswith(HUGGING_FACE)):
         return _counter_of(DEFAULT_TOKENIZER if tokenizer is None else tokenizer)
     return TokenCounter(tokenizer)
+
+
+def picture_counter(counter: TokenCounter) -> TokenCounter:
+    """Return a counter that counts pictures, too: the same if it does, or else with the default rule."""
+    if counter.counts_pictures:
+        return counter
+    tokenizer = with_pictures(counter.tokenizer)
+    is_named = isinstance(counter.tokenizer, TiktokenTokenizer | ApproximateTokenizer)
+    return shared_counter(tokenizer.name if is_named else tokenizer)
 
 
 @functools.lru_cache(8)

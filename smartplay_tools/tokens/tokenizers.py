@@ -4,6 +4,8 @@ o200k_base        the default; its vocabulary ships inside the package and loads
 cl100k_base, ...  any encoding of tiktoken, which downloads its vocabulary at first use
 hf:PATH_OR_NAME   a `tokenizer.json` of Hugging Face tokenizers: a file, a folder or a name on the Hub
 approximate       four characters a token
+
+A name may end with the rule by which pictures are counted (`smartplay_tools.pictures.rules`): o200k_base+claude-28.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import hashlib
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
+from smartplay_tools.pictures.rules import DEFAULT_RULE, RULES, PictureRule
 from smartplay_tools.tokens.o200k import VOCABULARY_SHA256, o200k_base
 
 if TYPE_CHECKING:
@@ -33,7 +36,8 @@ class Tokenizer(Protocol):
     """Anything that counts tokens.
 
     It may also have the attribute `sha256`, the digest of its vocabulary as 64 hex digits, which records then name
-    beside it: two tokenizers of one name need not be the same.
+    beside it: two tokenizers of one name need not be the same. For episodes with pictures it may have a method
+    `image(width, height)`, which returns the tokens of a picture; without one they are counted by a rule.
     """
 
     @property
@@ -78,6 +82,46 @@ class ApproximateTokenizer:
         return -(-len(text) // 4)
 
 
+class PictureTokenizer:
+    """A tokenizer of words, with a rule for pictures; its name has both."""
+
+    def __init__(self, words: Tokenizer, rule: PictureRule) -> None:
+        self.words, self.rule = words, rule
+        self.name = f"{words.name}+{rule.name}"
+
+    @property
+    def sha256(self) -> str | None:
+        """The digest of the vocabulary; None if the tokenizer of words has none."""
+        digest: str | None = getattr(self.words, "sha256", None)
+        return digest
+
+    def count(self, text: str) -> int:
+        """Return the number of tokens of the text."""
+        return self.words.count(text)
+
+    def image(self, width: int, height: int) -> int:
+        """Return the number of tokens of a picture."""
+        return self.rule.count(width, height)
+
+
+def split_rule(name: str) -> tuple[str, str | None]:
+    """Return the name of a tokenizer of words, and of the rule for pictures, if the whole name ends with one."""
+    words, plus, rule = name.rpartition("+")
+    return (words, rule) if plus and rule in RULES else (name, None)
+
+
+def with_pictures(tokenizer: Tokenizer, rule: str | None = None) -> Tokenizer:
+    """Return a tokenizer that counts pictures: the same if it does already, or else with a rule, by default Claude's.
+
+    A tokenizer that counts them by a rule other than the one that is asked for is an `InvalidArgumentError`.
+    """
+    if not callable(getattr(tokenizer, "image", None)):
+        return PictureTokenizer(tokenizer, RULES[rule or DEFAULT_RULE])
+    if rule is not None and (not isinstance(tokenizer, PictureTokenizer) or tokenizer.rule.name != rule):
+        raise InvalidArgumentError(f"The tokenizer {tokenizer.name!r} does not count pictures by the rule {rule}.")
+    return tokenizer
+
+
 def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
     """Return a tokenizer by name, or the object itself if it already is one; None is `o200k_base`.
 
@@ -88,6 +132,9 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
         return TiktokenTokenizer(DEFAULT_TOKENIZER)
     if not isinstance(tokenizer, str):
         return _checked(tokenizer)
+    words, rule = split_rule(tokenizer)
+    if rule is not None:
+        return PictureTokenizer(get_tokenizer(words), RULES[rule])
     if tokenizer == ApproximateTokenizer.name:
         return ApproximateTokenizer()
     if tokenizer.startswith(HUGGING_FACE):
@@ -97,6 +144,9 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
     if tokenizer != DEFAULT_TOKENIZER:
         import tiktoken
 
+        _, plus, asked = tokenizer.partition("+")
+        if plus:
+            raise UnknownNameError("rule for pictures", asked, list(RULES))
         if tokenizer not in tiktoken.list_encoding_names():
             names = [*tiktoken.list_encoding_names(), ApproximateTokenizer.name, f"{HUGGING_FACE}PATH_OR_NAME"]
             raise UnknownNameError("tokenizer", tokenizer, names)

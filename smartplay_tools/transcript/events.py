@@ -146,6 +146,7 @@ class CallEvent(TypedDict):
     is_error: bool
     done: bool
     data: dict[str, Any]
+    """What the record holds of the answer: `picture`, for one, has the sha256, width and height of a picture shown."""
     cut: bool
     """Whether the answer was cut to its cap."""
     host: NotRequired[Literal["edited", "refused"]]

@@ -80,7 +80,11 @@ class Condition:
 def _facts(row: Row) -> dict[str, Any]:
     """The fields of the cell of a row."""
     facts = {name: row[name] for name in _COPIED}
-    return {**facts, "budget": {**Budget.later, **row["budget"]}, "rules": {name: row[name] for name in RULES}}
+    return {
+        **facts,
+        "budget": {**Budget.later, **row["budget"]},
+        "rules": {name: row.get(name, USUAL[name]) for name in RULES},
+    }
 
 
 _COPIED = tuple(field.name for field in fields(PlayedCell) if field.name not in ("rules", "budget"))

@@ -14,7 +14,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.episode.config import RULES
+from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
@@ -60,7 +60,13 @@ COLUMNS: dict[str, tuple[str, str]] = {
 }
 """Every column: the location of its value in a row, and its type. `run` is empty if all rows are of one run."""
 
-LATER: Mapping[str, Any] = {**Budget.later, **EpisodeResult.later, **Tokens.later, **Usage.later}
+LATER: Mapping[str, Any] = {
+    **Budget.later,
+    **EpisodeResult.later,
+    **Tokens.later,
+    **Usage.later,
+    "observation": Rules().observation,
+}
 """Values that a row leaves out, and what they then are."""
 
 PROPERTIES: dict[type, tuple[str, ...]] = {
@@ -121,7 +127,7 @@ def summary_json(summary: RunSummary) -> dict[str, Any]:
 
 def _value(row: Any, path: list[str], kind: str) -> Any:
     if path[0] in ("run", *ROWS_LATER):
-        return row.get(path[0])
+        return row.get(path[0], LATER.get(path[0]))
     for name in path:
         row = None if row is None else row[name] if name in row else LATER[name]
     if kind == "json":

@@ -31,6 +31,7 @@ from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.messages import assistant_message
 from smartplay_tools.players import get_player
 from smartplay_tools.records.manifest import player_seed
+from smartplay_tools.records.pictures import recorded_pictures
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
@@ -144,7 +145,7 @@ def remembers_nothing(player: Player | AsyncPlayer) -> bool:
 def _ask_again(player: Player | AsyncPlayer, events: list[Event]) -> None:
     """Restore the state of a player: ask it the recorded prompts, and compare its replies."""
     replies = Record(events).sent_replies
-    for sent in sent_prompts(events):
+    for sent in sent_prompts(events, pictures=recorded_pictures(events)):
         if sent.turn in replies:
             reply = player.reply(sent.prompt) if isinstance(player, Player) else asyncio.run(player.areply(sent.prompt))
             if assistant_message(reply.message) != replies[sent.turn]:

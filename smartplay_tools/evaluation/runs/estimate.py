@@ -47,7 +47,8 @@ SAMPLED_CALLS = 400
 ASSUMED_REPLY_TOKENS = 150
 """Default tokens of a model's reply: some sentences and a tool call. The range is from half to twice of it."""
 
-STAND_INS = ("rule", "random")
+STAND_INS = {"text": ("rule", "random"), "picture": ("random",), "both": ("rule", "random")}
+"""Who plays in place of a model, by what observations are."""
 FREE = frozenset(name for name, place in PLAYERS.items() if place.startswith("smartplay_tools.")) - {"human"}
 """Players that cost nothing, so that they can play in an estimate."""
 
@@ -138,7 +139,7 @@ def estimate_cell(
     if lengths is None:
         samples = [_sample(cell, seed, player_of(cell), 0) for seed in seeds[:SAMPLED_TRIALS]]
     else:
-        pairs = [(name, length) for name in STAND_INS for length in sorted(set(lengths))]
+        pairs = [(name, length) for name in STAND_INS[cell.observation] for length in sorted(set(lengths))]
         samples = [_sample(cell, seeds[at % len(seeds)], *pair) for at, pair in enumerate(pairs)]
     ends = [_extended(sample, cell, most) for sample in samples for most in ([] if is_free else [_most_calls(cell)])]
     whole = [_extended(sample, cell, None if sample.is_over else _most_calls(cell)) for sample in samples]
@@ -267,6 +268,7 @@ class _Wordy:
 
     def __init__(self, player: Player, tokens: int, counter: TokenCounter) -> None:
         self.name, self._player, self._tokens, self._counter = player.name, player, tokens, counter
+        self.observations: Sequence[str] = getattr(player, "observations", ("text",))
         if isinstance(player, AttachedPlayer):
             self.attach = player.attach
 

@@ -152,7 +152,9 @@ def plan_suite(
 def check_playable(cell: CellConfig) -> None:
     """Check the options of the game, its engine and the budget by creating them, without making a world."""
     with closing(cell.make_game(cell.spec)) as game:
-        GameSession(cell.spec, game, cell.budget, shared_counter(cell.tokenizer), cell.manual, cell.context)
+        GameSession(
+            cell.spec, game, cell.budget, shared_counter(cell.tokenizer), cell.manual, cell.context, cell.observation
+        )
 
 
 def _trials(cell: CellConfig, place: int, worlds: int, seed: int, repeats: int) -> Iterator[PlannedEpisode]:

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
-from smartplay_tools.conversation.loop import check_player
+from smartplay_tools.conversation.loop import check_observation, check_player
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
@@ -247,6 +247,7 @@ def _by_executor(
     Every player is created once, so that mistakes are found before the run. Models come first.
     """
     suits: dict[str, str] = {}
+    made_for: dict[str, Player | AsyncPlayer] = {}
     remote: set[str] = set()
     episodes_of: dict[str, list[PlannedEpisode]] = {"async": []}
     for episode in plan.episodes:
@@ -255,7 +256,7 @@ def _by_executor(
             suits[player_key(cell)] = "async"
         elif player_key(cell) not in suits:
             task = Task(episode, configs[player_key(cell)], Path())
-            made = make_player(task)
+            made = made_for[player_key(cell)] = make_player(task)
             check_player(made)
             suits[player_key(cell)] = asked or _suitable(made)
             if isinstance(made, ModelPlayer):
@@ -265,6 +266,8 @@ def _by_executor(
                 if asked is not None:
                     raise InvalidArgumentError(why)
                 suits[player_key(cell)] = "inline"
+        if player_key(cell) in made_for:
+            check_observation(made_for[player_key(cell)], cell.observation)
         episodes_of.setdefault(_for_game(cell.game, suits[player_key(cell)], asked), []).append(episode)
     return {name: episodes for name, episodes in episodes_of.items() if episodes}, remote
 

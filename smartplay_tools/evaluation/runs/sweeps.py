@@ -1,9 +1,9 @@
 """Sweeps: runs that play the same episodes with every window of a grid, to measure the effect of smaller contexts.
 
-A grid is the axes that vary (fields of the budget, and the manual) x players x games. Every cell has the same seeds,
-because the seed of a trial depends only on the run's seed, the game and the trial, so cells can be compared in pairs
-(`analysis.windows`). A sweep is a run like any other: it can be resumed, capped, sharded and replayed, and runs in
-parallel. In addition to the run's files its folder has
+A grid is the axes that vary (fields of the budget, manual, observation) x players x games. Every cell has the same
+seeds, because the seed of a trial depends only on the run's seed, the game and the trial, so cells can be compared in
+pairs (`analysis.windows`). A sweep is a run like any other: it can be resumed, capped, sharded and replayed, and runs
+in parallel. In addition to the run's files its folder has
 
     table.csv, table.parquet   a row for each episode (`analysis.tables`)
     summary.csv                a row for each cell (`analysis.windows.as_row`)
@@ -37,7 +37,10 @@ from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget
 
-AXES = (*Budget.model_fields, "manual")
+RULE_AXES = ("manual", "observation")
+"""The rules that a sweep can vary."""
+
+AXES = (*Budget.model_fields, *RULE_AXES)
 """What a sweep can vary."""
 
 
@@ -127,7 +130,8 @@ def grid(
     something of the past that cannot be enforced, such as summaries at slack 0, are left out and named.
     """
     axes = _axes(vary or {}, rules)
-    manuals = axes.pop("manual", [rules.pop("manual", Rules().manual)])
+    fixed_rules = {name: [rules.pop(name, getattr(Rules(), name))] for name in RULE_AXES if name not in axes}
+    varied = {name: axes.pop(name) if name in axes else fixed_rules[name] for name in RULE_AXES}
     fixed = dict(budget or Budget())
     budgets = [Budget(**fixed | dict(zip(axes, values, strict=True))) for values in product(*axes.values())]
     protocol = rules.get("protocol", "tools")
@@ -141,7 +145,8 @@ def grid(
     def enforceable(spec: GameSpec) -> list[Budget]:
         return [budget for budget in budgets if (spec.id, budget.model_dump_json()) not in refused]
 
-    wanted = [cell for mode in manuals for cell in make_cells(games, players, enforceable, manual=mode, **rules)]
+    settings = [dict(zip(varied, values, strict=True)) for values in product(*varied.values())]
+    wanted = [cell for chosen in settings for cell in make_cells(games, players, enforceable, **chosen, **rules)]
     wanted, too_small = _split_by_reserve(wanted)
     names = [player if isinstance(player, str) else player.name for player in players]
     order = {pair: place for place, pair in enumerate(product(games, names))}
@@ -158,7 +163,7 @@ def grid(
 def _axes(vary: Mapping[str, Sequence[Any]], rules: dict[str, Any]) -> dict[str, Sequence[Any]]:
     """Return the axes in their order, those that were given as arguments of their own included."""
     named = {
-        name: rules.pop(name) for name in AXES if name in rules and not (name == "manual" and _is_word(rules[name]))
+        name: rules.pop(name) for name in AXES if name in rules and not (name in RULE_AXES and _is_word(rules[name]))
     }
     if named:
         shown = ", ".join(f'"{name}": {values!r}' for name, values in named.items())
@@ -208,10 +213,10 @@ def sweep(
     """Play a grid of windows on paired seeds, and keep the records in the folder `out`. The same call again resumes it.
 
     `games`, `players`, `trials` (episodes of every cell) and all arguments that are not named here are those of
-    `evaluate`. `vary` has lists of values for fields of `Budget`, where None means no limit, and for `manual`:
-    `vary={"history": [1, 5], "prompt_tokens": [700, None]}`. `budget` holds the fields that are the same in every cell.
-    Combinations that cannot be enforced are left out and named (`Sweep.left_out`). Tables and figures are written only
-    by `Sweep.write`.
+    `evaluate`. `vary` has lists of values for fields of `Budget`, where None means no limit, for `manual` and for
+    `observation`: `vary={"history": [1, 5], "prompt_tokens": [700, None]}`. `budget` holds the fields that are the same
+    in every cell. Combinations that cannot be enforced are left out and named (`Sweep.left_out`). Tables and figures
+    are written only by `Sweep.write`.
     """
     if not games or not players:
         raise InvalidArgumentError("Name at least one game and one player.")

@@ -6,14 +6,17 @@ from typing import Any, ClassVar
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame, read_text
-from smartplay_tools.games.crafter.facts import LENGTH, NOOP
+from smartplay_tools.games.crafter.facts import LENGTH, NOOP, VIEW
 from smartplay_tools.games.crafter.fast import FastEngine
 from smartplay_tools.games.crafter.text import ACTIONS, CHARACTERS, LONGEST, NUMBERED_ACTIONS, describe
 from smartplay_tools.games.crafter.views import CrafterEngine
 from smartplay_tools.games.seeds import check_seed
+from smartplay_tools.pictures.picture import Picture
 
 TEXTS = ("original", "corrected")
 SMALLEST_PICTURE = 64
+LARGEST_CELL = 28
+"""The pixels of a cell up to which a picture that a model is shown is enlarged: a patch of Claude's."""
 
 
 class Crafter(TextGame):
@@ -31,13 +34,15 @@ class Crafter(TextGame):
 
     Arguments: `engine`, "fast" or "crafter" (PyPI `crafter`, slower); `text`, "original" or "corrected"
     (see `text.py`); `picture_size`, the side of pictures in pixels (`render_mode="rgb_array"`); at 64 they are the
-    original's.
+    original's. Pictures that a model is shown are their cells without the border, enlarged by the largest whole number
+    with which a cell has at most 28 pixels: 252 x 252.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - Gymnasium's attribute
     hash_every: ClassVar[int] = 100
     options: ClassVar[tuple[str, ...]] = ("text", "render_mode", "picture_size")
     engines: ClassVar[tuple[str, ...]] = ("fast", "crafter")
+    picture_engines: ClassVar[tuple[str | None, ...]] = engines
     actions = ACTIONS
 
     def __init__(
@@ -85,7 +90,7 @@ class Crafter(TextGame):
         return self._describe(None)
 
     def _new_world(self, seed: int, episode: int) -> CrafterEngine:
-        keep_grain = self.render_mode == "rgb_array"
+        keep_grain = self.render_mode == "rgb_array" or self.shows_pictures
         if self.engine == "fast":
             return FastEngine(seed, episode, keep_grain=keep_grain)
         # PyPI crafter is slow to load, and only its own engine needs it.
@@ -110,6 +115,27 @@ class Crafter(TextGame):
         from smartplay_tools.games.crafter.pictures import draw
 
         return draw(self._world.scene(), self._picture_size)
+
+    @property
+    def picture_shape(self) -> tuple[int, int]:
+        """The side of a picture that a model is shown, twice."""
+        unit, scale = self._cell
+        side = VIEW[0] * unit * scale
+        return side, side
+
+    @property
+    def _cell(self) -> tuple[int, int]:
+        """The pixels of a cell as it is drawn, and how many times they are enlarged."""
+        unit = self._picture_size // VIEW[0]
+        return unit, max(1, LARGEST_CELL // unit)
+
+    def picture(self) -> Picture:
+        """Return the picture of the current state, as the original draws it, enlarged."""
+        from smartplay_tools.games.crafter.pictures import draw_cells
+        from smartplay_tools.pictures.png import encode
+
+        unit, scale = self._cell
+        return encode(draw_cells(self._world.scene(), unit), scale)
 
     def drawing(self) -> dict[str, Any]:
         """The part of the scene that the player sees: ground and things by cell, body, inventory, light."""

@@ -36,11 +36,18 @@ def draw(scene: Scene, size: int = USUAL) -> NDArray[np.uint8]:
     unit = size // GRID
     border = (size - unit * GRID) // 2
     picture = np.zeros((size, size, 3), np.uint8)
-    view, carried = _view(scene, unit), _carried(scene, unit)
-    across, edge = slice(border, border + unit * GRID), border + view.shape[1]
-    picture[border:edge, across] = view.transpose(1, 2, 0)
-    picture[edge : edge + carried.shape[1], across] = carried.transpose(1, 2, 0)
+    inside = slice(border, border + unit * GRID)
+    picture[inside, inside] = draw_cells(scene, unit)
     return picture
+
+
+def draw_cells(scene: Scene, unit: int) -> NDArray[np.uint8]:
+    """Draw the cells of a picture, `unit` pixels wide and high: the view, and below it what is carried."""
+    cells = np.empty((unit * GRID, unit * GRID, 3), np.uint8)
+    edge = unit * VIEW[1]
+    cells[:edge] = _view(scene, unit).transpose(1, 2, 0)
+    cells[edge:] = _carried(scene, unit).transpose(1, 2, 0)
+    return cells
 
 
 def _side_by_side(cells: Planes) -> Planes:

@@ -9,9 +9,10 @@ from typing import Any, Literal, get_args
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
 from smartplay_tools.games.minecraft.engines import ENGINES, Engine, load_engine
-from smartplay_tools.games.minecraft.observation import Observation, TextMode
+from smartplay_tools.games.minecraft.observation import VIEW, Observation, TextMode
 from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, Goal, strides, turn
 from smartplay_tools.games.minecraft.text import CHARACTERS, LONGEST, describe
+from smartplay_tools.pictures.picture import Picture
 
 PAPER_ENGINE = "minedojo"
 """The engine of the paper, Minecraft itself."""
@@ -38,6 +39,7 @@ class Minecraft(TextGame):
     is_slow = True
     options = ("text", "start")
     engines = tuple(ENGINES)
+    picture_engines = ("voxel",)
 
     def __init__(
         self,
@@ -79,6 +81,26 @@ class Minecraft(TextGame):
         self.completed = self._seen.biome in self._goal.biomes
         self.score = int(self.completed)
         return describe(self._seen, self.text, ACTIONS[action]), 0, self.completed, False
+
+    @classmethod
+    def refused_pictures(cls, engine: str | None, options: Mapping[str, Any]) -> str | None:
+        """Return why observations cannot be pictures: the paper's text sees along rays that are bent."""
+        if options.get("text") == "paper":
+            return 'the view of text="paper" is turned upside down by its bugs'
+        return super().refused_pictures(engine, options)
+
+    @property
+    def picture_shape(self) -> tuple[int, int]:
+        """Width and height of the view, enlarged."""
+        from smartplay_tools.games.minecraft.pictures import SCALE
+
+        return VIEW * SCALE, VIEW * SCALE
+
+    def picture(self) -> Picture:
+        """Return the view as a picture."""
+        from smartplay_tools.games.minecraft.pictures import picture
+
+        return picture(self._seen)
 
     def deviations(self) -> dict[str, Any]:
         """Engine, text and start, if they differ from the paper's."""

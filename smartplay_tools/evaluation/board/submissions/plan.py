@@ -24,6 +24,7 @@ from smartplay_tools.evaluation.suites import SUITES, Suite
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.manifest import Manifest, ManifestEpisode, trial_seed
 from smartplay_tools.tokens import DEFAULT_TOKENIZER
+from smartplay_tools.tokens.tokenizers import split_rule
 from smartplay_tools.transcript.hashing import canonical_json
 
 ENGINES_HERE = (None, "fast", "crafter", "voxel")
@@ -151,7 +152,7 @@ def _unsafe(cell: CellConfig, allowed: Allowed) -> Iterator[Finding]:
             f"{game} was played with the strategy {strategy[:100]!r}; those of installed packages alone are replayed, "
             "with --plugins.",
         )
-    if cell.tokenizer not in TOKENIZERS and allowed.tokenizer is None:
+    if split_rule(cell.tokenizer)[0] not in TOKENIZERS and allowed.tokenizer is None:
         yield error(
             "plan", f"{game} was counted with the tokenizer {cell.tokenizer!r}; name it with --tokenizer to replay it."
         )

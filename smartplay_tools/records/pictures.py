@@ -1,0 +1,48 @@
+"""The pictures of a record, which has none itself: made again by playing it, and compared with what it says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from smartplay_tools.episode.config import EpisodeConfig
+from smartplay_tools.errors import TranscriptError
+from smartplay_tools.games.base import TextGame
+from smartplay_tools.pictures.picture import NO_PICTURES, Picture
+from smartplay_tools.records.driver import Driver
+from smartplay_tools.records.replays import read_events
+from smartplay_tools.tokens import Tokenizer
+from smartplay_tools.transcript.events import Event
+
+
+def recorded_pictures(
+    source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer | None = None
+) -> Mapping[str, Picture]:
+    """Return every picture that the model of a record was shown, by its sha256.
+
+    The record is played again. A picture that it names and that does not come out again is a `TranscriptError`.
+    `tokenizer` is required if the record was counted with a tokenizer object of yours.
+    """
+    events = read_events(source)
+    if not events or EpisodeConfig.from_event(events[0]).observation == "text":
+        return NO_PICTURES
+    made: dict[str, Picture] = {}
+
+    def keep(game: TextGame) -> None:
+        picture = game.picture()
+        made[picture.sha256] = picture
+
+    driver = Driver(events, tokenizer=tokenizer, on_step=keep)
+    try:
+        keep(driver.episode.game)
+        driver.run()
+    finally:
+        driver.episode.game.close()
+    shown = [event["data"]["picture"]["sha256"] for event in events if event["event"] == "call" and _has_picture(event)]
+    if missing := [sha256 for sha256 in shown if sha256 not in made]:
+        raise TranscriptError(f"The record shows a picture that its game does not make here: {missing[0]}.")
+    return {sha256: made[sha256] for sha256 in shown}
+
+
+def _has_picture(call: Event) -> bool:
+    return "picture" in call["data"]

@@ -1,0 +1,408 @@
+"""Pictures as observations: their bytes, their tokens, what a prompt and a record hold of them, who may see them."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import random
+import struct
+import zlib
+from collections import Counter
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import smartplay_tools as sp
+from smartplay_tools.episode import GameTools
+from smartplay_tools.episode.config import Rules
+from smartplay_tools.errors import TranscriptError, UnknownNameError
+from smartplay_tools.games.crafter.pictures import draw
+from smartplay_tools.games.minecraft import pictures as minecraft
+from smartplay_tools.games.minecraft.voxel import animals
+from smartplay_tools.games.minecraft.voxel.blocks import NAMES
+from smartplay_tools.messages import pictures_of, text_of
+from smartplay_tools.pictures import RULES
+from smartplay_tools.pictures.png import LARGEST_SCALE, encode
+from smartplay_tools.players.random import RandomPlayer
+from smartplay_tools.records import recorded_pictures, replay, resume, sent_prompts
+from smartplay_tools.tokens import TokenCounter, get_tokenizer
+from tests import fuzz, scripts
+
+GAMES = ("Crafter-v0", "MinedojoCreative0-v0")
+SHOWN = "The picture shows the current observation."
+
+
+def noise(rows: int, columns: int) -> np.ndarray:
+    """Pixels that need no random generator, so that they are the same everywhere."""
+    numbers = np.arange(rows * columns * 3, dtype=np.uint64) * 2654435761 % 2**32 >> 24
+    return numbers.astype(np.uint8).reshape(rows, columns, 3)
+
+
+def played(steps: int = 12, game: str = "Crafter-v0", **options):
+    """The events of an episode that the random player plays, cut off after some steps."""
+    events = []
+    budget = sp.Budget(**{"tool_calls": steps, **options.pop("budget", {})})
+    episode = sp.Episode(game, seed=3, budget=budget, transcript=events, **options)
+    sp.play(episode, RandomPlayer())
+    return events
+
+
+# The file.
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "scale", "sha256"),
+    [
+        (63, 63, 4, "14b5232c60efbe6076850a8ba3a44ea5cfdf517b6453b3681914ef63e38cb224"),
+        (17, 17, 12, "612fe4b365cc67a519f224a3e6f39905601a57f9d4f44d01525d45d7eb33c25c"),
+        (5, 3, 2, "526c7d5471af5e9637a48cd3d9b89c0c99767c40651a148a6fbb6c039b6d05eb"),
+        (3, 2, 1, "2cc3630ca5c8bf699070a927490bb05d3e7110262135dcc9dbb36c82dc9a08b4"),
+    ],
+)
+def test_a_picture_has_the_same_bytes_on_every_platform(rows, columns, scale, sha256):
+    assert encode(noise(rows, columns), scale).sha256 == sha256
+
+
+@pytest.mark.parametrize("scale", range(1, LARGEST_SCALE + 1))
+@pytest.mark.parametrize(("rows", "columns"), [(63, 63), (1, 1), (2, 31), (7, 100), (9, 64)])
+def test_a_picture_is_read_as_its_pixels_enlarged(rows, columns, scale):
+    pixels = noise(rows, columns)
+    picture = encode(pixels, scale)
+    with Image.open(io.BytesIO(picture.png)) as image:
+        assert np.array_equal(np.array(image), pixels.repeat(scale, 0).repeat(scale, 1))
+    assert (picture.width, picture.height) == (columns * scale, rows * scale)
+
+
+def test_rows_that_are_too_long_to_be_repeated_are_stored():
+    pixels = noise(2, 3000)
+    with Image.open(io.BytesIO(encode(pixels, 4).png)) as image:
+        assert np.array_equal(np.array(image), pixels.repeat(4, 0).repeat(4, 1))
+
+
+def test_a_file_has_its_checksums():
+    png = encode(noise(5, 6), 3).png
+    at, kinds = 8, []
+    while at < len(png):
+        (length,) = struct.unpack(">I", png[at : at + 4])
+        body, crc = png[at + 4 : at + 8 + length], png[at + 8 + length : at + 12 + length]
+        assert struct.pack(">I", zlib.crc32(body)) == crc
+        kinds.append(body[:4])
+        if body[:4] == b"IDAT":
+            zlib.decompress(body[4:])  # checks Adler-32
+        at += 12 + length
+    assert kinds == [b"IHDR", b"IDAT", b"IEND"]
+
+
+def test_a_picture_is_not_enlarged_beyond_what_its_code_holds():
+    with pytest.raises(sp.InvalidArgumentError, match="enlarged 1 to 12 times, not 13"):
+        encode(noise(2, 2), 13)
+
+
+# Tokens.
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+def test_a_rule_counts_the_examples_of_its_source(rule):
+    assert rule.examples
+    for (width, height), tokens in rule.examples.items():
+        assert TokenCounter(f"approximate+{rule.name}").image(width, height) == tokens
+    assert rule.source.startswith("https://")
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+def test_a_larger_picture_never_has_fewer_tokens_below_the_cap_of_its_rule(rule):
+    sizes = [28, 64, 200, 252, 288, 384]
+    counts = [rule.count(side, side) for side in sizes]
+    assert counts == sorted(counts)
+
+
+def test_the_rule_is_part_of_the_tokenizer():
+    tokenizer = get_tokenizer("o200k_base+openai-tiles")
+    assert tokenizer.name == "o200k_base+openai-tiles"
+    assert tokenizer.sha256 == get_tokenizer().sha256
+    assert TokenCounter(tokenizer).text("Move North") == TokenCounter().text("Move North")
+    assert TokenCounter(tokenizer).image(252, 252) == 255
+
+
+def test_an_unknown_rule_is_named():
+    with pytest.raises(UnknownNameError, match=r"rule for pictures 'claude-29'; did you mean claude-28"):
+        get_tokenizer("o200k_base+claude-29")
+
+
+def test_words_are_not_counted_as_pictures_without_a_rule():
+    with pytest.raises(sp.InvalidArgumentError, match=r"name a rule with it: o200k_base\+claude-28"):
+        TokenCounter().image(252, 252)
+
+
+def test_a_tokenizer_of_yours_may_count_pictures_itself():
+    class Own(scripts.Words):
+        name = "own"
+
+        def image(self, width, height):
+            return 7
+
+    with sp.Episode("Crafter-v0", seed=1, observation="picture", tokenizer=Own()) as episode:
+        assert episode.config.tokenizer == "own"
+        assert episode.counter.image(252, 252) == 7
+
+
+# An episode.
+
+
+def test_words_are_the_default_and_leave_configs_as_they_were():
+    with sp.Episode("Crafter-v0", seed=1) as episode, sp.Episode("Crafter-v0", seed=1, observation="text") as same:
+        assert "observation" not in episode.config.to_json()
+        assert episode.config.key == same.config.key
+        assert episode.config.tokenizer == "o200k_base"
+        assert episode.call("act", {"action": "Noop"}).picture is None
+
+
+@pytest.mark.parametrize(("form", "beside"), [("picture", SHOWN), ("both", "You took action noop.")])
+def test_a_result_shows_the_picture_of_its_observation(form, beside):
+    with sp.Episode("Crafter-v0", seed=1, observation=form) as episode:
+        assert episode.config.tokenizer == "o200k_base+claude-28"
+        result = episode.call("act", {"action": "Noop"})
+        assert result.text.startswith(beside)
+        assert result.picture == episode.game.picture()
+        assert result.data["picture"] == {"sha256": result.picture.sha256, "width": 252, "height": 252}
+        assert episode.call("observe").picture == result.picture
+        for mistake in (episode.call("act", {"action": "Fly"}), episode.call("jump"), episode.call("read_manual")):
+            assert mistake.picture is None
+            assert "picture" not in mistake.data
+
+
+def test_crafters_picture_is_the_originals_enlarged_fourfold():
+    with sp.Episode("Crafter-v0", seed=1, observation="picture") as episode:
+        for action in ("Noop", "Move West", "Do"):
+            picture = episode.call("act", {"action": action}).picture
+        original = draw(episode.game._world.scene())[:63, :63]
+        with Image.open(io.BytesIO(picture.png)) as image:
+            assert np.array_equal(np.array(image), original.repeat(4, 0).repeat(4, 1))
+
+
+@pytest.mark.parametrize(("size", "side"), [(64, 252), (126, 252), (252, 252), (90, 180), (300, 297)])
+def test_picture_size_gives_finer_textures(size, side):
+    with sp.Episode("Crafter-v0", seed=1, observation="picture", picture_size=size) as episode:
+        picture = episode.call("observe").picture
+        assert (picture.width, picture.height) == (side, side)
+
+
+@pytest.mark.slow
+def test_both_engines_of_crafter_show_the_same_pictures():
+    shown = []
+    for engine in ("fast", "crafter"):
+        with sp.Episode("Crafter-v0", seed=5, observation="picture", engine=engine) as episode:
+            shown.append([episode.call("act", {"action": "Move West"}).picture.sha256 for _ in range(5)])
+    assert shown[0] == shown[1]
+
+
+def test_looking_changes_nothing():
+    ends = [played(40, observation=form)[-1]["result"]["state_hash"] for form in ("text", "picture", "both")]
+    assert len(set(ends)) == 1
+
+
+def test_every_block_and_animal_of_minecraft_has_a_colour_of_its_own():
+    assert set(minecraft.BLOCKS) == set(NAMES["corrected"].tolist())
+    assert set(minecraft.ANIMALS) == set(animals.NAMES.tolist()) - {"null"}
+    colours = [*minecraft.BLOCKS.values(), *minecraft.ANIMALS.values()]
+    assert len(set(colours)) == len(colours)
+
+
+def test_minecrafts_picture_has_the_sky_above_and_the_ground_below():
+    with sp.Episode("MinedojoCreative0-v0", seed=3, observation="both") as episode:
+        picture = episode.call("observe").picture
+        pixels = minecraft.draw(episode.game._seen)
+        assert (picture.width, picture.height) == (204, 204)
+        assert episode.counter.image(204, 204) == 64
+    sky = [(pixels[row] == minecraft.BLOCKS["air"]).all(axis=-1).sum() for row in (0, -1)]
+    assert sky[0] > sky[1] == 0
+
+
+@pytest.mark.parametrize("game", GAMES)
+@pytest.mark.parametrize("form", ["picture", "both"])
+def test_a_record_has_no_pictures_and_its_replay_makes_them_again(game, form):
+    events = played(8, game, observation=form)
+    assert "png" not in json.dumps(events)
+    assert replay(events).identical
+    pictures = recorded_pictures(events)
+    shown = [event["data"]["picture"] for event in events if event["event"] == "call" and "picture" in event["data"]]
+    assert len(shown) == 8
+    for facts in shown:
+        picture = pictures[facts["sha256"]]
+        assert hashlib.sha256(picture.png).hexdigest() == facts["sha256"]
+        assert picture.facts == facts
+
+
+def test_a_record_that_names_another_picture_is_found_out():
+    events = played(3, observation="picture")
+    [*_, last] = [event for event in events if event["event"] == "call"]
+    last["data"]["picture"]["sha256"] = "0" * 64
+    assert not replay(events).identical
+    assert any("sha256" in difference for difference in replay(events).differences)
+    with pytest.raises(TranscriptError, match="a picture that its game does not make here"):
+        recorded_pictures(events)
+
+
+def test_prompts_are_rebuilt_with_their_pictures():
+    events = played(6, observation="both", budget={"history": 2})
+    for sent in sent_prompts(events, pictures=recorded_pictures(events)):
+        assert sent.sha256 == sent.recorded_sha256
+        named = [part["sha256"] for message in sent.prompt.messages for part in pictures_of(message)]
+        assert set(sent.prompt.pictures) == set(named)
+    assert len(named) == 3  # the current one, and two of the past
+    assert not any(sent.prompt.pictures for sent in sent_prompts(events))
+
+
+def test_a_prompts_sha256_depends_on_its_pictures():
+    shas = []
+    for seed in (1, 2):  # two worlds, whose words here are the same
+        events = []
+        with sp.Episode("Crafter-v0", seed=seed, observation="picture", transcript=events) as episode:
+            conversation = sp.Conversation(episode)
+            conversation.prompt()
+            conversation.receive(scripts._move({"content": None}, [(("observe", "{}"), "a")], []).message)
+            messages = conversation.prompt().messages
+            assert text_of(messages[-1]) == SHOWN
+        shas.append([event["sha256"] for event in events if event["event"] == "view"])
+    assert shas[0][0] == shas[1][0]
+    assert shas[0][1] != shas[1][1]
+
+
+def test_an_episode_with_pictures_is_continued_from_its_record(tmp_path):
+    file = tmp_path / "record.jsonl"
+    with sp.Episode("Crafter-v0", seed=1, observation="both", transcript=file) as episode:
+        conversation = sp.Conversation(episode)
+        for _ in range(3):
+            conversation.prompt()
+            conversation.receive(scripts._move({"content": None}, [(("observe", "{}"), "a")], []).message)
+        before = conversation.prompt()
+        episode._transcript.close()
+        episode._transcript = None
+    with resume(file) as resumed:
+        after = resumed.conversation.prompt()
+        assert after.messages == before.messages
+        assert after.pictures == before.pictures
+        assert after.pictures
+
+
+# Caps.
+
+
+def test_words_are_cut_beside_a_picture_and_the_picture_is_not():
+    budget = sp.Budget(result_tokens=81 + 20)
+    with sp.Episode("Crafter-v0", seed=1, observation="both", budget=budget) as episode:
+        result = episode.call("act", {"action": "Noop"})
+        assert "tokens cut]" in result.text
+        assert episode.counter.text(result.text) <= 20
+        assert result.picture.width == 252
+
+
+@pytest.mark.parametrize(("field", "least"), [("result_tokens", 81 + 12), ("prompt_tokens", None)])
+def test_a_picture_that_does_not_fit_is_refused_when_the_episode_is_made(field, least):
+    if least is None:
+        with sp.Episode("Crafter-v0", seed=1) as episode:
+            least = episode.counter.prompt(episode.head, episode.tools) + 81 + 12
+    with pytest.raises(sp.InvalidArgumentError, match=f"{field}={least - 1} cannot hold an observation with a picture"):
+        sp.Episode("Crafter-v0", seed=1, observation="picture", budget=sp.Budget(**{field: least - 1}))
+    sp.Episode("Crafter-v0", seed=1, observation="picture", budget=sp.Budget(**{field: least})).close()
+
+
+def test_auto_gives_a_result_the_room_of_its_picture_in_addition():
+    caps = {}
+    for form in ("text", "picture"):
+        with sp.Episode("Crafter-v0", seed=1, observation=form, budget=sp.Budget(prompt_tokens=900)) as episode:
+            caps[form] = episode.budget.result_tokens, episode.budget.manual_tokens
+    assert caps["picture"] == (caps["text"][0] + 81, caps["text"][1])
+
+
+def test_an_old_observation_is_masked_with_its_picture():
+    budget = {"history": 1, "beyond_history": "mask"}
+    events = played(5, observation="both", budget=budget)
+    *_, last = sent_prompts(events)
+    results = [message for message in last.prompt.messages if message["role"] == "tool"]
+    assert [len(pictures_of(message)) for message in results] == [0, 0, 1, 1]
+    assert {text_of(message) for message in results[:2]} == {"[observation left the history window]"}
+
+
+@pytest.mark.parametrize("form", ["picture", "both"])
+def test_prompts_with_pictures_are_judged(form):
+    counts = Counter()
+    for number in range(12):
+        fuzz.hostile_conversation(random.Random(f"pictures {number}"), counts, form)
+    assert counts["pictures in prompts"] > 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["picture", "both"])
+def test_many_prompts_with_pictures_are_judged(form):
+    counts, number = Counter(), 0
+    while counts["prompts"] < 2_000:
+        number += 1
+        fuzz.hostile_conversation(random.Random(f"many pictures {number}"), counts, form)
+
+
+# Who may see them.
+
+
+@pytest.mark.parametrize(
+    ("game", "options", "why"),
+    [
+        ("Hanoi3Disk-v0", {}, "since it has no picture"),
+        ("MessengerL1-v0", {}, "since it has no picture"),
+        ("MinedojoCreative0-v0", {"engine": "minedojo"}, "since only its engine voxel draws pictures"),
+        ("MinedojoCreative0-v0", {"text": "paper"}, "turned upside down"),
+    ],
+)
+def test_a_game_without_pictures_is_refused_in_a_sentence(game, options, why):
+    with pytest.raises(sp.InvalidArgumentError, match=why):
+        sp.Episode(game, seed=1, observation="picture", **options)
+
+
+def test_another_word_is_refused():
+    with pytest.raises(sp.InvalidArgumentError, match="observation must be one of text, picture, both"):
+        sp.Episode("Crafter-v0", seed=1, observation="pictures")
+    assert Rules().observation == "text"
+
+
+def test_a_player_of_words_is_refused_before_its_first_reply():
+    with (
+        sp.Episode("Crafter-v0", seed=1, observation="picture") as episode,
+        pytest.raises(sp.InvalidArgumentError, match=r"rule does not play from observation=\"picture\""),
+    ):
+        sp.play(episode, sp.get_player("rule"))
+
+
+def test_a_run_is_refused_before_it_begins(tmp_path):
+    with pytest.raises(sp.InvalidArgumentError, match="rule does not play from"):
+        sp.evaluate(["Crafter-v0"], ["rule"], out=tmp_path / "run", trials=1, observation="picture")
+
+
+def test_a_host_of_words_is_refused():
+    with sp.Episode("Crafter-v0", seed=1, observation="both") as episode:
+        with pytest.raises(sp.InvalidArgumentError, match="results in words only"):
+            sp.AgentSession(episode)
+        with pytest.raises(sp.InvalidArgumentError, match="results in words only"):
+            episode.functions()
+        with pytest.raises(sp.InvalidArgumentError, match="results in words only"):
+            GameTools(episode)
+        sp.AgentSession(episode, pictures=True)
+
+
+def test_a_sweep_varies_what_observations_are(tmp_path):
+    forms = ["text", "picture", "both"]
+    budget = sp.Budget(tool_calls=3)
+    swept = sp.sweep(
+        ["Crafter-v0"],
+        ["random"],
+        out=tmp_path / "run",
+        vary={"observation": forms},
+        budget=budget,
+        trials=1,
+        executor="inline",
+    )
+    assert [row["observation"] for row in swept.rows] == forms
+    assert len({row["seed"] for row in swept.rows}) == 1
+    assert len({row["state_hash"] for row in swept.rows}) == 1
+    assert {row["tokenizer"] for row in swept.rows[1:]} == {"o200k_base+claude-28"}
