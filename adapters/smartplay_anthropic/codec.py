@@ -14,7 +14,8 @@ from types import MappingProxyType
 from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
-from smartplay_tools.messages import text_of
+from smartplay_tools.messages import pictures_of, text_of
+from smartplay_tools.pictures import Picture
 from smartplay_tools.players import BrokenAnswerError
 from smartplay_tools.prompts import CacheMarks
 
@@ -49,8 +50,9 @@ def request(
             case "assistant":
                 messages.append({"role": "assistant", "content": _assistant(message)})
             case "tool":
+                content = _result(message, prompt.pictures)
                 call_id = message.get("tool_call_id", "")
-                _add_to_user(messages, {"type": "tool_result", "tool_use_id": call_id, "content": text_of(message)})
+                _add_to_user(messages, {"type": "tool_result", "tool_use_id": call_id, "content": content})
             case "user":
                 _add_to_user(messages, {"type": "text", "text": text_of(message) or NOTHING})
         if number + 1 == prompt.prefix_messages:
@@ -103,6 +105,18 @@ def reply(answer: Any) -> Reply:
         if thinking := _joined(blocks, "thinking"):
             message["reasoning_content"] = thinking
     return Reply(message, usage)
+
+
+def _result(message: Message, pictures: Mapping[str, Picture]) -> str | list[dict[str, Any]]:
+    """The content of a result: its text, and its pictures as blocks after it."""
+    text, named = text_of(message), pictures_of(message)
+    if not named:
+        return text
+    blocks: list[dict[str, Any]] = [{"type": "text", "text": text}] if text else []
+    for part in named:
+        source = {"type": "base64", "media_type": "image/png", "data": pictures[part["sha256"]].base64}
+        blocks.append({"type": "image", "source": source})
+    return blocks
 
 
 def _assistant(message: Message) -> list[dict[str, Any]]:

@@ -40,6 +40,7 @@ class AnthropicPlayer(ModelPlayer):
         options: those of `ModelPlayer`: `seed`, `retries`, `pause`, `at_once`.
     """
 
+    observations = ("text", "picture", "both")
     failures = (anthropic.APIError, BrokenAnswerError, json.JSONDecodeError)
 
     def __init__(

@@ -53,6 +53,8 @@ class OpenAIPlayer(ModelPlayer):
             unchanged since the previous prompt for models that cache up to marks. Other servers are sent neither.
         parse_calls: read the calls that the model writes as text, in the format "hermes", "llama" or "mistral", where
             the server does not.
+        pictures: whether the model sees pictures, which many servers accept and do not show; without it, episodes whose
+            observations are pictures are refused.
         tool_choice: "required" has the server make every reply a call; a summary is asked for without tools.
         options: those of `ModelPlayer`: `seed`, `retries`, `pause`, `at_once`.
     """
@@ -77,11 +79,13 @@ class OpenAIPlayer(ModelPlayer):
         cache: bool = True,
         parse_calls: str | None = None,
         tool_choice: str | None = None,
+        pictures: bool = False,
         **options: Any,
     ) -> None:
         if not model:
             raise InvalidArgumentError(f"This player needs a model: {self._registered}:MODEL.")
         super().__init__(f"{self._registered}:{model}", **options)
+        self.observations = ("text", "picture", "both") if pictures else ("text",)
         check_parser(parse_calls)
         self._parser = parse_calls
         base_url = base_url or os.environ.get("OPENAI_BASE_URL") or DEFAULT_BASE_URL

@@ -22,7 +22,8 @@ from smartplay_openai.problems import RequestError, bad, check_calls, read_limit
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage, schema
-from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, text_of
+from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, pictures_of, text_of
+from smartplay_tools.pictures import Picture
 from smartplay_tools.players import BrokenAnswerError
 from smartplay_tools.prompts import received, stable_end
 
@@ -57,7 +58,7 @@ class Responses(Interface):
         items = [
             _marked(item) if number == at else item
             for number, message in enumerate(acceptable(prompt.messages))
-            for item in _items(message)
+            for item in _items(message, prompt.pictures)
         ]
         arguments: dict[str, Any] = {"input": items, "store": False, "include": ["reasoning.encrypted_content"]}
         if prompt.tools:
@@ -186,10 +187,13 @@ def _content(texts: list[str]) -> str | list[dict[str, str]] | None:
     return [{"type": "text", "text": text} for text in texts] if len(texts) > 1 else "".join(texts) or None
 
 
-def _items(message: Message) -> Iterator[dict[str, Any]]:
+def _items(message: Message, pictures: Mapping[str, Picture]) -> Iterator[dict[str, Any]]:
     if message["role"] == "tool":
-        output = {"call_id": message.get("tool_call_id"), "output": text_of(message)}
-        yield {"type": "function_call_output", **output}
+        output: Any = text_of(message)
+        if named := pictures_of(message):
+            shown = [{"type": "input_image", "image_url": pictures[part["sha256"]].data_url} for part in named]
+            output = [{"type": "input_text", "text": output}, *shown]
+        yield {"type": "function_call_output", "call_id": message.get("tool_call_id"), "output": output}
     elif message["role"] == "assistant":
         yield from output_items(message)
     else:
@@ -199,7 +203,8 @@ def _items(message: Message) -> Iterator[dict[str, Any]]:
 def _marked(item: dict[str, Any]) -> dict[str, Any]:
     """An input item, which is not the assistant's, with a mark for the cache."""
     field = "output" if item.get("type") == "function_call_output" else "content"
-    return {**item, field: [{"type": "input_text", "text": item[field], **BREAKPOINT}]}
+    parts = item[field] if isinstance(item[field], list) else [{"type": "input_text", "text": item[field]}]
+    return {**item, field: [*parts[:-1], {**parts[-1], **BREAKPOINT}]}
 
 
 def output_items(message: Message) -> Iterator[dict[str, Any]]:

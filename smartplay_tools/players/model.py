@@ -16,6 +16,7 @@ import threading
 import time
 import weakref
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from ipaddress import ip_address
@@ -45,6 +46,9 @@ class ModelPlayer(ABC):
 
     serves_many: ClassVar[bool] = True
     """One object plays all episodes of a run that share an event loop."""
+
+    observations: Sequence[str] = ("text",)
+    """What observations can be, for the model to play."""
 
     failures: tuple[type[Exception], ...] = ()
     """The exceptions of a failed request. Temporary ones are retried; any other exception is a bug."""

@@ -223,10 +223,13 @@ async def _call(hosted: Hosted, params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def call_result(result: ToolResult) -> dict[str, Any]:
-    """Return a result in the protocol's form: its text as content, and again in the structured content."""
+    """Return a result in the protocol's form: text and picture as content, the text in the structured content, too."""
+    content: list[dict[str, Any]] = [{"type": "text", "text": result.text}]
+    if result.picture is not None:
+        content.append({"type": "image", "data": result.picture.base64, "mimeType": "image/png"})
     facts = {"step": result.data["step"], "done": result.done, "is_error": result.is_error}
     return {
-        "content": [{"type": "text", "text": result.text}],
+        "content": content,
         "structuredContent": {"text": result.text, **facts},
         "isError": result.is_error,
     }
