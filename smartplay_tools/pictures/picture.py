@@ -11,7 +11,6 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any
 
 
@@ -45,7 +44,8 @@ class Picture:
         return {"sha256": self.sha256, "width": self.width, "height": self.height}
 
 
-NO_PICTURES: Mapping[str, Picture] = MappingProxyType({})
+NO_PICTURES: Mapping[str, Picture] = {}
+"""The pictures of a prompt of words. It is a plain dictionary, so that prompts can be pickled."""
 
 
 def picture_part(facts: Mapping[str, Any]) -> dict[str, Any]:
