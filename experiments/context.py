@@ -92,7 +92,7 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         "vary": {
             "history": (0, 1, 2, 3),
         },
-        "trials": 20,
+        "trials": 200,
     },
     "minecraft": {
         "games": ("MinedojoCreative0-v0", "MinedojoCreative1-v0"),

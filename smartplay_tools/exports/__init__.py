@@ -5,11 +5,13 @@
 selection  which episodes are exported
 sft        rows for supervised fine-tuning: what a model saw and what it said
 atif       trajectories in the Agent Trajectory Interchange Format
+published  results in the formats of those who collect them
 card       the dataset card that is written beside the data, with what its worlds teach apart from the games
 export     the formats by name, and the function above
 """
 
-from smartplay_tools.exports.export import FORMATS, Exported, export
+from smartplay_tools.exports.export import FORMATS, RESULTS, Exported, export
+from smartplay_tools.exports.published import Publication
 from smartplay_tools.exports.selection import EpisodeSelection
 
-__all__ = ["FORMATS", "EpisodeSelection", "Exported", "export"]
+__all__ = ["FORMATS", "RESULTS", "EpisodeSelection", "Exported", "Publication", "export"]

@@ -1,10 +1,11 @@
-"""export: the finished episodes of a run as data of a format, with a dataset card beside it."""
+"""export: the finished episodes of a run as data of a format, with a dataset card beside it, or as results."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,6 +14,7 @@ from pydantic import ValidationError
 
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.exports.card import dataset_card
+from smartplay_tools.exports.published import Publication
 from smartplay_tools.exports.selection import EpisodeSelection
 from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
@@ -35,7 +37,13 @@ FORMATS: dict[str, str] = {
 WITH_SUMMARIES = ("sft", "sft-chains")
 """The formats that can have rows for prompts for a summary."""
 
-_REGISTRY = Registry("export format", FORMATS)
+RESULTS: dict[str, str] = {
+    "eee": "smartplay_tools.exports.published:write_eee",
+    "hf-results": "smartplay_tools.exports.published:write_hub_results",
+}
+"""The formats of results: their functions also take a `Publication`, and they have no dataset card."""
+
+_REGISTRY = Registry("export format", FORMATS | RESULTS)
 
 
 @dataclass(frozen=True)
@@ -55,14 +63,16 @@ def export(
     format: str = "sft",  # noqa: A002 - the word of the command line
     *,
     summaries: bool = False,
+    publication: Mapping[str, Any] | None = None,
     **selection: Any,
 ) -> Exported:
     """Export the finished episodes of a run's folder, of a folder of records, or of one record.
 
     `out` is a new folder, in which the data and a dataset card (`README.md`) are written. With `summaries`, the replies
-    to prompts for a summary have rows as others do. `selection` are the fields of an `EpisodeSelection`. Every prompt
-    is rebuilt from its record and verified; a record that was changed is a `TranscriptError`, and a selection without
-    any episode an `InvalidArgumentError`.
+    to prompts for a summary have rows as others do. `selection` are the fields of an `EpisodeSelection`, and
+    `publication` those of a `Publication`, for the formats of results. Every prompt is rebuilt from its record and
+    verified; a record that was changed is a `TranscriptError`, and a selection without any episode an
+    `InvalidArgumentError`.
     """
     write: Write = _REGISTRY[format]
     if summaries and format not in WITH_SUMMARIES:
@@ -71,9 +81,13 @@ def export(
             "summaries out."
         )
     try:
-        chosen = EpisodeSelection(**selection)
+        chosen, about = EpisodeSelection(**selection), Publication(**(publication or {}))
     except ValidationError as error:
         raise InvalidArgumentError(f"The selection is invalid: {in_one_line(error)}.") from None
+    if format in RESULTS:
+        write = partial(write, about=about)
+    elif about != Publication():
+        raise InvalidArgumentError(f"The format {format} holds data; only {' and '.join(RESULTS)} say whose results.")
     records, left_out = chosen.choose(Path(source))
     if not records:
         why = ", ".join(f"{number} {reason}" for reason, number in left_out.items()) or "there is none"
@@ -87,8 +101,9 @@ def export(
         part.mkdir()
         written: list[Record] = []
         counts = write(_read(records, written), part, **({"summaries": True} if summaries else {}))
-        card = dataset_card(format, written, chosen, counts, left_out)
-        (part / "README.md").write_text(card, encoding="utf-8", newline="\n")
+        if format in FORMATS:
+            card = dataset_card(format, written, chosen, counts, left_out)
+            (part / "README.md").write_text(card, encoding="utf-8", newline="\n")
         part.rename(folder)
     return Exported(folder, counts, left_out)
 

@@ -7,13 +7,13 @@ episodes. What is left out is counted by its reason, so that a data set says wha
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.records.record import Record
+from smartplay_tools.records.run_folder import records_in
 
 
 class EpisodeSelection(BaseModel):
@@ -78,15 +78,3 @@ class EpisodeSelection(BaseModel):
             groups.setdefault((record.game, record.player), []).append(place)
         kept = {path for group in groups.values() for _, _, path in sorted(group)[: self.best]}
         return [pair for pair in matching if pair[0] in kept]
-
-
-def records_in(source: Path) -> Iterator[Path]:
-    """Yield the records in a run's folder (the finished episodes), a folder of records, or a file."""
-    if source.is_file():
-        yield source
-    elif (source / "manifest.json").exists():
-        yield from sorted((source / "episodes").glob("*.jsonl"))
-    elif source.is_dir():
-        yield from sorted(source.glob("*.jsonl"))
-    else:
-        raise InvalidArgumentError(f"There is no run and no record at {source}.")

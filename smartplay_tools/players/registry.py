@@ -16,6 +16,7 @@ from smartplay_tools.types import AsyncPlayer, Player
 
 PLAYERS: dict[str, str] = {
     "anthropic": "smartplay_anthropic:AnthropicPlayer",
+    "blind": "smartplay_tools.records.blind:BlindPlayer",
     "first": "smartplay_tools.players.first:FirstPlayer",
     "human": "smartplay_tools.players.human.player:HumanPlayer",
     "langchain": "smartplay_langchain:LangChainPlayer",
@@ -27,6 +28,9 @@ PLAYERS: dict[str, str] = {
     "rule-notes": "smartplay_tools.players.rule:RuleNotesPlayer",
 }
 """The players of this package: name -> location of the class."""
+
+BLIND = "blind"
+"""The player whose argument is a run to replay, not a model."""
 
 ENTRY_POINTS = "smartplay_tools.players"
 """The group under which other packages declare players."""
@@ -73,7 +77,7 @@ def get_player(name: str, *, seed: int = 0, **options: Any) -> Player | AsyncPla
 
 def is_model(name: str) -> bool:
     """Return whether a name is that of a player with a model behind it, such as `openai:MODEL`."""
-    return ":" in name and not is_in_file(name)
+    return ":" in name and not is_in_file(name) and not name.startswith(f"{BLIND}:")
 
 
 def is_interactive(name: str) -> bool:

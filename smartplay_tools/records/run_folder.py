@@ -116,3 +116,15 @@ class RunFolder:
 def _place(record: Path) -> tuple[str, int]:
     key, _, attempt = record.stem.partition(".")
     return key, int(attempt or 0)
+
+
+def records_in(source: Path) -> Iterator[Path]:
+    """Yield the records in a run's folder (the finished episodes), a folder of records, or a file."""
+    if source.is_file():
+        yield source
+    elif (source / "manifest.json").exists():
+        yield from sorted((source / "episodes").glob("*.jsonl"))
+    elif source.is_dir():
+        yield from sorted(source.glob("*.jsonl"))
+    else:
+        raise InvalidArgumentError(f"There is no run and no record at {source}.")

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 
 from smartplay_tools.evaluation.pages.report import write_report
-from tests.evaluation import populations
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = (
@@ -63,9 +62,3 @@ def show(browser, tmp_path) -> Iterator[Any]:
 def note_request(url: str, wrong: list[str]) -> None:
     if not url.startswith(("file:", "data:", "blob:")):
         wrong.append(f"request: {url}")
-
-
-@pytest.fixture(scope="session")
-def played(tmp_path_factory):
-    """Rows of our own players, from which simulations draw."""
-    return populations.play(tmp_path_factory.mktemp("populations"))

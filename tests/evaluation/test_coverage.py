@@ -1,90 +1,94 @@
-"""How often intervals hold the truth, by simulation: samples of 5, 10, 20 and 50 episodes of our own players, and worst
-cases.
-
-The truth is the mean of 200 episodes, from which 2,000 samples are drawn. The expected shares are what docs/metrics.md
-says, less three standard errors; where a population has rare failures, no interval without bounds does better.
-"""
+"""How often intervals hold the truth, by simulation: the page's figures, and what has no table there."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from smartplay_tools.evaluation.analysis import pairs
-from smartplay_tools.evaluation.analysis.intervals import Bounds, Method, Sample, mean_estimates
+from smartplay_tools.evaluation.analysis import area, intervals, pairs, repeats
+from smartplay_tools.evaluation.analysis.intervals import weighted_estimates
+from tests.evaluation import populations, simulations
 from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS
-
-pytestmark = pytest.mark.slow
-
-PASSES = Bounds(0, 1, two_valued=True)
-REPETITIONS, SIZES = 2_000, (5, 10, 20, 50)
+from tests.evaluation.simulated_tables import agrees, published
+from tests.evaluation.simulations import REPETITIONS
 
 
-def coverage(population, bounds: Bounds | None = None, method: Method = Method(), seed: int = 0) -> list[float]:  # noqa: B008
-    """The share of samples of each size whose interval holds the population's mean."""
-    population, generator = np.asarray(population, dtype=float), np.random.default_rng(seed)
-    shares = []
-    for n in SIZES:
-        drawn = generator.choice(population, size=(REPETITIONS, n)).tolist()
-        estimates = [
-            estimate
-            for first in range(0, REPETITIONS, 250)
-            for estimate in mean_estimates([Sample(values, bounds) for values in drawn[first : first + 250]], method)
-        ]
-        truth = population.mean()
-        shares.append(np.mean([e.low is None or e.low - 1e-9 <= truth <= e.high + 1e-9 for e in estimates]))
-    return shares
+@pytest.mark.slow
+@pytest.mark.parametrize("name", simulations.intervals())
+def test_the_page_says_how_often_an_interval_holds(name):
+    assert agrees("coverage", name, simulations.coverage(*simulations.intervals()[name]))
 
 
-@pytest.mark.parametrize(
-    ("cell", "least"),
-    [
-        ((BANDIT, "random", 50), (0.93, 0.93, 0.93, 0.93)),
-        ((BANDIT, "rule", 10), (0.75, 0.75, 0.80, 0.88)),  # skewed: a bad start now and then
-        ((BANDIT, "rule", 50), (0.70, 0.68, 0.72, 0.80)),  # rare failures
-        ((RPS, "rule", 50), (0.80, 0.85, 0.89, 0.92)),
-        ((HANOI, "random", 50), (0.93, 0.93, 0.93, 0.93)),
-        ((MESSENGER, "random", 3), (0.93, 0.93, 0.92, 0.93)),
-        ((MESSENGER, "rule", 0), (0.93, 0.93, 0.93, 0.88)),
-    ],
-)
-def test_scores_of_one_cell(played, cell, least):
-    sample = pairs.sample(played[cell], pairs.score)
-    assert np.all(np.array(coverage(sample.values, sample.bounds)) >= least)
+@pytest.mark.slow
+def test_the_page_says_how_often_intervals_hold_together():
+    figures = simulations.joint()
+    assert figures.keys() == published("together").keys()
+    assert all(agrees("together", name, own) for name, own in figures.items())
+    assert all(min(own) >= 0.935 for name, own in figures.items() if "Bonferroni" in name)
 
 
-@pytest.mark.parametrize(
-    ("cell", "other", "least"),
-    [
-        ((BANDIT, "rule", 50), (BANDIT, "random", 50), (0.91, 0.91, 0.91, 0.91)),
-        ((BANDIT, "rule", 10), (BANDIT, "rule", 50), (0.93, 0.93, 0.93, 0.90)),
-        ((RPS, "rule", 10), (RPS, "rule", 50), (0.91, 0.93, 0.93, 0.92)),
-        ((MESSENGER, "rule", 0), (MESSENGER, "rule", 3), (0.93, 0.93, 0.93, 0.88)),
-    ],
-)
-def test_differences_in_pairs(played, cell, other, least):
-    paired = pairs.pairs(played[cell], played[other])
-    sample = pairs.difference_sample(paired, pairs.score)
-    assert np.all(np.array(coverage(sample.values, sample.bounds)) >= least)
+@pytest.mark.slow
+@pytest.mark.parametrize("history", populations.HISTORIES)
+def test_populations_are_what_the_players_score(tmp_path, history):
+    recorded = populations.scores()
+    for cell, played in populations.play(tmp_path, history, trials=2).items():
+        assert recorded[cell][:2].tolist() == played
 
 
-@pytest.mark.parametrize("share", [0.02, 0.1, 0.5, 0.98])
-def test_shares(share):
-    """Wilson's interval covers 95 % on average and less near 0 and 1; the exact one never less."""
-    population = np.arange(200) < round(200 * share)
-    assert min(coverage(population, PASSES)) >= 0.88
-    assert min(coverage(population, PASSES, Method(exact=True))) >= 0.935
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [5, 10, 20, 50])
+def test_a_sum_over_settings(monkeypatch, n):
+    """A capability score, with a thousand resamples, since one interval of its ten thousand takes milliseconds."""
+    monkeypatch.setattr(intervals, "RESAMPLES", 1_000)
+    keys = (BANDIT, "random", 50), (RPS, "rule", 50), (HANOI, "random", 50), (MESSENGER, "random", 3)
+    scores = [populations.scores()[key] for key in keys]
+    scales = [1 / (populations.bounds(game).high - populations.bounds(game).low) for game, *_ in keys]
+    generator, held = np.random.default_rng(7), []
+    truth = sum(scale * values.mean() for scale, values in zip(scales, scores, strict=True))
+    for _ in range(REPETITIONS):
+        samples = [generator.choice(values, size=n).tolist() for values in scores]
+        (estimate,) = weighted_estimates(samples, [scales])
+        held.append(estimate.low is None or estimate.low <= truth <= estimate.high)
+    assert np.mean(held) >= 0.92
 
 
-@pytest.mark.parametrize(("wins", "losses"), [(0.0, 0.02), (0.02, 0.02), (0.3, 0.1), (0.5, 0.5), (0.0, 0.98)])
-def test_differences_of_shares_in_pairs(wins, losses):
-    counts = [round(200 * wins), round(200 * losses)]
-    population = np.repeat([1.0, -1.0, 0.0], [*counts, 200 - sum(counts)])
-    assert min(coverage(population, PASSES.of_differences)) >= (0.92 if losses < 0.9 else 0.88)
+@pytest.mark.slow
+@pytest.mark.parametrize("worlds", [10, 20, 50])
+def test_repeats(worlds):
+    """The mean of worlds, and pass^3, of a player that succeeds more often in some worlds than in others."""
+    generator, held = np.random.default_rng(8), []
+    for _ in range(REPETITIONS):
+        chances = generator.beta(2, 2, size=worlds)
+        successes = generator.binomial(5, chances)
+        every = np.array([repeats.pass_all(int(count), 5, 3) for count in successes])
+        _, low, high = repeats.by_worlds(every, lambda values: values.mean(axis=-1))
+        mean = intervals.mean_estimate((successes / 5).tolist(), method=intervals.Method(bootstrap=False))
+        held.append((low <= 2 * 3 * 4 / (4 * 5 * 6) <= high, mean.low <= 0.5 <= mean.high))
+    least = {10: (0.86, 0.93), 20: (0.90, 0.93), 50: (0.92, 0.93)}[worlds]
+    assert np.all(np.mean(held, axis=0) >= least)
 
 
-def test_what_is_nearly_always_equal():
-    """One episode in 200 fails totally: equal samples have the interval that their number gives, which holds it."""
-    population = np.repeat([1.0, -1.0], [199, 1])
-    assert min(coverage(population, Bounds(-1, 1))) >= 0.935
-    assert min(coverage(np.ones(200), Bounds(-1, 1))) == 1
+@pytest.mark.slow
+@pytest.mark.parametrize("seeds", [5, 10, 20, 50])
+def test_an_area_under_a_curve(seeds):
+    """Four caps an octave apart, in the bandit: `random` under the smallest, `rule` with 10 and 50 past steps above."""
+    recorded = populations.scores()
+    chance = recorded[BANDIT, "random", 50]
+    curve = np.stack(
+        [recorded[BANDIT, "random", 10], *([recorded[BANDIT, "rule", 10]] * 2), recorded[BANDIT, "rule", 50]], 1
+    )
+    places = np.log([250, 500, 1_000, 2_000]).tolist()
+    truth = area.interval_of(*area.with_jackknife(curve, chance, places))[0]
+    generator, held = np.random.default_rng(9), []
+    for _ in range(REPETITIONS):
+        worlds = generator.integers(200, size=seeds)
+        _, low, high = area.interval_of(*area.with_jackknife(curve[worlds], chance[worlds], places))
+        held.append(low <= truth <= high)
+    assert np.mean(held) >= 0.91
+
+
+@pytest.mark.slow
+def test_no_episode_leaves_the_declared_bounds():
+    for (game, *_), scores in populations.scores().items():
+        assert populations.bounds(game).hold(tuple(sorted(scores.tolist())))
+        assert pairs.bounds_of(pairs.score, game) == populations.bounds(game)

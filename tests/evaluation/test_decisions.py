@@ -9,10 +9,12 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.analysis import compare, pairs
+from smartplay_tools.evaluation.analysis import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin, decide, mde, pairs_needed, plan_pairs
 from smartplay_tools.evaluation.analysis.intervals import Bounds, Sample, mean_estimate
+from tests.evaluation import simulations
 from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, tilted
+from tests.evaluation.simulated_tables import agrees
 from tests.evaluation.window_rows import row
 
 SMALL = Sample([0.5, -0.5] * 50)
@@ -92,33 +94,16 @@ def test_the_commands(tmp_path):
 
 # Simulations.
 
-REPETITIONS = 2_000
-
-
-def drawn(population, n, weights=None, seed=0):
-    return np.random.default_rng(seed).choice(population, size=(REPETITIONS, n), p=weights).tolist()
-
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("cell", "margin", "n", "most"),
-    [
-        ((HANOI, "random", 50), 0.5, 20, 0.065),
-        ((MESSENGER, "random", 3), 0.4, 50, 0.065),
-        ((RPS, "random", 50), 2, 20, 0.065),
-        ((BANDIT, "random", 50), 3, 50, 0.065),
-    ],
-)
-def test_how_often_a_word_is_wrong(played, cell, margin, n, most):
-    """Two players that score alike are "different", and those that differ by the margin "equivalent", in 5 %."""
-    sample = pairs.sample(played[cell], pairs.score)
-    scores = np.array(sample.values)
-    differences = np.random.default_rng(1).permutation(scores) - scores
-    bounds = sample.bounds.of_differences
-    alike = [words(values, margin, bounds) for values in drawn(differences, n, tilted(differences, 0))]
-    assert np.mean([word.startswith("different") for word in alike]) <= most
-    apart = [words(values, margin, bounds) for values in drawn(differences, n, tilted(differences, margin))]
-    assert np.mean([word in ("equivalent", "different, but less") for word in apart]) <= most
+@pytest.mark.parametrize("name", simulations.ALIKE)
+def test_the_page_says_how_often_a_word_is_wrong(name):
+    """Two players that score alike are "different", and those that differ by the margin "equivalent"."""
+    key, margin = simulations.ALIKE[name]
+    population = simulations.against_itself(key)
+    wrong = [error for n in simulations.WORD_SIZES for error in simulations.wrong_words(population, margin, n)]
+    assert agrees("words", name, wrong)
+    assert max(wrong) <= 0.065  # 5 %, and three standard errors
 
 
 @pytest.mark.slow
@@ -131,13 +116,11 @@ def test_how_often_a_word_is_wrong(played, cell, margin, n, most):
         ((BANDIT, "random", 50), 2),
     ],
 )
-def test_the_power_that_is_promised_is_had(played, cell, difference):
-    """With the pairs that a difference needs for 80 %, Student's t sees it in 77 to 84 of 100 comparisons."""
-    scores = np.array(pairs.sample(played[cell], pairs.score).values)
-    differences = np.random.default_rng(1).permutation(scores) - scores
-    weights = tilted(differences, difference)
-    spread = np.sqrt(weights @ (differences - difference) ** 2)
-    n = pairs_needed(difference, spread, 0.8)
-    samples = np.array(drawn(differences, n, weights))
+def test_the_power_that_is_promised_is_had(cell, difference):
+    """With the pairs that a difference needs for 80 %, Student's t sees it in 75 to 87 of 100 comparisons."""
+    population = simulations.against_itself(cell)
+    weights = tilted(population.values, difference)
+    spread = np.sqrt(weights @ (population.values - difference) ** 2)
+    samples = simulations.draw(population, pairs_needed(difference, spread, 0.8), 0, weights)
     seen = np.mean(stats.ttest_1samp(samples, 0, axis=1).pvalue < 0.05)
     assert 0.75 <= seen <= 0.87

@@ -6,15 +6,17 @@ import json
 
 import numpy as np
 import pytest
+from scipy import stats
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.analysis import pairs
 from smartplay_tools.evaluation.analysis.intervals import Bounds
-from smartplay_tools.evaluation.analysis.stopping import judge
+from smartplay_tools.evaluation.analysis.stopping import decided_at, judge
 from smartplay_tools.records.manifest import Until
-from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, tilted
+from tests.evaluation import simulations
+from tests.evaluation.populations import BANDIT, HANOI, RPS, tilted
+from tests.evaluation.simulated_tables import agrees, published
 
 UNIT = Bounds(-1, 1)
 
@@ -90,38 +92,13 @@ def test_a_game_without_bounds_or_one_player_is_refused_before_anything_is_playe
 
 # Simulations.
 
-REPETITIONS = 2_000
-
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("cell", "margin", "clip", "most_used"),
-    [
-        ((HANOI, "random", 50), 0.5, None, 0.40),
-        ((MESSENGER, "random", 3), 0.4, None, 0.40),
-        ((BANDIT, "random", 50), 3, None, 0.50),
-        ((RPS, "random", 50), 5, None, 0.40),
-    ],
-)
-@pytest.mark.parametrize("planned", [20, 50, 100])
-def test_errors_at_any_look_and_what_is_saved(played, cell, margin, clip, most_used, planned):
-    """A word is wrong in at most 5 %; a difference of twice the margin takes less than half of 100 planned pairs."""
-    sample = pairs.sample(played[cell], pairs.score)
-    scores = np.array(sample.values)
-    differences = np.random.default_rng(1).permutation(scores) - scores
-    bounds = sample.bounds.of_differences
-
-    def stops(truth):
-        generator = np.random.default_rng(2)
-        drawn = generator.choice(differences, size=(REPETITIONS, planned), p=tilted(differences, truth))
-        return [judge(values, bounds, margin) for values in drawn]
-
-    assert np.mean([stop.word == "different" for stop in stops(0)]) <= 0.05
-    assert np.mean([stop.word == "equivalent" for stop in stops(margin)]) <= 0.05
-    apart = stops(2 * margin)
-    assert np.mean([stop.low <= 2 * margin <= stop.high for stop in apart]) >= 0.95
-    if planned == 100:
-        assert np.mean([stop.pairs for stop in apart]) <= most_used * planned
+def test_the_page_says_how_often_stopping_errs_and_what_it_saves():
+    figures = simulations.stopping()
+    assert figures.keys() == published("stopping").keys()
+    assert all(agrees("stopping", name, own) for name, own in figures.items())
+    assert max(error for different, equivalent, *_ in figures.values() for error in (different, equivalent)) <= 0.05
 
 
 @pytest.mark.slow
@@ -129,7 +106,38 @@ def test_errors_at_any_look_and_what_is_saved(played, cell, margin, clip, most_u
 def test_errors_with_rare_failures(share):
     """Each side fails with this probability: the words are wrong no more often than in other cases."""
     generator = np.random.default_rng(3)
-    sides = (generator.random((2, REPETITIONS, 100)) < share).astype(float)
-    assert np.mean([judge(values, UNIT, 0.2).word == "different" for values in sides[0] - sides[1]]) <= 0.05
-    shifted = np.where(generator.random((REPETITIONS, 100)) < 0.2, 1.0, 0.0)
-    assert np.mean([judge(values, UNIT, 0.2).word == "equivalent" for values in shifted]) <= 0.05
+    sides = (generator.random((2, simulations.REPETITIONS, 100)) < share).astype(float)
+    assert simulations.stops(sides[0] - sides[1], UNIT, 0.2).different <= 0.05
+    shifted = np.where(generator.random((simulations.REPETITIONS, 100)) < 0.2, 1.0, 0.0)
+    assert simulations.stops(shifted, UNIT, 0.2).equivalent <= 0.05
+
+
+@pytest.mark.slow
+def test_several_comparisons_share_the_errors():
+    """Five players that score as the first one does: any of them is "different" in at most 5 % of runs."""
+    scores = np.random.default_rng(4).choice([-1.0, 0.0, 1.0], size=(6, simulations.REPETITIONS, 100))
+    places = [decided_at(each - scores[0], Bounds(-2, 2), 0.4, 5) for each in scores[1:]]
+    wrong = np.any([(different < 100) & (different <= equivalent) for different, equivalent in places], axis=0)
+    assert np.mean(wrong) <= 0.05
+
+
+@pytest.mark.slow
+def test_looking_at_an_ordinary_interval_after_every_pair_errs_more_often():
+    """Student's t of players that score alike, from the fifth of 100 pairs on: it excludes 0 at some look in a fifth."""
+    population = simulations.against_itself((RPS, "random", 50))
+    drawn = simulations.draw(population, 100, 6, tilted(population.values, 0))
+    n = np.arange(1, 101)
+    mean = np.cumsum(drawn, axis=1) / n
+    variance = (np.cumsum(drawn**2, axis=1) - n * mean**2)[:, 4:] / (n[4:] - 1)
+    half = stats.t.ppf(0.975, n[4:] - 1) * np.sqrt(variance / n[4:])
+    assert np.mean(np.any(np.abs(mean[:, 4:]) > half, axis=1)) >= 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", [0.0, 1.0])
+def test_the_interval_at_the_end_holds_the_truth(truth):
+    """The confidence sequence, whenever the run stopped: 400 runs, since its means are searched one by one."""
+    population = simulations.against_itself((HANOI, "random", 50))
+    drawn = simulations.draw(population, 100, 5, tilted(population.values, truth))[:400]
+    ends = [(stop.low, stop.high) for stop in (judge(values, population.bounds, 0.5) for values in drawn.tolist())]
+    assert np.mean([low <= truth <= high for low, high in ends]) >= 0.95

@@ -124,14 +124,14 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float]) -> 
         if gain.low is None or gain.high is None or gain.low <= 0 <= gain.high:
             curve_areas.append(Area(*facts, reason="full context is not shown to differ from random"))
             continue
-        whole, without = _with_jackknife(scores, chance, [math.log(cap) for cap in (*caps, max(peaks))])
-        difference = None if first is None else _interval(whole - first[0], without - first[1])
+        whole, without = with_jackknife(scores, chance, [math.log(cap) for cap in (*caps, max(peaks))])
+        difference = None if first is None else interval_of(whole - first[0], without - first[1])
         first = (whole, without) if first is None else first
-        curve_areas.append(Area(*facts, *_interval(whole, without), difference=difference))
+        curve_areas.append(Area(*facts, *interval_of(whole, without), difference=difference))
     return curve_areas
 
 
-def _with_jackknife(scores: Values, chance: Values, places: Sequence[float]) -> tuple[Values, Values]:
+def with_jackknife(scores: Values, chance: Values, places: Sequence[float]) -> tuple[Values, Values]:
     """The area of [seed, cap], and those without each of the seeds."""
     x = np.asarray(places)
     weights = np.zeros(len(x))
@@ -147,7 +147,8 @@ def _with_jackknife(scores: Values, chance: Values, places: Sequence[float]) -> 
     return ratio(*totals), ratio(*left)
 
 
-def _interval(whole: Values, without: Values) -> tuple[float, float, float]:
+def interval_of(whole: Values, without: Values) -> tuple[float, float, float]:
+    """A figure with its 95 % interval, from the figures without each of the seeds (jackknife)."""
     n = len(without)
     error = math.sqrt((n - 1) / n * float(((without - without.mean()) ** 2).sum()))
     half = t_quantile((1 - CONFIDENCE) / 2, n - 1) * error

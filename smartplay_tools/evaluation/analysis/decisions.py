@@ -11,12 +11,13 @@ from __future__ import annotations
 import functools
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.distributions import beyond, chi_squared_quantile, crossing, t_power
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, Method, Sample, mean_estimate, mean_estimates
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, Method, Sample, mean_estimates
 from smartplay_tools.games.specs import get_spec
 
 POWERS = (0.8, 0.9)
@@ -65,9 +66,20 @@ class Verdict:
 
 def decide(differences: Sample, margin: float, estimate: MeanEstimate | None = None) -> Verdict:
     """Judge the differences of pairs; `estimate` is their usual one, if it is known already."""
-    usual = mean_estimate(differences.values, differences.bounds) if estimate is None else estimate
+    return decide_all([differences], margin, None if estimate is None else [estimate])[0]
+
+
+def decide_all(
+    samples: Sequence[Sample], margin: float, estimates: Sequence[MeanEstimate] | None = None
+) -> list[Verdict]:
+    """Judge every sample of differences as if it were alone; those of one size share the drawing of resamples."""
+    usual = mean_estimates(samples) if estimates is None else estimates
+    return [_verdict(*both, margin) for both in zip(usual, mean_estimates(samples, TWO_ONE_SIDED), strict=True)]
+
+
+def _verdict(usual: MeanEstimate, narrower: MeanEstimate, margin: float) -> Verdict:
     # What equal pairs exclude, they exclude with 95 % on either side.
-    narrower = usual if usual.all_equal else mean_estimates([differences], TWO_ONE_SIDED)[0]
+    narrower = usual if usual.all_equal else narrower
     excludes_0 = usual.low is not None and usual.high is not None and not usual.low <= 0 <= usual.high
     within = narrower.low is not None and narrower.high is not None and -margin < narrower.low <= narrower.high < margin
     word: Word = "different" if excludes_0 else "equivalent" if within else "undecided"

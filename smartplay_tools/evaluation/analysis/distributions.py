@@ -1,16 +1,21 @@
 """The distributions that intervals and plans need: Student's t, central and not, chi-squared and the binomial.
 
-Written out, because SciPy takes 140 MB and nothing else of the package needs it; tests compare all of them with it.
+The standard library has the normal distribution only, and NumPy draws from the others without having their
+probabilities. SciPy has them all, but takes more than 100 MB, which the core does not need otherwise; tests compare
+these functions with it (`tests/evaluation/test_intervals.py`) and with statsmodels (`test_oracles.py`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from statistics import NormalDist
 
 import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64]
 
 NORMAL = NormalDist()
 """The standard normal distribution."""
@@ -70,11 +75,21 @@ def t_power(effect: float, n: int, alpha: float = 0.05) -> float:
     """
     df, shift = n - 1, effect * math.sqrt(n)
     critical = t_quantile(alpha / 2, df)
-    ratios = np.linspace(1e-6, 1 + 8 / math.sqrt(2 * df), 4001)
+    spread = 8 / math.sqrt(2 * df)
+    low, high = max(0.0, 1 - spread), 1 + spread
+    nodes, weights = _legendre()
+    ratios = (low + high) / 2 + (high - low) / 2 * nodes
     logs = (df - 1) * np.log(ratios) - df * ratios * ratios / 2
-    density = np.exp(logs - logs.max())
-    beyond_either = np.array([NORMAL.cdf(shift - critical * r) + NORMAL.cdf(-shift - critical * r) for r in ratios])
-    return float(density @ beyond_either / density.sum())
+    density = weights * np.exp(logs - logs.max())
+    either = [NORMAL.cdf(shift - critical * r) + NORMAL.cdf(-shift - critical * r) for r in ratios.tolist()]
+    return float(density @ np.array(either) / density.sum())
+
+
+@cache
+def _legendre() -> tuple[Values, Values]:
+    """Places between -1 and 1, and their weights, with which a smooth function is integrated (Gauss and Legendre)."""
+    nodes, weights = np.polynomial.legendre.leggauss(100)
+    return nodes, weights
 
 
 def _incomplete_beta(a: float, b: float, x: float) -> float:

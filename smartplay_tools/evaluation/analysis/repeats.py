@@ -69,16 +69,16 @@ def _repeats(cell: PlayedCell, rows: Sequence[Row], succeeds: Succeeds | None) -
     scores = np.array([[row["score"] for row in members] for members in played], dtype=float)
     if succeeds is None and any(row["completed"] for row in rows):
         succeeds = _completed
-    within, between = variances(scores)
+    within, between = map(float, variances(scores))
     counts = None if succeeds is None else np.array([sum(map(succeeds, members)) for members in played])
-    share = icc(scores)
+    share = float(icc(scores))
     return Repeats(
         cell,
         len(played),
         repeats,
         within,
         between,
-        None if share is None else _by_worlds(scores, lambda drawn: icc(drawn) or 0.0),
+        None if math.isnan(share) else by_worlds(scores, icc),
         noise_floor(within, len(played), repeats),
         None if counts is None else flips(counts, repeats),
         () if counts is None else tuple(_passes(counts, repeats)),
@@ -89,16 +89,17 @@ def _completed(row: Row) -> bool:
     return bool(row["completed"])
 
 
-def variances(scores: Values) -> tuple[float, float]:
-    """Return the variance of [world, repeat] within worlds, and that between them."""
-    within = float(scores.var(axis=1, ddof=1).mean())
-    return within, max(0.0, float(scores.mean(axis=1).var(ddof=1)) - within / scores.shape[1])
+def variances(scores: Values) -> tuple[Values, Values]:
+    """Return the variance of [..., world, repeat] within worlds, and that between them."""
+    within = scores.var(axis=-1, ddof=1).mean(axis=-1)
+    return within, np.maximum(0.0, scores.mean(axis=-1).var(axis=-1, ddof=1) - within / scores.shape[-1])
 
 
-def icc(scores: Values) -> float | None:
-    """Return the share of the variance that is between worlds; None without any variance."""
+def icc(scores: Values) -> Values:
+    """Return the share of the variance of [..., world, repeat] that is between worlds; NaN without any variance."""
     within, between = variances(scores)
-    return between / (between + within) if between + within else None
+    total = within + between
+    return np.divide(between, total, out=np.full_like(total, math.nan), where=total > 0)
 
 
 def noise_floor(within: float, worlds: int, repeats: int) -> float:
@@ -126,20 +127,22 @@ def _passes(counts: Values, repeats: int) -> list[tuple[int, Share, Share]]:
     rows = []
     for k in sorted({1, 3, repeats} & set(range(1, repeats + 1))):
         at, every = (np.array([chance(int(c), repeats, k) for c in counts]) for chance in (pass_at, pass_all))
-        rows.append((k, _by_worlds(at, _mean), _by_worlds(every, _mean)))
+        rows.append((k, by_worlds(at, _mean), by_worlds(every, _mean)))
     return rows
 
 
-def _mean(values: Values) -> float:
-    return float(values.mean())
+def _mean(values: Values) -> Values:
+    mean: Values = values.mean(axis=-1)
+    return mean
 
 
-def _by_worlds(values: Values, figure: Callable[[Values], float]) -> Share:
-    """A figure with the interval of a bootstrap of worlds, each with all of its repeats."""
-    generator = np.random.default_rng(SEED)
-    drawn = [figure(values[generator.integers(len(values), size=len(values))]) for _ in range(RESAMPLES // 5)]
-    low, high = np.quantile(drawn, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return figure(values), float(low), float(high)
+def by_worlds(values: Values, figure: Callable[[Values], Values]) -> Share:
+    """A figure of [world, ...] with the 95 % interval of a bootstrap of worlds, each with all of its repeats."""
+    worlds = len(values)
+    drawn = np.random.default_rng(SEED).integers(worlds, size=(RESAMPLES // 5, worlds))
+    # A resample whose worlds are all equal has no share of the variance; that between worlds is 0 there.
+    low, high = np.quantile(np.nan_to_num(figure(values[drawn])), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return float(figure(values)), float(low), float(high)
 
 
 NOTES = (

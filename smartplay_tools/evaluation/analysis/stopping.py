@@ -1,6 +1,6 @@
 """Stopping a comparison when it is decided, without more errors than a comparison of fixed length has.
 
-Who looks at an interval after every pair, and stops when it excludes 0, is wrong in a tenth to a half of all cases. Two
+Who looks at an interval after every pair, and stops when it excludes 0, is wrong far more often than it says. Two
 tests by betting are valid at any time instead (aGRAPA; Waudby-Smith and Ramdas, "Estimating Means of Bounded Random
 Variables by Betting", 2024): capital is staked against a mean before each pair, as the pairs before it advise, and if
 the mean is the true one, the capital ever reaches 20 times itself in at most one of 20 runs. That holds for all
@@ -55,37 +55,59 @@ class Evidence:
 
 def judge(differences: Sequence[float], bounds: Bounds, margin: float, comparisons: int = 1) -> Evidence:
     """Judge differences in their order, of which there must be some; `comparisons` share the errors of 5 %."""
+    values = np.asarray(differences, dtype=float)
+    first = [int(at) for at in decided_at(values, bounds, margin, comparisons)]
+    used = min(*first, len(values) - 1) + 1
+    word: Any = "undecided" if min(first) == len(values) else ("different", "equivalent")[first[1] < first[0]]
     width = bounds.high - bounds.low
-    x = (np.asarray(differences, dtype=float) - bounds.low) / width
-    zero, inside, outside = ((value - bounds.low) / width for value in (0, -margin, margin))
-    up, down = _log_capital(x, [zero, inside]), _log_capital(1 - x, [1 - zero, 1 - outside])
-    two_sided, one_sided = math.log(40 * comparisons), math.log(20 * comparisons)
-    differ = np.maximum(up[0], down[0]) >= two_sided
-    above, below = (np.maximum.accumulate(capital[1]) >= one_sided for capital in (up, down))
-    first = [int(np.argmax(reached)) if reached.any() else len(x) for reached in (differ, above & below)]
-    used = min(*first, len(x) - 1) + 1
-    word: Any = "undecided" if min(first) == len(x) else ("different", "equivalent")[first[1] < first[0]]
-    x = x[:used]
+    x = (values[:used] - bounds.low) / width
     grid = np.linspace(0, 1, GRID)[1:-1]
-    capital = np.maximum(_log_capital(x, grid).max(axis=1), _log_capital(1 - x, 1 - grid).max(axis=1))
-    mean, kept = float(x.mean()), grid[capital < two_sided].tolist()
+    capital = np.maximum(_log_capital(x, grid).max(axis=-1), _log_capital(1 - x, 1 - grid).max(axis=-1))
+    mean, kept = float(x.mean()), grid[capital < math.log(40 * comparisons)].tolist()
     low, high = min([mean, *kept]) - 1 / (GRID - 1), max([mean, *kept]) + 1 / (GRID - 1)
     ends = [float(bounds.low + width * min(1.0, max(0.0, end))) for end in (low, high)]
     return Evidence(word, used, float(bounds.low + width * mean), *ends)
 
 
+def decided_at(differences: Values, bounds: Bounds, margin: float, comparisons: int = 1) -> tuple[Values, Values]:
+    """The place of the pair from which on "different", and from which on "equivalent", is shown, or their number.
+
+    `differences` are those of one comparison, or of many, as [comparison, pair].
+    """
+    width = bounds.high - bounds.low
+    x = (differences - bounds.low) / width
+    zero, inside, outside = ((value - bounds.low) / width for value in (0, -margin, margin))
+    up, down = _log_capital(x, [zero, inside]), _log_capital(1 - x, [1 - zero, 1 - outside])
+    differ = np.maximum(up[..., 0, :], down[..., 0, :]) >= math.log(40 * comparisons)
+    above, below = (
+        np.maximum.accumulate(capital[..., 1, :], axis=-1) >= math.log(20 * comparisons) for capital in (up, down)
+    )
+    return _first(differ), _first(above & below)
+
+
+def _first(reached: Values) -> Values:
+    """The place of the first value that is true along the last axis; its length where none is."""
+    places: Values = np.where(reached.any(axis=-1), reached.argmax(axis=-1), reached.shape[-1])
+    return places
+
+
 def _log_capital(x: Values, against: Sequence[float] | Values) -> Values:
-    """The logarithm of the capital after each value, staked against true means of at most those, as [mean, value]."""
+    """The logarithm of the capital after each of [..., value], staked against true means of at most those.
+
+    It is [..., mean, value].
+    """
+    x = x[..., None, :]
     means = np.clip(np.asarray(against, dtype=float), 1e-12, 1)[:, None]
-    counts = np.arange(1, len(x) + 1)
-    average = (means + np.cumsum(x)) / (counts + 1)
-    variance = (PRIOR_VARIANCE + np.cumsum((x - average) ** 2, axis=1)) / (counts + 1)
+    counts = np.arange(1, x.shape[-1] + 1)
+    average = (means + np.cumsum(x, axis=-1)) / (counts + 1)
+    variance = (PRIOR_VARIANCE + np.cumsum((x - average) ** 2, axis=-1)) / (counts + 1)
     # A stake is what the values before it advise.
-    average = np.hstack([means, average[:, :-1]])
-    variance = np.hstack([np.full_like(means, PRIOR_VARIANCE), variance[:, :-1]])
+    before = np.broadcast_to(means, (*average.shape[:-1], 1))
+    average = np.concatenate([before, average[..., :-1]], axis=-1)
+    variance = np.concatenate([np.full_like(before, PRIOR_VARIANCE), variance[..., :-1]], axis=-1)
     stakes = np.clip((average - means) / (variance + (average - means) ** 2), 0, MOST_STAKED / means)
-    capital: Values = np.cumsum(np.log1p(stakes * (x - means)), axis=1)
-    capital[means[:, 0] <= 1e-12] = math.inf  # no mean is below the bound
+    capital: Values = np.cumsum(np.log1p(stakes * (x - means)), axis=-1)
+    capital[..., means[:, 0] <= 1e-12, :] = math.inf  # no mean is below the bound
     return capital
 
 

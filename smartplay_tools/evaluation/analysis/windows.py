@@ -77,10 +77,8 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
     ]
     paired = named_estimates(differing)
     compared = sum("score" in estimates for estimates in paired)
-    jointly = Method(1 - (1 - CONFIDENCE) / max(1, compared), bootstrap=False)
-    together = named_estimates(
-        ({name: sample for name, sample in measures.items() if name == "score"} for measures in differing), jointly
-    )
+    scores = ({name: sample for name, sample in measures.items() if name == "score"} for measures in differing)
+    together = named_estimates(scores, jointly(compared))
     token_fronts, cost_fronts = _fronts(groups, means, "tokens"), _fronts(groups, means, "cost")
     return [
         WindowComparison(
@@ -96,6 +94,11 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
         )
         for at, ((cell, members), reference) in enumerate(zip(groups, full, strict=True))
     ]
+
+
+def jointly(compared: int) -> Method:
+    """The method of intervals of which this many hold together in 95 of 100 cases (Bonferroni)."""
+    return Method(1 - (1 - CONFIDENCE) / max(1, compared), bootstrap=False)
 
 
 def width(cell: PlayedCell) -> tuple[float, float, float, float]:

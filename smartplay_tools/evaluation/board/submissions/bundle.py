@@ -2,6 +2,7 @@
 
     submission.json       who submits what (`metadata`)
     environment.json      the packages that prepared the bundle, and those that played
+    rollout-card.json     what the scores are computed from, by which rules, and without what (`card`)
     manifest.json         the plan of the run, as in its folder
     results.jsonl         the rows
     episodes/KEY.jsonl    the records of finished episodes
@@ -28,7 +29,7 @@ from pathlib import Path
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
 
 NAMES = re.compile(
-    r"(submission|environment|manifest)\.json|results\.jsonl|episodes/[0-9a-f]{16}\.jsonl"
+    r"(submission|environment|manifest|rollout-card)\.json|results\.jsonl|episodes/[0-9a-f]{16}\.jsonl"
     r"|attempts/[0-9a-f]{16}\.[1-9][0-9]{0,5}\.jsonl",
     re.ASCII,
 )

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.board.submissions import card
 from smartplay_tools.evaluation.board.submissions.bundle import BundleError, Limits, unpacked
 from smartplay_tools.evaluation.board.submissions.findings import Finding, error, remark, some
 from smartplay_tools.evaluation.board.submissions.metadata import Submission, read_submission
@@ -203,6 +204,7 @@ class _Check:
         self._check_records(plan, checked.replayable, rows)
         if self._checked.submission is not None:
             findings += self._check_results(plan)
+        findings += self._check_card(plan)
 
     def _json(self, name: str) -> Any:
         try:
@@ -335,3 +337,14 @@ class _Check:
             return  # there is an error for every episode that is not here
         if submission.results != cell_results(self._checked.rows):
             yield error("results", "The results in submission.json are not those of the records.")
+
+    def _check_card(self, plan: SubmittedPlan) -> Iterator[Finding]:
+        """Hold the rollout card, which older bundles do not have, against the records."""
+        if not (self._folder / card.NAME).exists() or len(self._checked.rows) < len(plan.episodes):
+            return
+        expected = card.rollout_card(len(plan.episodes), self._checked.rows, self._checked.attempts)
+        try:
+            if self._json(card.NAME) != expected:
+                yield error("results", f"{card.NAME} is not what the records give.")
+        except InvalidArgumentError as fault:
+            yield error("results", str(fault))

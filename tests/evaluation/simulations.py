@@ -1,0 +1,240 @@
+"""Simulations of intervals, words and stopping, from which the tables of docs/metrics.md are made (`simulated_tables`).
+
+Each figure is a share of 2,000 samples that are drawn, with replacement, from the scores of 200 episodes of our own
+players (`populations`), or from a worst case. The mean of the 200 is the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smartplay_tools.evaluation.analysis.decisions import decide_all
+from smartplay_tools.evaluation.analysis.intervals import Bounds, Method, Sample, Values, mean_estimates
+from smartplay_tools.evaluation.analysis.stopping import decided_at
+from smartplay_tools.evaluation.analysis.windows import jointly
+from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, bounds, scores, shuffled_differences, tilted
+
+REPETITIONS = 2_000
+SIZES = (5, 10, 20, 50)
+
+USUAL, EXACT = Method(), Method(exact=True)
+SHARE = Bounds(0, 1, two_valued=True)
+
+
+@dataclass(frozen=True)
+class Population:
+    """What samples are drawn from."""
+
+    values: Values
+    bounds: Bounds | None
+
+
+def draw(population: Population, n: int, seed: int, weights: Values | None = None) -> Values:
+    """Samples of `n`, as [sample, value]."""
+    return np.random.default_rng(seed).choice(population.values, size=(REPETITIONS, n), p=weights)
+
+
+def estimated(samples: Values, declared: Bounds | None, method: Method) -> Values:
+    """The intervals of samples, as [sample, end]; what has no interval is NaN."""
+    ends = []
+    for first in range(0, len(samples), 250):  # resamples of 250 samples fit in memory
+        batch = [Sample(values, declared) for values in samples[first : first + 250].tolist()]
+        ends += [(each.low, each.high) for each in mean_estimates(batch, method)]
+    return np.array(ends, dtype=float)
+
+
+def holds(ends: Values, truth: float) -> Values:
+    """Which intervals hold the truth; none at all holds everything."""
+    return ~((ends[:, 0] > truth + 1e-9) | (ends[:, 1] < truth - 1e-9))
+
+
+def coverage(population: Population, method: Method = USUAL) -> tuple[float, ...]:
+    """The share of samples of each size whose interval holds the population's mean."""
+    truth = float(population.values.mean())
+    return tuple(
+        float(holds(estimated(draw(population, n, 0), population.bounds, method), truth).mean()) for n in SIZES
+    )
+
+
+# Populations.
+
+
+def cell(game: str, player: str, history: int) -> Population:
+    """The scores of a player."""
+    return Population(scores()[game, player, history], bounds(game))
+
+
+def paired(game: str, first: tuple[str, int], second: tuple[str, int]) -> Population:
+    """The differences of two players, world by world."""
+    own = scores()
+    return Population(own[(game, *first)] - own[(game, *second)], bounds(game).of_differences)
+
+
+def share(chance: float) -> Population:
+    """Successes with this probability."""
+    return Population((np.arange(200) < round(200 * chance)).astype(float), SHARE)
+
+
+def shares(first: float, second: float) -> Population:
+    """Differences of successes: the first alone succeeds with one probability, and the second with the other."""
+    counts = [round(200 * first), round(200 * second)]
+    return Population(np.repeat([1.0, -1.0, 0.0], [*counts, 200 - sum(counts)]), SHARE.of_differences)
+
+
+def intervals() -> Mapping[str, tuple[Population, Method]]:
+    """The cases of the table of intervals."""
+    usual = {
+        "bandit, `random`": cell(BANDIT, "random", 50),
+        "bandit, `rule` with 10 past steps": cell(BANDIT, "rule", 10),
+        "bandit, `rule` with 50: rare total failures": cell(BANDIT, "rule", 50),
+        "Rock Paper Scissors, `rule`": cell(RPS, "rule", 50),
+        "Hanoi, `random`": cell(HANOI, "random", 50),
+        "MESSENGER level 1, `random`": cell(MESSENGER, "random", 3),
+        "MESSENGER level 1, `rule` without a past": cell(MESSENGER, "rule", 0),
+        "one of 200 scores -1, the others 1": Population(np.repeat([1.0, -1.0], [199, 1]), Bounds(-1, 1)),
+        "bandit, `rule` less `random`": paired(BANDIT, ("rule", 50), ("random", 50)),
+        "bandit, 10 past steps less 50": paired(BANDIT, ("rule", 10), ("rule", 50)),
+        "Rock Paper Scissors, 10 past steps less 50": paired(RPS, ("rule", 10), ("rule", 50)),
+        "MESSENGER level 1, no past less 3 steps": paired(MESSENGER, ("rule", 0), ("rule", 3)),
+    }
+    cases = {name: (population, USUAL) for name, population in usual.items()}
+    for chance in (0.02, 0.1, 0.5, 0.98):
+        cases[f"share {chance:g}, Wilson"] = share(chance), USUAL
+    for chance in (0.02, 0.1, 0.5, 0.98):
+        cases[f"share {chance:g}, Clopper and Pearson"] = share(chance), EXACT
+    for wins, losses in ((0.0, 0.02), (0.02, 0.02), (0.3, 0.1), (0.5, 0.5), (0.0, 0.98)):
+        cases[f"pairs won {wins:g}, lost {losses:g}, Tango"] = shares(wins, losses), USUAL
+    return cases
+
+
+# Intervals that hold together.
+
+JOINT_SIZES = (20, 50)
+
+
+def families() -> Mapping[str, list[tuple[Values, Bounds]]]:
+    """Differences that are compared together: every cell less its game's last one, by world."""
+    regular, all_cells = [], []
+    for game, last in ((BANDIT, 50), (RPS, 50), (HANOI, 50), (MESSENGER, 3)):
+        own = {key[1:]: values for key, values in scores().items() if key[0] == game}
+        for key, values in own.items():
+            if key != ("rule", last):
+                compared = (values - own["rule", last], bounds(game).of_differences)
+                all_cells.append(compared)
+                if key[0] == "random":
+                    regular.append(compared)
+    return {"`random` less `rule`": regular, "these and `rule` with another window": all_cells}
+
+
+def together(compared: Sequence[tuple[Values, Bounds]], method: Method) -> tuple[float, ...]:
+    """The share of samples of worlds, of each size, in which all intervals hold."""
+    held = []
+    for n in JOINT_SIZES:
+        worlds = np.random.default_rng(4).integers(200, size=(REPETITIONS, n))
+        each = [
+            holds(estimated(values[worlds], declared, method), float(values.mean())) for values, declared in compared
+        ]
+        held.append(float(np.all(each, axis=0).mean()))
+    return tuple(held)
+
+
+def joint() -> Mapping[str, tuple[float, ...]]:
+    """How often all intervals of a sweep hold, each by itself and by Bonferroni."""
+    figures = {}
+    for name, compared in families().items():
+        alone = Method(bootstrap=False)
+        figures[f"{name}: {len(compared)} intervals, each of 95 %"] = together(compared, alone)
+        figures[f"{name}: {len(compared)} intervals by Bonferroni"] = together(compared, jointly(len(compared)))
+    return figures
+
+
+# Words.
+
+ALIKE = {
+    "Hanoi, `random`": ((HANOI, "random", 50), 0.5),
+    "MESSENGER level 1, `random`": ((MESSENGER, "random", 3), 0.4),
+    "Rock Paper Scissors, `random`": ((RPS, "random", 50), 5.0),
+    "bandit, `random`": ((BANDIT, "random", 50), 3.0),
+    "bandit, `rule`: rare total failures": ((BANDIT, "rule", 50), 3.0),
+}
+"""Players that are compared with themselves in other worlds, and a margin."""
+
+WORD_SIZES = (10, 20, 50)
+
+
+def against_itself(key: tuple[str, str, int]) -> Population:
+    """The differences of two players that score alike."""
+    return Population(shuffled_differences(scores()[key]), bounds(key[0]).of_differences)
+
+
+def wrong_words(population: Population, margin: float, n: int) -> tuple[float, float]:
+    """How often players that score alike are "different", and those that differ by the margin "equivalent"."""
+
+    def words(truth: float) -> list[str]:
+        drawn = draw(population, n, 0, tilted(population.values, truth)).tolist()
+        return [
+            verdict.word
+            for first in range(0, len(drawn), 250)
+            for verdict in decide_all([Sample(each, population.bounds) for each in drawn[first : first + 250]], margin)
+        ]
+
+    different = np.mean([word.startswith("different") for word in words(0)])
+    equivalent = np.mean([word in ("equivalent", "different, but less") for word in words(margin)])
+    return float(different), float(equivalent)
+
+
+def words() -> Mapping[str, tuple[float, ...]]:
+    """The errors of the words, for every number of pairs."""
+    return {
+        name: tuple(error for n in WORD_SIZES for error in wrong_words(against_itself(key), margin, n))
+        for name, (key, margin) in ALIKE.items()
+    }
+
+
+# Stopping.
+
+PLANNED = (20, 50, 100)
+
+
+@dataclass(frozen=True)
+class Stops:
+    """What runs of a comparison came to."""
+
+    different: float
+    equivalent: float
+    used: float
+    """The share of the planned pairs."""
+
+
+def stops(differences: Values, declared: Bounds, margin: float, comparisons: int = 1) -> Stops:
+    """Judge runs, as [run, pair]."""
+    different, equivalent = decided_at(differences, declared, margin, comparisons)
+    n = differences.shape[1]
+    used = np.minimum(np.minimum(different, equivalent), n - 1) + 1
+    return Stops(
+        float(np.mean((different < n) & (different <= equivalent))),
+        float(np.mean(equivalent < different)),
+        float(used.mean() / n),
+    )
+
+
+def stopped(key: tuple[str, str, int], margin: float, truth: float, planned: int) -> Stops:
+    """Runs of a comparison whose true difference is `truth`."""
+    population = against_itself(key)
+    assert population.bounds is not None
+    drawn = draw(population, planned, 2, tilted(population.values, truth))
+    return stops(drawn, population.bounds, margin)
+
+
+def stopping() -> Mapping[str, tuple[float, ...]]:
+    """The worst error over all planned numbers, and the pairs used of 100 planned ones."""
+    figures = {}
+    for name, (key, margin) in ALIKE.items():
+        different = max(stopped(key, margin, 0, planned).different for planned in PLANNED)
+        equivalent = max(stopped(key, margin, margin, planned).equivalent for planned in PLANNED)
+        used = [stopped(key, margin, truth, planned).used for planned in PLANNED for truth in (0, 2 * margin)]
+        figures[f"{name}, margin {margin:g}"] = (different, equivalent, *used)
+    return figures
