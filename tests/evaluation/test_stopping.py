@@ -123,7 +123,7 @@ def test_several_comparisons_share_the_errors():
 
 @pytest.mark.slow
 def test_looking_at_an_ordinary_interval_after_every_pair_errs_more_often():
-    """Student's t of players that score alike, from the fifth of 100 pairs on: it excludes 0 at some look in a fifth."""
+    """Student's t of players that score alike, from the fifth of 100 pairs on: 0 is outside at some look in a fifth."""
     population = simulations.against_itself((RPS, "random", 50))
     drawn = simulations.draw(population, 100, 6, tilted(population.values, 0))
     n = np.arange(1, 101)
