@@ -30,6 +30,7 @@ ELSEWHERE = {
     "smartplay_openenv": "openenv.md",
     "smartplay_otel": "opentelemetry.md",
     "smartplay_pydantic_ai": "pydantic-ai.md",
+    "smartplay_trackers": "trackers.md",
     "smartplay_trl": "trl.md",
     "smartplay_verifiers": "verifiers.md",
 }

@@ -53,6 +53,10 @@ Prices = Annotated[
         rich_help_panel=_RUN,
     ),
 ]
+Track = Annotated[
+    str | None,
+    typer.Option(metavar="mlflow|wandb", help="Send figures to this tracker as well.", rich_help_panel=_RUN),
+]
 DryRun = Annotated[
     bool, typer.Option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.", rich_help_panel=_RUN)
 ]
@@ -138,6 +142,7 @@ class RunCommand:
     run_tokens: RunTokens = None
     run_cost: RunCost = None
     price: Prices = None
+    track: Track = None
     dry_run: DryRun = False
     pilot: Pilot = None
     assume_reply_tokens: AssumeReplyTokens = None
@@ -161,6 +166,7 @@ class RunCommand:
             run_cost=self.run_cost,
             prices=prices(self.price),
             until=until,
+            track=self.track,
         )
         if self.dry_run:
             print_estimate(plan, players, how, reply_tokens=self.assume_reply_tokens, as_json=self.as_json)

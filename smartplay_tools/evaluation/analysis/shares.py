@@ -6,6 +6,7 @@ What is either 0 or 1 has a distribution that is known but for one number, so no
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 from smartplay_tools.evaluation.analysis.distributions import NORMAL, binomial_at_most, crossing
 
@@ -19,6 +20,7 @@ def wilson(successes: int, n: int, confidence: float) -> tuple[float, float]:
     return 0.0 if successes == 0 else middle - half, 1.0 if successes == n else middle + half
 
 
+@lru_cache(maxsize=4096)
 def clopper_pearson(successes: int, n: int, confidence: float) -> tuple[float, float]:
     """The exact interval of a share (Clopper and Pearson 1934): it covers at least as often as it says."""
     tail = (1 - confidence) / 2
@@ -27,6 +29,7 @@ def clopper_pearson(successes: int, n: int, confidence: float) -> tuple[float, f
     return 0.0 if successes == 0 else low, 1.0 if successes == n else high
 
 
+@lru_cache(maxsize=4096)
 def tango(first: int, second: int, n: int, confidence: float) -> tuple[float, float]:
     """The score interval of a difference of paired shares (Tango 1998).
 

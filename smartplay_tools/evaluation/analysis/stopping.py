@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
@@ -38,6 +39,9 @@ GRID = 401
 
 CLIP = 2
 """Human scores to which differences are clipped where a game has no bounds."""
+
+
+Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ def judge(differences: Sequence[float], bounds: Bounds, margin: float, compariso
     return Evidence(word, used, float(bounds.low + width * mean), *ends)
 
 
-def decided_at(differences: Values, bounds: Bounds, margin: float, comparisons: int = 1) -> tuple[Values, Values]:
+def decided_at(differences: Values, bounds: Bounds, margin: float, comparisons: int = 1) -> tuple[Places, Places]:
     """The place of the pair from which on "different", and from which on "equivalent", is shown, or their number.
 
     `differences` are those of one comparison, or of many, as [comparison, pair].
@@ -85,9 +89,9 @@ def decided_at(differences: Values, bounds: Bounds, margin: float, comparisons: 
     return _first(differ), _first(above & below)
 
 
-def _first(reached: Values) -> Values:
+def _first(reached: NDArray[np.bool_]) -> Places:
     """The place of the first value that is true along the last axis; its length where none is."""
-    places: Values = np.where(reached.any(axis=-1), reached.argmax(axis=-1), reached.shape[-1])
+    places: Places = np.where(reached.any(axis=-1), reached.argmax(axis=-1), reached.shape[-1])
     return places
 
 

@@ -35,6 +35,8 @@ class RunOptions:
     """The price of a player's tokens, if `genai-prices` does not have it."""
     until: Until | None = None
     """What ends the run before its planned trials: its comparisons are decided."""
+    track: str | None = None
+    """The experiment tracker that gets the figures while the run is played: "mlflow" or "wandb"."""
     on_progress: OnProgress | None = None
     """Called when the run has begun and after every attempt; without it, a notebook shows a progress bar."""
 
@@ -70,6 +72,7 @@ class RunKeywords(TypedDict, total=False):
     run_cost: float | None
     prices: Mapping[str, Price] | None
     until: Until | None
+    track: str | None
     on_progress: OnProgress | None
 
     engine: str | None

@@ -36,6 +36,7 @@ from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, Scheduler, Setup
 from smartplay_tools.evaluation.runs.sending import ELSEWHERE, is_known_only_here, why_only_here
 from smartplay_tools.evaluation.runs.signals import stopping
+from smartplay_tools.evaluation.runs.tracking import Tracking, with_tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import ModelPlayer, is_model
 from smartplay_tools.records.manifest import Manifest, Until
@@ -120,8 +121,8 @@ def evaluate(
         repeats: how often each of these worlds is played, with other random numbers of the player.
         seed: the seed of the run; the seed of a trial follows from it, the game and the trial.
         options: how the run is played, which are the fields of `RunOptions` (executor, workers, shard, run_tokens,
-            run_cost, prices, on_progress), and the rest of a cell: engine, tokenizer, options, player_options, and the
-            fields of `Rules`, such as manual="pinned".
+            run_cost, prices, track, on_progress), and the rest of a cell: engine, tokenizer, options, player_options,
+            and the fields of `Rules`, such as manual="pinned".
 
     A mistake in the arguments raises `InvalidArgumentError` before the first episode. Errors in an episode are only
     recorded, in the folder and in `Run.failures`.
@@ -177,7 +178,8 @@ def run_plan(
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
         setup = Setup(configs, manifest.prices, caps, remote, repriced, comparisons)
-        scheduler = Scheduler(folder, part, setup, options.on_progress)
+        tracking = Tracking(options.track, folder.path.name, manifest)
+        scheduler = Scheduler(folder, part, setup, with_tracking(tracking, options.on_progress))
         with following(folder, show):
             try:
                 # Where a comparison is to be decided early, what costs nothing is played before a model begins.
@@ -190,6 +192,7 @@ def run_plan(
                         apart_from_event_loop(scheduler.play, chosen, episodes)
             finally:
                 rows = scheduler.finish()
+                tracking.close(complete=len(rows) + scheduler.spared == len(part.episodes))
                 spending = run_snapshot(folder).spending.to_json()
                 folder.write_manifest(manifest.model_copy(update={"spending": spending}))
     return Run(

@@ -1,0 +1,37 @@
+"""MLflow: a run of the experiment, with a step for every episode of a cell."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+
+EXPERIMENT = "smartplay-tools"
+
+
+class MLflowTracker:
+    """A run in MLflow."""
+
+    def __init__(self, name: str, facts: Mapping[str, str]) -> None:
+        """Begin a run with this name; `facts` are its parameters."""
+        from mlflow import MlflowClient
+
+        self._client = MlflowClient()
+        wanted = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
+        known = self._client.get_experiment_by_name(wanted)
+        experiment = self._client.create_experiment(wanted) if known is None else known.experiment_id
+        self._run: str = self._client.create_run(experiment, run_name=name).info.run_id
+        for fact, value in facts.items():
+            self._client.log_param(self._run, fact, value)
+
+    def log(self, figures: Mapping[str, float], step: int) -> None:
+        """Log the figures of an episode, the step-th one of its cell."""
+        from mlflow.entities import Metric
+
+        now = int(time.time() * 1000)
+        self._client.log_batch(self._run, [Metric(key, value, now, step) for key, value in figures.items()])
+
+    def close(self, figures: Mapping[str, float], *, complete: bool) -> None:
+        """Log the figures of the whole run, and end it."""
+        self.log(figures, 0)
+        self._client.set_terminated(self._run, "FINISHED" if complete else "KILLED")
