@@ -64,7 +64,9 @@ def test_the_same_results_have_the_same_name(run, tmp_path):
 def test_results_of_a_models_repository(run, tmp_path):
     hub, yaml = pytest.importorskip("huggingface_hub"), pytest.importorskip("yaml")
     out, rows = run
-    exported = export(out, tmp_path / "hub", "hf-results", publication={"dataset": "smartplay/tools"}, players=("rule",))
+    exported = export(
+        out, tmp_path / "hub", "hf-results", publication={"dataset": "smartplay/tools"}, players=("rule",)
+    )
     assert exported.counts == {"episodes": 8, "entries": 4, "files": 2}
     paths = sorted((tmp_path / "hub" / ".eval_results").iterdir())
     assert [path.name for path in paths] == [

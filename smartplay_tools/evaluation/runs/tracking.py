@@ -14,8 +14,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.summary import summarize
-from smartplay_tools.evaluation.runs.scheduler import OnProgress, Progress
+from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress
 from smartplay_tools.records.manifest import Manifest
 from smartplay_tools.records.rows import Row
 from smartplay_tools.registry import Registry
@@ -60,7 +59,7 @@ class Tracking:
         except Exception as error:  # whatever a client does without its server
             raise InvalidArgumentError(f"The tracker {name} cannot begin a run: {error}") from error
 
-    def heard(self, progress: Progress) -> None:
+    def heard(self, progress: RunProgress) -> None:
         """Send what has been finished."""
         for row in (*progress.kept, *([] if progress.row is None else [progress.row])):
             self._rows.append(row)
@@ -76,6 +75,9 @@ class Tracking:
             self._send("close", self._means(), complete=complete)
 
     def _means(self) -> dict[str, float]:
+        # A run is played without statistics, unless they are asked for.
+        from smartplay_tools.evaluation.analysis.summary import summarize
+
         means: dict[str, float] = {}
         groups: dict[str, list[Row]] = {}
         for row in self._rows:
@@ -99,7 +101,7 @@ class Tracking:
 def with_tracking(tracking: Tracking, on_progress: OnProgress | None) -> OnProgress:
     """Return what is called after every attempt."""
 
-    def both(progress: Progress) -> None:
+    def both(progress: RunProgress) -> None:
         tracking.heard(progress)
         if on_progress is not None:
             on_progress(progress)
