@@ -97,6 +97,7 @@ STRATEGIES: Mapping[str, Any] = {
     "beyond_history": "drop",
     "notes_tokens": None,
     "summary_tokens": None,
+    "own_words": None,
     "strategy": None,
 }
 """The fields of a budget that say what becomes of the past, and their defaults: it is dropped."""
@@ -136,6 +137,8 @@ class Budget(Recorded):
     """Cap on the agent's notes, which stay visible when older turns leave; None: there is no tool `take_notes`."""
     summary_tokens: Cap | None = None
     """Cap on the summary that the agent is asked for when turns leave the window; None: it is not asked."""
+    own_words: Count | None = None
+    """Past steps whose replies keep their words and reasoning; replies of older turns have their calls alone."""
     strategy: Annotated[str, Field(strict=True, min_length=1)] | None = None
     """The strategy that chooses the turns of a prompt: FILE.py:CLASS, or the name of one that an installed package
     declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
@@ -187,6 +190,8 @@ def _in_words(name: str, value: Any) -> str:
             return "masking" if value == "mask" else "dropping"
         case "notes_tokens" | "summary_tokens" if value is None:
             return f"no {_CAPPED[name]}"
+    if name == "own_words":
+        return f"own words {'all' if value is None else value}"
     if name == "strategy":
         return "no strategy of one's own" if value is None else f"strategy {value.rpartition('/')[2]}"
     if isinstance(value, str):

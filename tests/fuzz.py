@@ -53,11 +53,13 @@ def strategy(chance: random.Random) -> dict[str, Any]:
         return {}
     if chance.random() < 0.3:
         odd = f"{ODD}:seed={chance.randrange(999)}:wild={chance.choice(['true', 'false'])}"
-        return {"strategy": odd, "notes_tokens": chance.choice([None, 2, 12, 40])}
+        words = chance.choice([None, 0, 1, 3])
+        return {"strategy": odd, "notes_tokens": chance.choice([None, 2, 12, 40]), "own_words": words}
     return {
         "beyond_history": chance.choice(["drop", "mask"]),
         "notes_tokens": chance.choice([None, 2, 12, 40]),
         "summary_tokens": chance.choice([None, 1, 6, 30]),
+        "own_words": chance.choice([None, None, 0, 1, 2, 5]),
     }
 
 

@@ -14,7 +14,7 @@ from fractions import Fraction
 from importlib import resources
 from typing import Any
 
-from tests.counting import message_tokens, tools_tokens
+from tests.counting import message_tokens, plain_text, tools_tokens
 
 MARKER = "[observation left the history window]"
 PRIMING = 3
@@ -23,6 +23,15 @@ Count = Callable[[str], int]
 TEXTS = resources.files("smartplay_tools.prompts") / "v1"
 FRAME = (TEXTS / "summary.txt").read_text(encoding="utf-8")
 ASKED = (TEXTS / "summary_request.txt").read_text(encoding="utf-8").removesuffix("\n")
+
+
+def without_words(reply: Json) -> Json:
+    """A reply with its calls alone, if it has calls, and anything that is said or reasoned beside them."""
+    is_said = plain_text(reply.get("content")) or reply.get("reasoning_content") or reply.get("provider_items")
+    if not reply.get("tool_calls") or not is_said:
+        return reply
+    name = {"name": reply["name"]} if reply.get("name") else {}
+    return {"role": "assistant", "content": None, **name, "tool_calls": reply["tool_calls"]}
 
 
 class Judge:
@@ -44,6 +53,7 @@ class Judge:
         self.slack = Fraction(str(budget["slack"]))
         self.masks = budget.get("beyond_history", "drop") == "mask"
         self.ages_by_turn = budget.get("stalled_turns") is not None and self.history is not None and not self.masks
+        self.words_kept = budget.get("own_words")
         self.notes_cap, self.summary_cap = budget.get("notes_tokens"), budget.get("summary_tokens")
         self.summaries = list(summaries)
         """(turns at the time, text shown from then on) of every summary."""
@@ -75,6 +85,19 @@ class Judge:
             if t - b > self.history:
                 b = t - math.ceil((1 - self.slack) * self.history)
         return b
+
+    def words_from(self, k: int) -> int:
+        """w: a reply of a turn that is older than it has its calls alone."""
+        if self.words_kept is None:
+            return 0
+        if self.slack == 0:
+            return max(0, self.newest(k) - self.words_kept)
+        w = 0
+        for j in range(1, k + 1):
+            t = self.newest(j)
+            if t - w > self.words_kept:
+                w = t - math.ceil((1 - self.slack) * self.words_kept)
+        return w
 
     def plays_no_step(self, i: int) -> bool:
         return self.step(i) == (self.step(i - 1) if i else 0)
@@ -108,16 +131,19 @@ class Judge:
     def seen(self, i: int, k: int, hidden: bool = False) -> list[Json]:
         """A turn's messages as they are shown; `hidden`, with every observation masked."""
         turn, b = self.turns[i], self.boundary(k)
-        return [
+        messages = [
             {**one, "content": MARKER} if shows is not None and (hidden or shows < b) else one
             for one, shows in zip(turn["messages"], turn["shows"], strict=True)
         ]
+        if self.step(i) < self.words_from(k):
+            messages[0] = without_words(messages[0])
+        return messages
 
     def tokens(self, messages: Sequence[Json]) -> int:
         return sum(message_tokens(message, self.n) for message in messages)
 
     def cost(self, i: int, k: int, hidden: bool = False) -> int:
-        key = (i, self.boundary(k), hidden)
+        key = (i, self.boundary(k), self.words_from(k), hidden)
         if key not in self._costs:
             self._costs[key] = self.tokens(self.seen(i, k, hidden))
         return self._costs[key]

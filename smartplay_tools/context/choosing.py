@@ -76,7 +76,7 @@ class ChoosingWindow(ContextWindow):
         for index in chosen:
             if index in chosen.texts:
                 lines.append(head_bytes(text_message(chosen.texts[index])))
-            lines += state.index.turns[index].canonical_seen(chosen.oldest_of(state.index.turns[index]))
+            lines += chosen.canonical_seen(state.index.turns[index])
         return lines
 
     def _choose(self, state: WindowState, room: int | None) -> Selection:
@@ -95,7 +95,7 @@ class ChoosingWindow(ContextWindow):
             if index in chosen.texts:
                 shown.append(text_message(chosen.texts[index]))
             oldest = chosen.oldest_of(turns[index])
-            shown += turns[index].seen(oldest)
+            shown += chosen.seen(turns[index])
             steps.update(step for step in turns[index].shows if step >= oldest)
         return View(
             tools=self._tools,
@@ -131,7 +131,10 @@ class ChoosingWindow(ContextWindow):
                 shared += self._text_tokens(chosen.texts[index])
             turn = state.index.turns[index]
             oldest, oldest_before = chosen.oldest_of(turn), chosen_before.oldest_of(turn)
-            tokens, is_whole = common_messages(turn, oldest_before, oldest, self._counter)
+            if turn.is_wordy and chosen.is_bare(turn) != chosen_before.is_bare(turn):
+                return shared
+            bare = chosen.is_bare(turn)
+            tokens, is_whole = common_messages(turn, oldest_before, oldest, self._counter, bare=bare)
             shared += tokens
             if not is_whole:
                 return shared
@@ -147,10 +150,12 @@ def past_of(state: WindowState, text_tokens: Callable[[str], int]) -> Past:
     """Return what a strategy is shown after the turns of a state."""
     pinned = {index for index in (state.last, state.newest, state.notes) if index is not None}
 
+    plain = state.selected(0)
+
     def make(number: int) -> PastTurn:
-        turn, masked = state.index.turns[number], state.index.masked(number, number + 1)
+        turn, masked = state.index.turns[number], state.masked(number)
         tokens = state.run(number, number + 1)
-        return PastTurn(number, turn.step, turn.shows, tokens, masked, number in pinned, turn, state.oldest)
+        return PastTurn(number, turn.step, turn.shows, tokens, masked, number in pinned, turn, plain)
 
     turns = PastTurns(state.turns, make)
     return Past(turns, state.step, state.oldest, tuple(sorted(pinned)), text_tokens)
@@ -169,7 +174,9 @@ def chosen_selection(state: WindowState, choice: Choice) -> Selection:
             raise StrategyError(f"The choice masks turn {index}, {why}.")
     texts = _texts(choice.texts, shown)
     earlier = tuple(sorted(shown - {state.last}))
-    return Selection(earlier, state.last, state.last, state.oldest, state.notes, True, frozenset(masked), texts)
+    return Selection(
+        earlier, state.last, state.last, state.oldest, state.notes, state.words, True, frozenset(masked), texts
+    )
 
 
 def _numbers(given: Iterable[int], turns: int) -> set[int]:
@@ -198,5 +205,5 @@ def _texts(given: Mapping[int, str], shown: set[int]) -> Mapping[int, str]:
 
 def _turn_tokens(state: WindowState, chosen: Selection, index: int) -> int:
     if index == chosen.hidden or index in chosen.masked:
-        return state.index.masked(index, index + 1)
+        return state.masked(index)
     return state.run(index, index + 1)

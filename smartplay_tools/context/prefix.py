@@ -52,7 +52,10 @@ def _common_turns(before: Side, now: Side, counter: TokenCounter) -> int:
         if index is None or index != was:
             return shared
         turn = state.index.turns[index]
-        tokens, is_whole = common_messages(turn, chosen_before.oldest_of(turn), chosen.oldest_of(turn), counter)
+        if turn.is_wordy and chosen.is_bare(turn) != chosen_before.is_bare(turn):
+            return shared
+        sides = chosen_before.oldest_of(turn), chosen.oldest_of(turn)
+        tokens, is_whole = common_messages(turn, *sides, counter, bare=chosen.is_bare(turn))
         shared += tokens
         if not is_whole:
             return shared
@@ -64,24 +67,29 @@ def _common_turns(before: Side, now: Side, counter: TokenCounter) -> int:
 
 
 def _common_run(before: Side, now: Side, first: int, counter: TokenCounter) -> int:
-    """The tokens that two runs from the same turn have in common, up to the first result that is newly masked."""
+    """The tokens that two runs from a turn have in common, up to the first message that is newly bare or masked."""
     (state, chosen), (state_before, chosen_before) = now, before
     stop = chosen_before.last + 1
+    stripped = state.index.first_wordy(max(first, state_before.spoken), min(stop, state.spoken))
+    if stripped is not None:
+        stop = stripped  # its first message differs; before it, every reply is as it was
     if chosen.oldest == chosen_before.oldest:
         return state.run(first, stop)
     changed = state.index.first_showing(max(first, state_before.boundary), stop)
     if changed is None:
         return state.run(first, stop)
     turn = state.index.turns[changed]
-    tokens, is_whole = common_messages(turn, chosen_before.oldest, chosen.oldest, counter)
+    tokens, is_whole = common_messages(turn, chosen_before.oldest, chosen.oldest, counter, bare=chosen.is_bare(turn))
     # Before the changed turn everything is masked in both views.
     return state.run(first, stop) if is_whole else state.run(first, changed) + tokens
 
 
-def common_messages(turn: Turn, oldest_before: int, oldest: int, counter: TokenCounter) -> tuple[int, bool]:
+def common_messages(
+    turn: Turn, oldest_before: int, oldest: int, counter: TokenCounter, *, bare: bool
+) -> tuple[int, bool]:
     """The tokens of a turn's messages up to the first that is masked in one view only, and whether there is none."""
     masked, masked_before = turn.masked(oldest), turn.masked(oldest_before)
-    messages: Sequence[Message] = turn.seen(oldest)
+    messages: Sequence[Message] = turn.seen(oldest, bare=bare)
     if masked == masked_before:
         return counter.messages(messages), True
     changed = min(set(masked) ^ set(masked_before))

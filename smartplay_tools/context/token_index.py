@@ -18,7 +18,11 @@ from smartplay_tools.tokens import TokenCounter
 class TokenIndex:
     """The turns of a conversation with their tokens; every question takes at most a bisection."""
 
-    def __init__(self, counter: TokenCounter) -> None:
+    def __init__(self, counter: TokenCounter, *, with_words: bool = False) -> None:
+        """`with_words` says whether replies become bare: what that saves is counted then alone."""
+        self._with_words = with_words
+        self._spoken, self._wordy = [0], list[int]()
+        """What the words of the replies before each turn take, and the turns that have any."""
         self.turns: list[Turn] = []
         self._counter = counter
         self._whole, self._masked = [0], [0]
@@ -37,6 +41,10 @@ class TokenIndex:
         tokens = turn.tokens(self._counter)
         self._whole.append(self._whole[-1] + tokens)
         self._masked.append(self._masked[-1] + tokens - self.saved(turn, turn.step + 1))
+        if self._with_words:
+            self._spoken.append(self._spoken[-1] + turn.spoken(self._counter))
+            if turn.is_wordy:
+                self._wordy.append(len(self.turns))
         if turn.shows:
             self._showing.append(len(self.turns))
         self._steps.append(turn.step)
@@ -62,6 +70,15 @@ class TokenIndex:
     def masked(self, first: int, stop: int) -> int:
         """Tokens of the turns from `first` to before `stop`, with every observation masked."""
         return self._masked[stop] - self._masked[first]
+
+    def spoken(self, first: int, stop: int) -> int:
+        """Tokens of the words in replies from `first` to before `stop`, which bare replies save."""
+        return self._spoken[stop] - self._spoken[first] if first < stop else 0
+
+    def first_wordy(self, first: int, stop: int) -> int | None:
+        """The first turn from `first` to before `stop` whose reply would change by becoming bare."""
+        at = bisect_left(self._wordy, first)
+        return self._wordy[at] if at < len(self._wordy) and self._wordy[at] < stop else None
 
     def saved(self, turn: Turn, oldest: int) -> int:
         """Tokens saved by masking a turn's observations before `oldest`; negative if the marker is longer than they."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from smartplay_tools.messages import Call, Message, calls_of, copy_of, read_calls
+from smartplay_tools.messages import Call, Message, calls_of, copy_of, read_calls, reasoning_of, text_of
 from smartplay_tools.pictures.picture import picture_part
 from smartplay_tools.prompts import MANUAL_IS_ABOVE, OBSERVATION_LEFT
 from smartplay_tools.tokens import TokenCounter
@@ -83,6 +83,34 @@ class Turn:
         items = (item.message if item.observation_step is None else item.masked for item in self.items)
         return (self.assistant, *items)
 
+    @cached_property
+    def is_wordy(self) -> bool:
+        """Whether the reply has calls, and words, reasoning or items of its provider with them."""
+        reply = self.assistant
+        return bool(self.calls) and bool(text_of(reply) or reasoning_of(reply) or reply.get("provider_items"))
+
+    @cached_property
+    def bare(self) -> Message:
+        """The reply with its calls alone: what is shown of it once its words are too old."""
+        kept: Message = {"role": "assistant", "content": None}
+        if name := self.assistant.get("name"):
+            kept["name"] = name
+        kept["tool_calls"] = self.assistant["tool_calls"]
+        return kept
+
+    @cached_property
+    def canonical_bare(self) -> bytes:
+        """The canonical JSON of the bare reply."""
+        ids = [f"{self.number}.{position}" for position in range(len(self.calls))]
+        return message_bytes(self.bare, ids, [call.arguments.canonical for call in self.calls])
+
+    def spoken(self, counter: TokenCounter) -> int:
+        """Return the budget tokens that a bare reply saves."""
+        if not self.is_wordy:
+            return 0
+        arguments = [call.arguments.canonical for call in self.calls]
+        return counter.message(self.assistant, arguments) - counter.message(self.bare, arguments)
+
     def masked(self, oldest: int) -> list[int]:
         """Return the indices of the items whose observation is older than `oldest`."""
         return [
@@ -91,8 +119,10 @@ class Turn:
             if item.observation_step is not None and item.observation_step < oldest
         ]
 
-    def seen(self, oldest: int) -> Sequence[Message]:
-        """Return its messages with every observation older than `oldest` masked."""
+    def seen(self, oldest: int, *, bare: bool = False) -> Sequence[Message]:
+        """Return its messages with every observation older than `oldest` masked; `bare`, without the reply's words."""
+        if bare and self.is_wordy:
+            return (self.bare, *self.seen(oldest)[1:])
         if not self.shows or oldest <= self.shows[0]:
             return self.messages
         if oldest > self.step:
@@ -117,8 +147,10 @@ class Turn:
         """The canonical JSON of its messages, with every observation masked."""
         return self._canonical(self.masked(self.step + 1))
 
-    def canonical_seen(self, oldest: int) -> Sequence[bytes]:
-        """Return the canonical JSON of its messages with every observation older than `oldest` masked."""
+    def canonical_seen(self, oldest: int, *, bare: bool = False) -> Sequence[bytes]:
+        """Return the canonical JSON of what `seen` returns."""
+        if bare and self.is_wordy:
+            return (self.canonical_bare, *self.canonical_seen(oldest)[1:])
         if not self.shows or oldest <= self.shows[0]:
             return self.canonical
         return self.canonical_hidden if oldest > self.step else self._canonical(self.masked(oldest))

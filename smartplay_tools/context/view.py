@@ -25,6 +25,8 @@ class Selection:
     """Observations before this one are masked."""
     hidden: int | None = None
     """The pinned turn of which every observation is masked: that with the notes."""
+    words: int = 0
+    """Replies of turns older than this step are bare."""
     is_chosen: bool = False
     """Whether a brought strategy has chosen the turns; `pinned` are then all but the newest."""
     masked: frozenset[int] = frozenset()
@@ -43,6 +45,18 @@ class Selection:
         """Return the oldest observation that is shown of a turn of the selection."""
         is_hidden = turn.number == self.hidden or turn.number in self.masked
         return turn.step + 1 if is_hidden else self.oldest
+
+    def is_bare(self, turn: Turn) -> bool:
+        """Whether the reply of a turn is shown without its words."""
+        return turn.step < self.words
+
+    def seen(self, turn: Turn) -> Sequence[Message]:
+        """Return the messages of a turn as the selection shows them."""
+        return turn.seen(self.oldest_of(turn), bare=self.is_bare(turn))
+
+    def canonical_seen(self, turn: Turn) -> Sequence[bytes]:
+        """Return the canonical JSON of `seen`."""
+        return turn.canonical_seen(self.oldest_of(turn), bare=self.is_bare(turn))
 
     @property
     def ranges(self) -> list[list[int]]:

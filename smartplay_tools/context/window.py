@@ -67,7 +67,8 @@ class ContextWindow:
         self._share = share_kept(budget.slack)
         self._plain_head = list(head)
         self._heads: dict[str | None, Head] = {}
-        self._index = TokenIndex(counter)
+        self._thoughts = self._strategies.thoughts
+        self._index = TokenIndex(counter, with_words=self._thoughts is not None)
         self._stretches, self._stretches_after_move = self._ageing.stretches(budget.history)
         self._newest: int | None = None
         self._overflows = False
@@ -115,7 +116,8 @@ class ContextWindow:
         for stretches in (self._stretches, self._stretches_after_move):
             stretches.append(last, has_step=turn.step > self._now.state.step)
         oldest = self._ageing.oldest(turn.step, self.budget.history, self._now.state.oldest)
-        state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual))
+        words = 0 if self._thoughts is None else self._thoughts.oldest(turn.step, self._now.state.words)
+        state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual), words)
         return self._pin(state, self._strategies.pinned(turn))
 
     def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:

@@ -28,16 +28,22 @@ class WindowState:
     newest: int | None
     """o, the latest turn that shows observation t."""
     head: Head
+    words: int = 0
+    """w: replies of turns older than this step are bare."""
+    spoken: int = 0
+    """The first turn that is not older than `words`: replies before it are bare."""
     notes: int | None = None
     """q, the turn with the notes, while it is pinned as that and nothing else."""
 
     @classmethod
-    def after(cls, index: TokenIndex, oldest: int, newest: int | None, head: Head) -> WindowState:
+    def after(cls, index: TokenIndex, oldest: int, newest: int | None, head: Head, words: int = 0) -> WindowState:
         """Return the state after all turns of an index, without notes."""
         turns = index.turns
         boundary = index.first_from(oldest)
         saved = index.saved(turns[boundary], oldest) if boundary < len(turns) else 0
-        return cls(index, len(turns), turns[-1].step if turns else 0, oldest, boundary, saved, newest, head)
+        spoken = index.first_from(words) if words else 0
+        step = turns[-1].step if turns else 0
+        return cls(index, len(turns), step, oldest, boundary, saved, newest, head, words, spoken)
 
     def with_notes(self, notes: int) -> WindowState:
         """Return the state with the notes pinned."""
@@ -54,10 +60,19 @@ class WindowState:
 
     @cached_property
     def _notes_tokens(self) -> int:
-        return 0 if self.notes is None else self.index.masked(self.notes, self.notes + 1)
+        return 0 if self.notes is None else self.masked(self.notes)
+
+    def masked(self, turn: int) -> int:
+        """Tokens of a turn with every observation masked."""
+        return self.index.masked(turn, turn + 1) - self.index.spoken(turn, min(turn + 1, self.spoken))
 
     def run(self, first: int, stop: int) -> int:
-        """Tokens of the turns from `first` to before `stop`, with every observation older than `oldest` masked."""
+        """Tokens of the turns from `first` to before `stop`, as they are shown: without what is too old."""
+        tokens = self._with_words(first, stop)
+        return tokens - self.index.spoken(first, min(stop, self.spoken)) if first < self.spoken else tokens
+
+    def _with_words(self, first: int, stop: int) -> int:
+        """Tokens of turns with every observation older than `oldest` masked, and all replies as they were said."""
         boundary = self.boundary
         if first > boundary:
             return self.index.whole(first, stop)
@@ -79,7 +94,7 @@ class WindowState:
         hidden = self.notes if self.notes is not None and self.notes < first else None
         newest = self.newest if self.newest is not None and self.newest < first else None
         pinned = tuple(sorted(index for index in (newest, hidden) if index is not None))
-        return Selection(pinned, first, self.last, self.oldest, hidden)
+        return Selection(pinned, first, self.last, self.oldest, hidden, self.words)
 
     def selection_tokens(self, chosen: Selection) -> int:
         """Tokens of head and the selected turns."""
@@ -91,7 +106,7 @@ class WindowState:
         messages: list[Message] = []
         whole, turns = self._whole_from(chosen), self.index.turns
         for index in (*chosen.pinned, *range(chosen.first, whole)):
-            messages += turns[index].seen(chosen.oldest_of(turns[index]))
+            messages += chosen.seen(turns[index])
         return messages + self.index.messages(whole, chosen.last + 1)
 
     def lines(self, chosen: Selection) -> list[bytes]:
@@ -99,12 +114,12 @@ class WindowState:
         lines: list[bytes] = []
         whole, turns = self._whole_from(chosen), self.index.turns
         for index in (*chosen.pinned, *range(chosen.first, whole)):
-            lines += turns[index].canonical_seen(chosen.oldest_of(turns[index]))
+            lines += chosen.canonical_seen(turns[index])
         return lines + self.index.lines(whole, chosen.last + 1)
 
     def _whole_from(self, chosen: Selection) -> int:
-        """The turn of a selection's run from which on no observation is masked."""
-        return min(max(chosen.first, self.boundary + 1), chosen.last + 1)
+        """The turn of a selection's run from which on no observation is masked, and no reply bare."""
+        return min(max(chosen.first, self.boundary + 1, self.spoken), chosen.last + 1)
 
     def visible(self, chosen: Selection) -> int:
         """How many observations a selection shows; they have no gaps, for nothing is newer than a pinned turn's."""

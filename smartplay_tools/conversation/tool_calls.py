@@ -190,6 +190,8 @@ class ToolConversation(BaseConversation):
             return {"turns": turns, "masked": view.masked_results, "sha256": sha256}
         # What is masked follows from these; a list of it would grow with the window.
         why: dict[str, Any] = {"oldest": chosen.oldest, "notes": chosen.hidden}
+        if self.episode.budget.own_words is not None:
+            why["words"] = chosen.words
         if self.episode.budget.strategy is not None:
             why |= {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
         return {"turns": turns, "purpose": view.purpose, **why, "summary": view.summaries, "sha256": sha256}

@@ -16,7 +16,7 @@ from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import with_manual
-from smartplay_tools.messages import reasoning_of, text_of
+from smartplay_tools.messages import Message, reasoning_of, text_of
 from smartplay_tools.records.record import Record
 from smartplay_tools.tokens import DEFAULT_TOKENIZER, PRIMING
 from smartplay_tools.tokens.counter import shared_counter
@@ -83,11 +83,15 @@ class Accounts:
         self._whole = [[0] * len(PARTS)]
         self._hidden = [[0] * len(PARTS)]
         """The parts of the turns before each, unmasked and with every observation masked."""
+        self._spoken = [[0] * len(PARTS)]
+        """What bare replies of the turns before each save."""
         self._replies: list[Tokens] = []
         """The parts of each turn's reply."""
         for turn in record.turns:
             self._index.append(turn)
-            self._replies.append(self._parts_of_reply(turn))
+            self._replies.append(whole := self._parts_of_reply(turn, turn.assistant))
+            bare = self._parts_of_reply(turn, turn.bare) if turn.is_wordy else whole
+            self._spoken.append(_plus(self._spoken[-1], _minus(whole, bare)))
             self._whole.append(_plus(self._whole[-1], self._parts_of(turn, 0)))
             self._hidden.append(_plus(self._hidden[-1], self._parts_of(turn, turn.step + 1)))
         self._heads: dict[tuple[int, str | None], tuple[int, int]] = {}
@@ -116,7 +120,9 @@ class Accounts:
         oldest, notes = _oldest(view, self._index.turns), view.get("notes")
         if self._budget.strategy is not None:
             return self._chosen_parts(view, tokens)
+        spoken = self._index.first_from(view.get("words", 0))
         for first, last in view["turns"]:
+            tokens = _minus(tokens, _minus(self._spoken[max(first, min(last + 1, spoken))], self._spoken[first]))
             if first == last == notes:
                 tokens = _plus(tokens, _minus(self._hidden[last + 1], self._hidden[first]))
                 continue
@@ -133,6 +139,8 @@ class Accounts:
         for number in _numbers(view["turns"]):
             turn = self._index.turns[number]
             oldest = turn.step + 1 if number in hidden else view["oldest"]
+            if turn.step < view.get("words", 0):
+                tokens = _minus(tokens, _minus(self._spoken[number + 1], self._spoken[number]))
             tokens = _plus(tokens, self._parts_of(turn, oldest))
         for _, text in view["texts"]:
             tokens[_TEXTS] += self._counter.message(text_message(text))
@@ -160,7 +168,7 @@ class Accounts:
         history = budget.history if self._drops else None
         oldest = _oldest(view, turns)
         still = view["tokens"] - self._summary(view) + self._summary(before)
-        needs = {turn: turns[turn].tokens(self._counter) - self._index.saved(turns[turn], oldest) for turn in gone}
+        needs = {turn: self._needs(turns[turn], oldest, view.get("words", 0)) for turn in gone}
         unmoved = still + sum(needs.values()) + (self._form.question_tokens if self._form else 0)
         room = None if cap is None else cap - view["tokens"]
         for turn in reversed(gone):
@@ -180,6 +188,11 @@ class Accounts:
                 yield Departure(*facts, "block", needs[turn], age)
             if room is not None:
                 room -= needs[turn]
+
+    def _needs(self, turn: Turn, oldest: int, words: int) -> int:
+        """What a turn would take in a prompt."""
+        spoken = turn.spoken(self._counter) if turn.step < words else 0
+        return turn.tokens(self._counter) - self._index.saved(turn, oldest) - spoken
 
     def _summary(self, view: ViewEvent) -> int:
         """The tokens of the summary that a prompt showed."""
@@ -211,13 +224,14 @@ class Accounts:
                 tokens[_OBSERVATIONS] += count(item.message)
         return tokens
 
-    def _parts_of_reply(self, turn: Turn) -> Tokens:
+    def _parts_of_reply(self, turn: Turn, reply: Message) -> Tokens:
+        """The parts of a turn's reply as it was said, or as it is shown bare."""
         total, count = dict.fromkeys(PARTS, 0), self._counter.message
-        words = {name: value for name, value in turn.assistant.items() if name != "tool_calls"}
+        words = {name: value for name, value in reply.items() if name != "tool_calls"}
         frame = count(words)
         total["words" if text_of(words) or reasoning_of(words) else "calls"] = frame
         arguments = [call.arguments.canonical for call in turn.calls]
-        total["calls"] += count(turn.assistant, arguments) - frame
+        total["calls"] += count(reply, arguments) - frame
         for call in turn.calls:
             if call.name == NOTES_TOOL:
                 notes = {**words, "tool_calls": [{"function": {"name": call.name, "arguments": ""}}]}

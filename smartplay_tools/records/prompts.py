@@ -75,8 +75,8 @@ class PromptParts(NamedTuple):
     head: Head
     before: Sequence[Message]
     """The summary, if one is shown."""
-    turns: Sequence[tuple[Turn, int]]
-    """Each with the oldest observation that is shown of it."""
+    turns: Sequence[tuple[Turn, int, bool]]
+    """Each with the oldest observation that is shown of it, and whether its reply is bare."""
     texts: Mapping[int, Message]
     """The texts of a brought strategy, by the turn before which each stands."""
     after: Sequence[Message]
@@ -106,12 +106,12 @@ class Rebuilder:
         shown = self.shown(view)
         messages, lines = [*shown.head.messages, *shown.before], shown.head.canonical.copy()
         lines += map(head_bytes, shown.before)
-        for turn, oldest in shown.turns:
+        for turn, oldest, bare in shown.turns:
             if turn.number in shown.texts:
                 messages.append(shown.texts[turn.number])
                 lines.append(head_bytes(shown.texts[turn.number]))
-            messages.extend(turn.seen(oldest))
-            lines.extend(turn.canonical_seen(oldest))
+            messages.extend(turn.seen(oldest, bare=bare))
+            lines.extend(turn.canonical_seen(oldest, bare=bare))
         messages += shown.after
         lines += map(head_bytes, shown.after)
         named = [part["sha256"] for message in messages for part in pictures_of(message)] if self._pictures else []
@@ -127,11 +127,12 @@ class Rebuilder:
         before: list[Message] = []
         if self._form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):
             before.append(self._form.show(text).message)
-        oldest_of = self._masks(view)
+        oldest_of, words = self._masks(view), view.get("words", 0)
+        ranges = (self._turns[first : last + 1] for first, last in view["turns"])
         return PromptParts(
             self._head_of(self._turns[seen_turns - 1].manual if seen_turns else None),
             before,
-            [(turn, oldest_of(turn)) for first, last in view["turns"] for turn in self._turns[first : last + 1]],
+            [(turn, oldest_of(turn), turn.step < words) for turns in ranges for turn in turns],
             {turn: text_message(text) for turn, text in view.get("texts", ())},
             [self._form.question] if self._form is not None and purpose == "summary" else [],
         )

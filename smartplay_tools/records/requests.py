@@ -161,11 +161,12 @@ class _Units:
                 if shown.head is not head:
                     head, messages = shown.head, [*map(self.of, shown.head.messages)]
                 units, texts = [tools, *messages, *map(self.of, shown.before)], shown.texts
-                for turn, oldest in shown.turns:
+                for turn, oldest, bare in shown.turns:
                     if texts and turn.number in texts:
                         units.append(self.of(texts[turn.number]))
                     is_masked = oldest and turn.shows and oldest > turn.shows[0]
-                    units += self._partly(turn, oldest) if is_masked else whole.get(turn.number) or self.turn(turn)
+                    seen = self._partly(turn, oldest) if is_masked else whole.get(turn.number) or self.turn(turn)
+                    units += [self.of(turn.bare), *seen[1:]] if bare and turn.is_wordy else seen
                 yield event, [*units, *map(self.of, shown.after)]
 
     def replies(self, record: Record) -> dict[tuple[int, str], _Unit]:

@@ -66,6 +66,8 @@ class ViewEvent(TypedDict):
     """With strategies: observations before this one are masked."""
     notes: NotRequired[int | None]
     """With strategies: the pinned turn with the notes, of which every observation is masked."""
+    words: NotRequired[int]
+    """With `own_words`: replies of turns older than this step are bare."""
     hidden: NotRequired[list[list[int]]]
     """With a brought strategy: ranges of the turns of which it has every observation masked."""
     texts: NotRequired[list[Any]]

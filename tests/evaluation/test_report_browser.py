@@ -20,7 +20,7 @@ from smartplay_tools.games import get_spec
 from smartplay_tools.games.crafter.game import Crafter
 from smartplay_tools.records import Record
 from smartplay_tools.records.prompts import sent_prompts
-from tests import scripts
+from tests import fuzz, scripts
 from tests.evaluation.conftest import note_request
 from tests.evaluation.report_runs import (
     BANDIT,
@@ -66,6 +66,8 @@ def test_every_prompt_is_put_together_word_for_word(show, tmp_path):
         record(run / "fills.jsonl", BANDIT, prompt_tokens=700),
         record(run / "slack.jsonl", BANDIT, "random", prompt_tokens=800, slack=0.5),
         record(run / "history.jsonl", RPS, history=3),
+        record(run / "bare.jsonl", RPS, "rule-notes", prompt_tokens=900, own_words=2, notes_tokens=60),
+        record(run / "brought.jsonl", RPS, prompt_tokens=900, strategy=f"{fuzz.ODD}:seed=3"),
         record(run / "pinned.jsonl", RPS, manual="pinned", prompt_tokens=900, history=10),
         record(run / "paper.jsonl", HANOI, protocol="paper", manual="pinned", prompt_tokens=600),
         record(run / "paper-history.jsonl", BANDIT, "random", protocol="paper", manual="none", history=2),

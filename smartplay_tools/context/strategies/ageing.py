@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from smartplay_tools.context.strategies.base import BudgetStrategy, share_kept
+from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
@@ -58,9 +58,7 @@ class Ageing(BudgetStrategy):
         """
         if history is None:
             return 0
-        if self.drops or self._share == 1:
-            return max(0, step - history)
-        return before if step - before <= history else step - math.ceil(self._share * history)
+        return moved(step, before, history, 1 if self.drops else self._share)
 
     def stretches(self, history: int | None) -> tuple[Stretches, Stretches]:
         """Return what ages turns without a step: for a window that stays, and for one that moves, which has slack."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -66,6 +67,13 @@ class BudgetStrategy:
     def pinned(self, turn: Turn) -> int | None:
         """Return the turn to pin after this one, with its observations masked, where it fits; None for none."""
         return None
+
+
+def moved(step: int, before: int, limit: int, share: Fraction | int) -> int:
+    """Return a boundary at most `limit` behind a step; with slack it stays at `before` until it has to, then jumps."""
+    if share == 1:
+        return max(0, step - limit)
+    return before if step - before <= limit else step - math.ceil(share * limit)
 
 
 def share_kept(slack: float) -> Fraction | int:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Protocol, overload, runtime_checkable
 
 from smartplay_tools.context.turns import Turn
+from smartplay_tools.context.view import Selection
 from smartplay_tools.messages import Message, copy_of
 
 
@@ -31,12 +32,12 @@ class PastTurn:
     is_pinned: bool
     """Whether it is shown in any case; its tokens are not part of the room."""
     turn: Turn = field(repr=False)
-    oldest: int = field(repr=False)
+    selection: Selection = field(repr=False)
 
     @property
     def messages(self) -> list[Message]:
         """Its messages as they would be shown now, as copies."""
-        return list(map(copy_of, self.turn.seen(self.oldest)))
+        return list(map(copy_of, self.selection.seen(self.turn)))
 
 
 class PastTurns(Sequence[PastTurn]):

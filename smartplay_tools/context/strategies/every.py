@@ -8,11 +8,12 @@ from smartplay_tools.context.strategies.brought import Brought, load_strategy, m
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.strategies.notes import Notes
 from smartplay_tools.context.strategies.summaries import Summaries
+from smartplay_tools.context.strategies.thoughts import Thoughts
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
-KINDS: tuple[type[BudgetStrategy], ...] = (Ageing, Notes, Summaries, Brought)
+KINDS: tuple[type[BudgetStrategy], ...] = (Ageing, Notes, Summaries, Thoughts, Brought)
 """Every strategy, in the order in which they are asked."""
 
 
@@ -25,6 +26,8 @@ class Strategies:
         """What becomes of turns that are too old."""
         self.summaries = next((strategy for strategy in asked if isinstance(strategy, Summaries)), None)
         """What asks the agent for words when turns leave; None where nothing does."""
+        self.thoughts = next((strategy for strategy in asked if isinstance(strategy, Thoughts)), None)
+        """What strips old replies of their words; None where they keep them."""
         self.tools = tuple(tool for strategy in asked for tool in strategy.tools)
         """The tools that they add."""
         self.reserve = sum(strategy.reserve for strategy in asked)

@@ -93,7 +93,8 @@ function windowParts(episode, words, number, view) {
     for (let at = first; at <= last; at += 1) {
       const turn = episode.turns[at];
       if (texts.has(at)) parts.push({ message: { role: "user", content: texts.get(at) }, what: "strategy" });
-      parts.push({ message: turn.message, turn: at, what: at === view.notes ? "notes" : undefined });
+      const message = stepOf(episode, at) < (view.words ?? 0) ? bareReply(turn.message) : turn.message;
+      parts.push({ message, turn: at, what: at === view.notes ? "notes" : undefined });
       turn.items.forEach((item, index) => {
         const marked = marks.has(`${at}.${index}`);
         const message = messageOf(turn, item, words);
@@ -102,6 +103,24 @@ function windowParts(episode, words, number, view) {
     }
   }
   return parts;
+}
+
+// The step of a turn: the newest observation at its end.
+function stepOf(episode, at) {
+  episode.steps ??= [];
+  for (let number = episode.steps.length; number <= at; number += 1) {
+    const shown = episode.turns[number].items.map(({ call }) => call?.observation_step ?? 0);
+    episode.steps.push(Math.max(episode.steps[number - 1] ?? 0, ...shown));
+  }
+  return episode.steps[at];
+}
+
+// A reply with its calls alone, where it has calls, and words or reasoning with them.
+function bareReply(message) {
+  const isWordy = textOf(message) || message.reasoning_content || message.provider_items?.length;
+  if (!message.tool_calls?.length || !isWordy) return message;
+  const { role, name, tool_calls } = message;
+  return { role, content: null, ...(name ? { name } : {}), tool_calls };
 }
 
 // Once read, the manual is the last part of the system message.

@@ -34,8 +34,12 @@ function whyWords(episode, now, turn) {
   const { states } = visibility(episode, now);
   const size = episode.turns[turn].size;
   const tokens = (count) => (size ? `, ${plural(count, "token")}` : "");
+  const isBare = stepOf(episode, turn) < (episode.turns[now].view.words ?? 0);
   const words = {
-    seen: () => `Turn ${turn} was in this prompt in full${tokens(size?.[0])}.`,
+    seen: () =>
+      isBare
+        ? `Turn ${turn} was in this prompt without the words and the reasoning of its reply, which are too old.`
+        : `Turn ${turn} was in this prompt in full${tokens(size?.[0])}.`,
     marked: () =>
       `Turn ${turn} was in this prompt, but what it showed is older than the history of ` +
       `${plural(episode.budget.history, "step")}, so a marker stood in its place${tokens(size?.[1])}` +

@@ -1,0 +1,22 @@
+"""Thoughts: what an agent said and reasoned leaves before its calls do, once the turn is old."""
+
+from __future__ import annotations
+
+from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
+from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.types import Budget
+
+
+class Thoughts(BudgetStrategy):
+    """Shows older turns with their calls and results, and without the words and the reasoning of their replies."""
+
+    name = "own_words"
+    option_help = "Past steps whose replies keep their words and reasoning; older ones have their calls alone."
+
+    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+        assert budget.own_words is not None
+        self._limit, self._share = budget.own_words, share_kept(budget.slack)
+
+    def oldest(self, step: int, before: int) -> int:
+        """Return w: replies of turns older than this one are bare at a step; `before` is w before the latest turn."""
+        return moved(step, before, self._limit, self._share)

@@ -1,0 +1,91 @@
+"""Old replies without their words: what is shown, counted and on record, with and without slack."""
+
+from __future__ import annotations
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.records import Record, replay, resume
+from smartplay_tools.records.accounts import Accounts
+from tests import scripts
+
+RPS = "RockPaperScissorDifferentScore-v0"
+
+
+def said(words, *calls, **more):
+    made = [
+        {"id": f"c{at}", "type": "function", "function": {"name": name, "arguments": arguments}}
+        for at, (name, arguments) in enumerate(calls)
+    ]
+    return {"role": "assistant", "content": words, **more, **({"tool_calls": made} if made else {})}
+
+
+ROCK = ("act", '{"action": "Rock"}')
+
+
+def played(replies, **budget):
+    events = []
+    with sp.Episode(RPS, seed=1, budget=sp.Budget(history=None, **budget), transcript=events) as episode:
+        conversation = sp.Conversation(episode)
+        prompts = []
+        for reply in replies:
+            conversation.receive(reply)
+            prompt = conversation.prompt()
+            prompts.append([message for message in prompt.messages if message["role"] == "assistant"])
+    return prompts, scripts.as_json(events)
+
+
+def test_words_reasoning_and_items_leave_and_calls_and_names_stay():
+    item = {"type": "reasoning", "summary": [{"type": "summary_text", "text": "Hm."}]}
+    first = said("I think.", ROCK, name="me", reasoning_content="Why not?", provider_items=[item])
+    prompts, _ = played([first, said("Two.", ROCK), said("Three.", ROCK)], own_words=1)
+    assert prompts[1][0]["reasoning_content"] == "Why not?"
+    bare = prompts[2][0]
+    assert set(bare) == {"role", "name", "content", "tool_calls"}
+    assert (bare["content"], bare["name"]) == (None, "me")
+    assert bare["tool_calls"] == prompts[1][0]["tool_calls"]
+
+
+def test_a_reply_without_a_call_stays_as_it_was_said():
+    prompts, _ = played([said("Just words."), *[said("One.", ROCK)] * 4], own_words=0, stalled_turns=None)
+    assert [reply["content"] for reply in prompts[-1]] == ["Just words.", None, None, None, "One."]
+
+
+def test_with_slack_words_leave_in_blocks():
+    prompts, _ = played([said(f"{at}", ROCK) for at in range(9)], own_words=4, slack=0.5)
+    kept = [sum(reply["content"] is not None for reply in shown) for shown in prompts]
+    assert kept == [1, 2, 3, 4, 3, 4, 5, 3, 4]
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"beyond_history": "mask", "slack": 0.5},
+        {"notes_tokens": 60},
+        {"summary_tokens": 40, "slack": 0.5},
+    ],
+    ids=lambda more: " and ".join(more) or "alone",
+)
+def test_records_replay_and_add_up(more):
+    budget = sp.Budget(**{"history": 6, "prompt_tokens": 900, "own_words": 2, **more})
+    events = []
+    with sp.Episode(RPS, seed=3, budget=budget, transcript=events) as episode:
+        result = sp.play(episode, sp.get_player("rule-notes"))
+    assert result.end_reason == "rollout"
+    assert result.deviations["own_words"] == {"paper": None, "played": 2}
+    events = scripts.as_json(events)
+    assert replay(events).identical
+    with resume(events[: len(events) // 2], transcript=[]) as resumed:
+        assert resumed.conversation is not None
+    record = Record(events)
+    assert all(sent.sha256 == sent.recorded_sha256 for sent in record.sent_prompts())
+    accounts = Accounts.of(record)
+    assert all(sum(accounts.parts(view)) == view["tokens"] for view in record.views)
+    list(accounts.departures())
+
+
+def test_it_costs_nothing_where_it_is_off():
+    _, events = played([said("One.", ROCK)] * 3)
+    assert "own_words" not in str(events)
+    assert "words" not in events[-2]
