@@ -98,6 +98,7 @@ STRATEGIES: Mapping[str, Any] = {
     "notes_tokens": None,
     "summary_tokens": None,
     "own_words": None,
+    "first_turns": None,
     "strategy": None,
 }
 """The fields of a budget that say what becomes of the past, and their defaults: it is dropped."""
@@ -139,6 +140,8 @@ class Budget(Recorded):
     """Cap on the summary that the agent is asked for when turns leave the window; None: it is not asked."""
     own_words: Count | None = None
     """Past steps whose replies keep their words and reasoning; replies of older turns have their calls alone."""
+    first_turns: Cap | None = None
+    """The number of first turns that stay visible when later ones leave, as far as they fit; None: none of them."""
     strategy: Annotated[str, Field(strict=True, min_length=1)] | None = None
     """The strategy that chooses the turns of a prompt: FILE.py:CLASS, or the name of one that an installed package
     declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
@@ -192,6 +195,8 @@ def _in_words(name: str, value: Any) -> str:
             return f"no {_CAPPED[name]}"
     if name == "own_words":
         return f"own words {'all' if value is None else value}"
+    if name == "first_turns":
+        return "no anchors" if value is None else f"first turns {value}"
     if name == "strategy":
         return "no strategy of one's own" if value is None else f"strategy {value.rpartition('/')[2]}"
     if isinstance(value, str):

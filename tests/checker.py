@@ -133,7 +133,10 @@ def check_prompt(messages: list[Json], tools: list[Json], judge: Judge, k: int, 
             waiting.remove(one["tool_call_id"])
     assert not waiting, f"calls without a result: {waiting}"
     kept = [i for i, _ in judge.shown(k, judge.first(k + 1) if purpose == "summary" else None)]
-    body = messages[len(judge.original_head) + len(judge.summary(k)) :]
+    body = messages[len(judge.original_head) :]
+    if summary := judge.summary(k):
+        front = sum(len(judge.turns[i]["messages"]) for i in range(min(judge.anchors(k), judge.first(k))))
+        assert [body.pop(front)] == summary, "the summary stands after the head and the anchors"
     texts = judge.texts(k)
     for at, i in enumerate(i for i in kept if i in texts):
         place = sum(len(judge.turns[j]["messages"]) for j in kept if j < i)
@@ -151,7 +154,7 @@ def check_prompt(messages: list[Json], tools: list[Json], judge: Judge, k: int, 
     if judge.choices is None:
         run = [i for i in kept if i >= judge.first(k)]
         assert run == list(range(run[0], run[-1] + 1)) if run else True, "the run has a gap"
-        assert shown <= {*range(min(shown, default=0), max(shown, default=0) + 1)}
+        assert judge.first_turns or shown <= {*range(min(shown, default=0), max(shown, default=0) + 1)}
     if purpose == "play":
         observed = {o for turn in judge.turns[:k] for o in turn["shows"]} - {None}
         assert not observed or t in shown, "the current observation is missing"

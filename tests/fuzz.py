@@ -60,6 +60,7 @@ def strategy(chance: random.Random) -> dict[str, Any]:
         "notes_tokens": chance.choice([None, 2, 12, 40]),
         "summary_tokens": chance.choice([None, 1, 6, 30]),
         "own_words": chance.choice([None, None, 0, 1, 2, 5]),
+        "first_turns": chance.choice([None, None, 1, 2, 4]),
     }
 
 

@@ -53,6 +53,7 @@ class Judge:
         self.slack = Fraction(str(budget["slack"]))
         self.masks = budget.get("beyond_history", "drop") == "mask"
         self.ages_by_turn = budget.get("stalled_turns") is not None and self.history is not None and not self.masks
+        self.first_turns = budget.get("first_turns") or 0
         self.words_kept = budget.get("own_words")
         self.notes_cap, self.summary_cap = budget.get("notes_tokens"), budget.get("summary_tokens")
         self.summaries = list(summaries)
@@ -162,16 +163,27 @@ class Judge:
             self._costs[key] = self.tokens(self.head(k)) + tools_tokens(self.tools, self.n) + PRIMING
         return self._costs[key]
 
-    def layout(self, first: int, k: int, *, notes: bool) -> list[tuple[int, bool]]:
+    def anchors(self, k: int) -> int:
+        """a: how many of the first turns are pinned: the longest beginning that fits beside the other pins."""
+        a, notes = 0, k > 0 and self.notes_fit(k)
+        while a < min(self.first_turns, k - 1):
+            size = self.size(k - 1, k, notes=notes, anchors=a + 1)
+            if self.cap is not None and size + self.reserve > self.cap:
+                break
+            a += 1
+        return a
+
+    def layout(self, first: int, k: int, *, notes: bool, anchors: int | None = None) -> list[tuple[int, bool]]:
         """The turns of a view that begins at `first`, and whether each is hidden."""
         o, q = self.current(k), self.noted(k) if notes else None
-        before = {o, q} - {None}
+        before = {o, q, *(range(self.anchors(k)) if anchors is None else range(anchors))} - {None}
         pins = [(i, i == q and i != o) for i in sorted(i for i in before if i is not None and i < first)]
         return [*pins, *((i, False) for i in range(first, k))]
 
-    def size(self, first: int, k: int, *, notes: bool) -> int:
+    def size(self, first: int, k: int, *, notes: bool, anchors: int | None = None) -> int:
         """V: head, pins and run, without a summary."""
-        return self.frame(k) + sum(self.cost(i, k, hidden) for i, hidden in self.layout(first, k, notes=notes))
+        layout = self.layout(first, k, notes=notes, anchors=anchors)
+        return self.frame(k) + sum(self.cost(i, k, hidden) for i, hidden in layout)
 
     # Summaries.
 
@@ -199,11 +211,12 @@ class Judge:
     # The first turn.
 
     def notes_fit(self, k: int) -> bool:
-        return self.cap is None or self.size(k - 1, k, notes=True) + self.reserve <= self.cap
+        return self.cap is None or self.size(k - 1, k, notes=True, anchors=0) + self.reserve <= self.cap
 
     def overflows(self, k: int) -> bool:
         """Whether there is no Fill."""
-        return self.cap is not None and self.size(k - 1, k, notes=self.notes_fit(k)) + self.reserve > self.cap
+        size = self.size(k - 1, k, notes=self.notes_fit(k), anchors=0)
+        return self.cap is not None and size + self.reserve > self.cap
 
     def fill(self, k: int, share: Fraction) -> int:
         notes, last = self.notes_fit(k), self.size(k - 1, k, notes=self.notes_fit(k))
@@ -254,7 +267,12 @@ class Judge:
 
     def asks(self, k: int) -> bool:
         """Whether a summary is asked for before the prompt of turn k."""
-        return self.summary_cap is not None and k > 0 and self.pins_fit(k) and self.first(k) > self.first(k - 1)
+        return (
+            self.summary_cap is not None
+            and k > 0
+            and self.pins_fit(k)
+            and self.first(k) > max(self.first(k - 1), self.anchors(k))
+        )
 
     # Views.
 
@@ -286,7 +304,9 @@ class Judge:
                 body.append((i, -1, {"role": "user", "content": self.texts(k)[i]}))
             body += [(i, m, one) for m, one in enumerate(self.seen(i, k, hidden))]
         summary = [(-1, 0, one) for one in self.summary(k)]
-        return [*((-2, m, one) for m, one in enumerate(self.head(k))), *summary, *body]
+        front = min(self.anchors(k), self.first(k)) if self.choices is None else 0
+        ahead, after = [one for one in body if one[0] < front], [one for one in body if one[0] >= front]
+        return [*((-2, m, one) for m, one in enumerate(self.head(k))), *ahead, *summary, *after]
 
     def size_of_view(self, k: int) -> int:
         """The tokens of a prompt to play, whether or not it fits."""
@@ -312,6 +332,11 @@ class Judge:
         body = [(i, m, one) for i, m, one in traced if i >= 0 and m >= 0]
         marked = [[i, m - 1] for i, m, one in body if m and one is not self.turns[i]["messages"][m]]
         seen = {self.turns[i]["shows"][m] for i, m, one in body if [i, m - 1] not in marked} - {None}
+        if self.first_turns and self.choices is None:
+            # Anchors before the run are left out, unless one is the latest turn that shows t.
+            aside = {*range(min(self.anchors(k), self.first(k)))} - {self.current(k)}
+            seen = {self.turns[i]["shows"][m] for i, m, one in body if [i, m - 1] not in marked and i not in aside}
+            seen -= {None}
         messages = [one for _, _, one in traced]
         return {
             "messages": messages,

@@ -142,6 +142,7 @@ strategies = st.fixed_dictionaries(
         "notes_tokens": st.sampled_from([None, 2, 12, 40]),
         "summary_tokens": st.sampled_from([None, 1, 6, 30]),
         "own_words": st.sampled_from([None, None, 0, 1, 3]),
+        "first_turns": st.sampled_from([None, None, 1, 3]),
     }
 )
 histories = st.sampled_from([0, 1, 2, 3, 5, None])

@@ -43,7 +43,7 @@ def budget_of(drawn: dict[str, Any], head: int, game: str, tokenizer: Any) -> sp
     room, episode = drawn.pop("room"), drawn.pop("episode")
     prompt_tokens = None if room is None else head + scripts.strategy_tokens(drawn, tokenizer) + room
     drawn |= {"prompt_tokens": prompt_tokens, "episode_tokens": None if episode is None else head + episode}
-    for change in ({}, {"summary_tokens": None}, {"beyond_history": "drop"}):
+    for change in ({}, {"summary_tokens": None}, {"beyond_history": "drop"}, {"first_turns": None}):
         drawn |= change
         if refused_strategy(sp.Budget(**drawn), sp.GAMES[game], context="window") is None:
             break
@@ -127,7 +127,7 @@ def test_a_view_depends_on_the_turns_alone(
         numbers = {"history": history, "slack": slack, "stalled_turns": stalls, **strategy, "notes_tokens": 12}
         numbers["prompt_tokens"] = size + room + scripts.strategy_tokens(numbers, words)
         if refused_strategy(sp.Budget(**numbers), sp.GAMES[drawn["game"]], context="window"):
-            numbers["summary_tokens"] = None
+            numbers["summary_tokens"] = numbers["first_turns"] = None
         budget = episode.budget.model_copy(update=numbers)
         judge = checker.Judge(head["messages"], head["tools"], plain, numbers, words.count)
         window = ContextWindow(head["messages"], tools, budget, episode.counter)

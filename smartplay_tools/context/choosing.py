@@ -175,7 +175,7 @@ def chosen_selection(state: WindowState, choice: Choice) -> Selection:
     texts = _texts(choice.texts, shown)
     earlier = tuple(sorted(shown - {state.last}))
     return Selection(
-        earlier, state.last, state.last, state.oldest, state.notes, state.words, True, frozenset(masked), texts
+        earlier, state.last, state.last, state.oldest, state.notes, state.words, 0, True, frozenset(masked), texts
     )
 
 

@@ -15,6 +15,9 @@ from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.messages import Message
 from smartplay_tools.tokens import PRIMING, TokenCounter
 
+SUMMARY = -1
+"""Stands for the summary among the numbers of turns."""
+
 Side = tuple[WindowState, Selection]
 
 
@@ -25,11 +28,7 @@ def common_tokens(
     shared, is_same = common_head(before[0].head, now[0].head, tools, counter)
     if not is_same:
         return shared
-    if summary != summary_before:
-        return shared
-    if summary is not None:
-        shared += counter.message(summary)
-    return shared + _common_turns(before, now, counter)
+    return shared + _common_turns(before, now, summary_before, summary, counter)
 
 
 def common_head(was: Head, head: Head, tools: int, counter: TokenCounter) -> tuple[int, bool]:
@@ -42,15 +41,24 @@ def common_head(was: Head, head: Head, tools: int, counter: TokenCounter) -> tup
     return tools + counter.messages(message for message, _ in takewhile(_are_equal, pairs)), False
 
 
-def _common_turns(before: Side, now: Side, counter: TokenCounter) -> int:
+def _common_turns(
+    before: Side, now: Side, summary_before: Message | None, summary: Message | None, counter: TokenCounter
+) -> int:
     """The tokens of the turns, and of the messages of the first turn that differs, that both views begin with."""
     (state, chosen), (_, chosen_before) = now, before
     shared = 0
     # Pinned turns are compared one by one; past them both views are runs of neighbours.
-    for place in range(max(len(chosen.pinned), len(chosen_before.pinned))):
-        index, was = _at(chosen, place), _at(chosen_before, place)
+    pinned, pinned_before = _before_run(chosen, summary), _before_run(chosen_before, summary_before)
+    most = max(len(pinned), len(pinned_before))
+    for place in range(most):
+        index, was = _at(chosen, pinned, place), _at(chosen_before, pinned_before, place)
         if index is None or index != was:
             return shared
+        if index == SUMMARY:
+            if summary is None or summary != summary_before:
+                return shared
+            shared += counter.message(summary)
+            continue
         turn = state.index.turns[index]
         if turn.is_wordy and chosen.is_bare(turn) != chosen_before.is_bare(turn):
             return shared
@@ -59,8 +67,7 @@ def _common_turns(before: Side, now: Side, counter: TokenCounter) -> int:
         shared += tokens
         if not is_whole:
             return shared
-    place = max(len(chosen.pinned), len(chosen_before.pinned))
-    first, first_before = _at(chosen, place), _at(chosen_before, place)
+    first, first_before = _at(chosen, pinned, most), _at(chosen_before, pinned_before, most)
     if first is None or first != first_before:
         return shared
     return shared + _common_run(before, now, first, counter)
@@ -96,11 +103,18 @@ def common_messages(
     return counter.messages(messages[: changed + 1]), False
 
 
-def _at(chosen: Selection, place: int) -> int | None:
-    """The turn at a place of a selection; None past its end."""
-    if place < len(chosen.pinned):
-        return chosen.pinned[place]
-    index = chosen.first + place - len(chosen.pinned)
+def _before_run(chosen: Selection, summary: Message | None) -> Sequence[int]:
+    """The pinned turns before a run, and the summary where it stands."""
+    if summary is None:
+        return chosen.pinned
+    return (*chosen.pinned[: chosen.front], SUMMARY, *chosen.pinned[chosen.front :])
+
+
+def _at(chosen: Selection, pinned: Sequence[int], place: int) -> int | None:
+    """The turn, or the summary, at a place of a selection; None past its end."""
+    if place < len(pinned):
+        return pinned[place]
+    index = chosen.first + place - len(pinned)
     return index if index <= chosen.last else None
 
 

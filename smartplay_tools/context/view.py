@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,7 +19,8 @@ class Selection:
     """Which turns a prompt shows: the run from `first` to `last`, and before it the pinned ones that are older."""
 
     pinned: tuple[int, ...]
-    """The latest turn that shows the newest observation, and the turn with the notes, where they lie before `first`."""
+    """What lies before `first` of the first turns that stay, the latest turn that shows the newest observation, and the
+    turn with the notes."""
     first: int
     last: int
     oldest: int
@@ -27,6 +29,8 @@ class Selection:
     """The pinned turn of which every observation is masked: that with the notes."""
     words: int = 0
     """Replies of turns older than this step are bare."""
+    anchors: int = 0
+    """How many of the first turns stay; they stand before a summary."""
     is_chosen: bool = False
     """Whether a brought strategy has chosen the turns; `pinned` are then all but the newest."""
     masked: frozenset[int] = frozenset()
@@ -45,6 +49,11 @@ class Selection:
         """Return the oldest observation that is shown of a turn of the selection."""
         is_hidden = turn.number == self.hidden or turn.number in self.masked
         return turn.step + 1 if is_hidden else self.oldest
+
+    @property
+    def front(self) -> int:
+        """How many of the pinned turns stand before a summary."""
+        return bisect_left(self.pinned, self.anchors) if self.anchors else 0
 
     def is_bare(self, turn: Turn) -> bool:
         """Whether the reply of a turn is shown without its words."""

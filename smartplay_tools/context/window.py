@@ -101,7 +101,7 @@ class ContextWindow:
         state = self._after(turn)
         first = self._first(state, was_first, 0 if summary is None else summary.tokens)
         self._now = Contents(state, state.selected(first), summary)
-        if self._form is not None and first > was_first and not self._overflows:
+        if self._form is not None and first > max(was_first, state.anchors) and not self._overflows:
             assert self._before is not None
             leaving = replace(self._before.selection, last=first - 1)
             self._leaving = Contents(self._before.state, leaving, summary, self._form.question)
@@ -118,7 +118,7 @@ class ContextWindow:
         oldest = self._ageing.oldest(turn.step, self.budget.history, self._now.state.oldest)
         words = 0 if self._thoughts is None else self._thoughts.oldest(turn.step, self._now.state.words)
         state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual), words)
-        return self._pin(state, self._strategies.pinned(turn))
+        return self._anchor(self._pin(state, self._strategies.pinned(turn)))
 
     def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:
         """Begin all further views with another head and other tools, from the next appended turn on."""
@@ -191,9 +191,8 @@ class ContextWindow:
         contents = self._now if purpose == "play" else self._leaving
         assert contents is not None
         lines = contents.state.head.canonical.copy()
-        if contents.summary is not None:
-            lines.append(head_bytes(contents.summary.message))
-        lines += contents.state.lines(contents.selection)
+        summary = () if contents.summary is None else (head_bytes(contents.summary.message),)
+        lines += contents.state.lines(contents.selection, summary)
         if contents.question is not None:
             lines.append(head_bytes(contents.question))
         return lines
@@ -201,9 +200,7 @@ class ContextWindow:
     def _view_of(self, contents: Contents, purpose: Purpose, tokens: int, prefix: int) -> View:
         state, chosen = contents.state, contents.selection
         shown = list(state.head.messages)
-        if contents.summary is not None:
-            shown.append(contents.summary.message)
-        shown += state.messages(chosen)
+        shown += state.messages(chosen, () if contents.summary is None else (contents.summary.message,))
         if contents.question is not None:
             shown.append(contents.question)
         return View(
@@ -234,6 +231,14 @@ class ContextWindow:
             return state
         cap, pinned = self.budget.prompt_tokens, state.with_notes(notes)
         return pinned if cap is None or pinned.tokens(state.last) + self._reserve <= cap else state
+
+    def _anchor(self, state: WindowState) -> WindowState:
+        """Pin as many of the first turns as fit beside the other pinned parts."""
+        most = self._strategies.anchors
+        if not most:
+            return state
+        cap = self.budget.prompt_tokens
+        return state.with_anchors(most, math.inf if cap is None else cap - self._reserve)
 
     # Selection of the turns to keep.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,6 +34,8 @@ class WindowState:
     """w: replies of turns older than this step are bare."""
     spoken: int = 0
     """The first turn that is not older than `words`: replies before it are bare."""
+    anchors: int = 0
+    """a: how many of the first turns stay."""
     notes: int | None = None
     """q, the turn with the notes, while it is pinned as that and nothing else."""
 
@@ -48,6 +52,12 @@ class WindowState:
     def with_notes(self, notes: int) -> WindowState:
         """Return the state with the notes pinned."""
         return replace(self, notes=notes)
+
+    def with_anchors(self, most: int, room: float) -> WindowState:
+        """Return the state with as many of the first turns, at most `most`, as fit into a room beside the pins."""
+        least, numbers = self.tokens(self.last), range(1, min(most, self.last) + 1)
+        number = bisect_right(numbers, room - least, key=self._anchors_tokens)
+        return replace(self, anchors=number) if number else self
 
     @property
     def last(self) -> int:
@@ -87,33 +97,43 @@ class WindowState:
             total += self._newest_tokens
         if self.notes is not None and self.notes < first:
             total += self._notes_tokens
-        return total
+        return total + self._anchors_tokens(min(self.anchors, first)) if self.anchors else total
+
+    def _anchors_tokens(self, stop: int) -> int:
+        """Tokens of the first turns to before `stop`, without those that are pinned for another reason."""
+        others = {index for index in (self.newest, self.notes) if index is not None and index < stop}
+        return self.run(0, stop) - sum(self.run(index, index + 1) for index in others)
 
     def selected(self, first: int) -> Selection:
         """Return the selection whose run begins at `first`."""
         hidden = self.notes if self.notes is not None and self.notes < first else None
         newest = self.newest if self.newest is not None and self.newest < first else None
-        pinned = tuple(sorted(index for index in (newest, hidden) if index is not None))
-        return Selection(pinned, first, self.last, self.oldest, hidden, self.words)
+        anchors = min(self.anchors, first)
+        pinned = tuple(sorted({index for index in (newest, hidden) if index is not None} | {*range(anchors)}))
+        return Selection(pinned, first, self.last, self.oldest, hidden, self.words, self.anchors)
 
     def selection_tokens(self, chosen: Selection) -> int:
         """Tokens of head and the selected turns."""
-        pins = sum(self._notes_tokens if index == chosen.hidden else self._newest_tokens for index in chosen.pinned)
+        pins = sum(
+            self._notes_tokens if index == chosen.hidden else self.run(index, index + 1) for index in chosen.pinned
+        )
         return self.head.tokens + pins + self.run(chosen.first, chosen.last + 1)
 
-    def messages(self, chosen: Selection) -> list[Message]:
-        """Return the messages of the selected turns."""
-        messages: list[Message] = []
+    def messages(self, chosen: Selection, summary: Sequence[Message]) -> list[Message]:
+        """Return the messages of the selected turns, and the summary after the first turns that stay."""
         whole, turns = self._whole_from(chosen), self.index.turns
-        for index in (*chosen.pinned, *range(chosen.first, whole)):
+        messages = [message for index in chosen.pinned[: chosen.front] for message in chosen.seen(turns[index])]
+        messages += summary
+        for index in (*chosen.pinned[chosen.front :], *range(chosen.first, whole)):
             messages += chosen.seen(turns[index])
         return messages + self.index.messages(whole, chosen.last + 1)
 
-    def lines(self, chosen: Selection) -> list[bytes]:
+    def lines(self, chosen: Selection, summary: Sequence[bytes]) -> list[bytes]:
         """Return the canonical JSON of `messages`."""
-        lines: list[bytes] = []
         whole, turns = self._whole_from(chosen), self.index.turns
-        for index in (*chosen.pinned, *range(chosen.first, whole)):
+        lines = [line for index in chosen.pinned[: chosen.front] for line in chosen.canonical_seen(turns[index])]
+        lines += summary
+        for index in (*chosen.pinned[chosen.front :], *range(chosen.first, whole)):
             lines += chosen.canonical_seen(turns[index])
         return lines + self.index.lines(whole, chosen.last + 1)
 
@@ -122,9 +142,12 @@ class WindowState:
         return min(max(chosen.first, self.boundary + 1, self.spoken), chosen.last + 1)
 
     def visible(self, chosen: Selection) -> int:
-        """How many observations a selection shows; they have no gaps, for nothing is newer than a pinned turn's."""
+        """How many observations a selection shows without a gap up to the newest.
+
+        Those of first turns that stay and lie before the run are left out, but for the latest that shows the newest.
+        """
         for index in chosen.pinned:
-            if index != chosen.hidden:
+            if index == self.newest and index != chosen.hidden:
                 return self.step + 1 - self._first_visible(index)
         stop = chosen.last + 1
         first = self.index.first_showing(max(chosen.first, self.boundary), stop)

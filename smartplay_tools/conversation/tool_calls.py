@@ -192,6 +192,8 @@ class ToolConversation(BaseConversation):
         why: dict[str, Any] = {"oldest": chosen.oldest, "notes": chosen.hidden}
         if self.episode.budget.own_words is not None:
             why["words"] = chosen.words
+        if self.episode.budget.first_turns is not None:
+            why["anchors"] = chosen.anchors
         if self.episode.budget.strategy is not None:
             why |= {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
         return {"turns": turns, "purpose": view.purpose, **why, "summary": view.summaries, "sha256": sha256}

@@ -75,6 +75,8 @@ class PromptParts(NamedTuple):
     head: Head
     before: Sequence[Message]
     """The summary, if one is shown."""
+    front: int
+    """How many of the turns stand before the summary: first turns that stay."""
     turns: Sequence[tuple[Turn, int, bool]]
     """Each with the oldest observation that is shown of it, and whether its reply is bare."""
     texts: Mapping[int, Message]
@@ -104,9 +106,11 @@ class Rebuilder:
     def rebuild(self, view: Event) -> SentPrompt:
         """Return the prompt that a view shows."""
         shown = self.shown(view)
-        messages, lines = [*shown.head.messages, *shown.before], shown.head.canonical.copy()
-        lines += map(head_bytes, shown.before)
-        for turn, oldest, bare in shown.turns:
+        messages, lines = [*shown.head.messages], shown.head.canonical.copy()
+        for place, (turn, oldest, bare) in enumerate(shown.turns):
+            if place == shown.front:
+                messages.extend(shown.before)
+                lines += map(head_bytes, shown.before)
             if turn.number in shown.texts:
                 messages.append(shown.texts[turn.number])
                 lines.append(head_bytes(shown.texts[turn.number]))
@@ -132,6 +136,7 @@ class Rebuilder:
         return PromptParts(
             self._head_of(self._turns[seen_turns - 1].manual if seen_turns else None),
             before,
+            sum(last < view.get("anchors", 0) for _, last in view["turns"][:-1]),
             [(turn, oldest_of(turn), turn.step < words) for turns in ranges for turn in turns],
             {turn: text_message(text) for turn, text in view.get("texts", ())},
             [self._form.question] if self._form is not None and purpose == "summary" else [],

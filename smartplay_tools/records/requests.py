@@ -160,8 +160,10 @@ class _Units:
                 shown = rebuilder.shown(event)
                 if shown.head is not head:
                     head, messages = shown.head, [*map(self.of, shown.head.messages)]
-                units, texts = [tools, *messages, *map(self.of, shown.before)], shown.texts
-                for turn, oldest, bare in shown.turns:
+                units, texts = [tools, *messages], shown.texts
+                for place, (turn, oldest, bare) in enumerate(shown.turns):
+                    if place == shown.front:
+                        units += map(self.of, shown.before)
                     if texts and turn.number in texts:
                         units.append(self.of(texts[turn.number]))
                     is_masked = oldest and turn.shows and oldest > turn.shows[0]

@@ -68,6 +68,8 @@ class ViewEvent(TypedDict):
     """With strategies: the pinned turn with the notes, of which every observation is masked."""
     words: NotRequired[int]
     """With `own_words`: replies of turns older than this step are bare."""
+    anchors: NotRequired[int]
+    """With `first_turns`: how many of the first turns are pinned; those before the run stand before the summary."""
     hidden: NotRequired[list[list[int]]]
     """With a brought strategy: ranges of the turns of which it has every observation masked."""
     texts: NotRequired[list[Any]]

@@ -67,6 +67,9 @@ def test_every_prompt_is_put_together_word_for_word(show, tmp_path):
         record(run / "slack.jsonl", BANDIT, "random", prompt_tokens=800, slack=0.5),
         record(run / "history.jsonl", RPS, history=3),
         record(run / "bare.jsonl", RPS, "rule-notes", prompt_tokens=900, own_words=2, notes_tokens=60),
+        record(
+            run / "anchors.jsonl", RPS, "rule-notes", prompt_tokens=1_000, first_turns=2, summary_tokens=60, slack=0.5
+        ),
         record(run / "brought.jsonl", RPS, prompt_tokens=900, strategy=f"{fuzz.ODD}:seed=3"),
         record(run / "pinned.jsonl", RPS, manual="pinned", prompt_tokens=900, history=10),
         record(run / "paper.jsonl", HANOI, protocol="paper", manual="pinned", prompt_tokens=600),

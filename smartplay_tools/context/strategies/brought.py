@@ -36,7 +36,7 @@ class Brought(BudgetStrategy):
     @classmethod
     def refusal(cls, budget: Budget, history: int | None) -> str | None:
         """Return why it cannot be combined with the rest of the budget: it chooses what others would decide."""
-        for name in ("beyond_history", "summary_tokens", "slack"):
+        for name in ("beyond_history", "summary_tokens", "first_turns", "slack"):
             if getattr(budget, name) != Budget.model_fields[name].default:
                 return f"strategy={budget.strategy} chooses the turns itself, so {name} would do nothing; leave it out."
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from smartplay_tools.context.strategies.ageing import Ageing
+from smartplay_tools.context.strategies.anchors import Anchors
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.brought import Brought, load_strategy, make_strategy, recorded_strategy
 from smartplay_tools.context.strategies.choices import Strategy
@@ -13,7 +14,7 @@ from smartplay_tools.context.turns import Turn
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
-KINDS: tuple[type[BudgetStrategy], ...] = (Ageing, Notes, Summaries, Thoughts, Brought)
+KINDS: tuple[type[BudgetStrategy], ...] = (Ageing, Notes, Summaries, Thoughts, Anchors, Brought)
 """Every strategy, in the order in which they are asked."""
 
 
@@ -28,6 +29,8 @@ class Strategies:
         """What asks the agent for words when turns leave; None where nothing does."""
         self.thoughts = next((strategy for strategy in asked if isinstance(strategy, Thoughts)), None)
         """What strips old replies of their words; None where they keep them."""
+        self.anchors = next((strategy.most for strategy in asked if isinstance(strategy, Anchors)), 0)
+        """How many of the first turns stay, as far as they fit."""
         self.tools = tuple(tool for strategy in asked for tool in strategy.tools)
         """The tools that they add."""
         self.reserve = sum(strategy.reserve for strategy in asked)

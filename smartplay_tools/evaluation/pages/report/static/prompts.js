@@ -86,10 +86,13 @@ function windowParts(episode, words, number, view) {
   const head = manual === null ? plain : withManual(plain, manual);
   const parts = head.map((message) => ({ message }));
   const summary = summaryIn(episode, view);
-  if (summary) parts.push({ message: { role: "user", content: `${words.summary}\n${summary}` }, what: "summary" });
+  const brief = { message: { role: "user", content: `${words.summary}\n${summary}` }, what: "summary" };
+  // First turns that stay, and are not part of the run, stand before the summary.
+  const front = view.turns.slice(0, -1).filter(([, last]) => last < (view.anchors ?? 0)).length;
   const marks = new Set(markedResults(episode, view).map(([turn, item]) => `${turn}.${item}`));
   const texts = new Map(view.texts ?? []);
-  for (const [first, last] of view.turns) {
+  for (const [place, [first, last]] of view.turns.entries()) {
+    if (summary && place === front) parts.push(brief);
     for (let at = first; at <= last; at += 1) {
       const turn = episode.turns[at];
       if (texts.has(at)) parts.push({ message: { role: "user", content: texts.get(at) }, what: "strategy" });

@@ -1,0 +1,27 @@
+"""Anchors: the first turns of an episode stay visible when later ones leave."""
+
+from __future__ import annotations
+
+from smartplay_tools.context.strategies.ageing import turns_leave
+from smartplay_tools.context.strategies.base import BudgetStrategy
+from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.types import Budget
+
+
+class Anchors(BudgetStrategy):
+    """Pins as many of the first turns as fit beside what is pinned in any case."""
+
+    name = "first_turns"
+    option_help = "The number of first turns that stay visible when later ones leave, as far as they fit."
+
+    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+        assert budget.first_turns is not None
+        self.most = budget.first_turns
+        """How many there can be."""
+
+    @classmethod
+    def refusal(cls, budget: Budget, history: int | None) -> str | None:
+        """Return why nothing can be anchored: no turn ever leaves."""
+        if not turns_leave(budget, history):
+            return "first_turns has nothing to keep where no turn ever leaves; give prompt_tokens a number."
+        return None

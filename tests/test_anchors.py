@@ -1,0 +1,77 @@
+"""First turns that stay: which, where they stand, what is asked for, and what is on record."""
+
+from __future__ import annotations
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.records import Record, replay, resume
+from smartplay_tools.records.accounts import Accounts
+from tests import scripts
+
+RPS = "RockPaperScissorDifferentScore-v0"
+
+
+def played(**budget):
+    events = []
+    with sp.Episode(RPS, seed=3, budget=sp.Budget(**budget), transcript=events) as episode:
+        result = sp.play(episode, sp.get_player("rule-notes"))
+    return result, scripts.as_json(events)
+
+
+def test_the_first_turns_are_in_every_prompt():
+    result, events = played(first_turns=2, prompt_tokens=1_000, result_tokens=60)
+    assert result.end_reason == "rollout"
+    assert result.deviations["first_turns"] == {"paper": None, "played": 2}
+    views = [event for event in events if event["event"] == "view"]
+    assert all({0, 1} <= {at for first, last in view["turns"] for at in range(first, last + 1)} for view in views[2:])
+    assert views[-1]["dropped_turns"] > 30
+
+
+def test_what_does_not_fit_is_left_out():
+    result, events = played(first_turns=50, prompt_tokens=900)
+    anchors = [event["anchors"] for event in events if event["event"] == "view"]
+    assert result.end_reason == "rollout"
+    assert 0 < max(anchors) < 50
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"beyond_history": "mask", "slack": 0.5, "history": 5},
+        {"notes_tokens": 60, "own_words": 2},
+        {"summary_tokens": 40, "slack": 0.5, "notes_tokens": 40},
+    ],
+    ids=lambda more: " and ".join(more) or "alone",
+)
+def test_records_replay_and_add_up(more):
+    result, events = played(**{"prompt_tokens": 1_000, "first_turns": 2, **more})
+    assert result.end_reason == "rollout"
+    assert (result.summaries > 0) == ("summary_tokens" in more)
+    assert replay(events).identical
+    with resume(events[: len(events) // 2], transcript=[]) as resumed:
+        assert resumed.conversation is not None
+    record = Record(events)
+    assert all(sent.sha256 == sent.recorded_sha256 for sent in record.sent_prompts())
+    accounts = Accounts.of(record)
+    assert all(sum(accounts.parts(view)) == view["tokens"] for view in record.views)
+    list(accounts.departures())
+
+
+def test_they_stand_in_front_of_the_summary():
+    _, events = played(first_turns=2, summary_tokens=40, slack=0.5, prompt_tokens=1_000)
+    sent = [one.prompt for one in Record(events).sent_prompts() if not one.prompt.asks_for_summary][-1]
+    contents = [str(message["content"]) for message in sent.messages]
+    [summary] = [at for at, text in enumerate(contents) if text.startswith("Your summary of what has left")]
+    assert [message["role"] for message in sent.messages[:summary]].count("assistant") == 2
+
+
+def test_a_summary_is_not_asked_for_while_nothing_leaves():
+    result, _ = played(first_turns=99, summary_tokens=20, slack=0.5, history=10)
+    assert result.summaries == 0
+
+
+def test_where_nothing_leaves_it_is_refused():
+    with pytest.raises(sp.InvalidArgumentError, match="first_turns has nothing to keep"):
+        sp.Episode(RPS, seed=1, budget=sp.Budget(first_turns=1, history=None))
