@@ -19,7 +19,13 @@ project_copyright = "the authors of smartplay-tools"
 release = installed_version("smartplay-tools")
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_copybutton"]
-extensions += ["command_line", "example_pages", "other_pages", "public_names"]  # of our own, in `_extensions`
+extensions += [
+    "command_line",
+    "example_pages",
+    "live_replay",
+    "other_pages",
+    "public_names",
+]  # of our own, in `_extensions`
 exclude_patterns = ["_board", "_build", "jupyter_execute"]
 nitpicky = True
 add_module_names = False

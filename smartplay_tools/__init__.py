@@ -46,7 +46,7 @@ if TYPE_CHECKING:
         ToolSpec,
         Usage,
     )
-    from smartplay_tools.version import __version__
+    from smartplay_tools.version import __version__ as __version__
 
 __all__ = [
     "GAMES",
@@ -72,7 +72,6 @@ __all__ = [
     "ToolResult",
     "ToolSpec",
     "Usage",
-    "__version__",
     "aplay",
     "call",
     "evaluate",

@@ -50,6 +50,9 @@ def view(
         ),
     ] = None,
     plugins: options.Plugins = False,
+    annotate: Annotated[
+        bool, typer.Option("--annotate", help="Let visitors write notes about turns, kept beside the records.")
+    ] = False,
     open_browser: Annotated[bool, typer.Option("--open", help="Open the site in a browser.")] = False,
     *,
     episode: EpisodeOptions,
@@ -70,7 +73,16 @@ def view(
     else:
         own = playing.folder.path.resolve()
         runs = RunList(folders or [], always=[SiteRun(own, own.name)])
-    server = ViewServer(runs, host=host, port=port, token=token, hosts=allow_host or (), play=playing, plugins=plugins)
+    server = ViewServer(
+        runs,
+        host=host,
+        port=port,
+        token=token,
+        hosts=allow_host or (),
+        play=playing,
+        plugins=plugins,
+        annotate=annotate,
+    )
     count = len(runs.current())
     counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet, but new ones appear,"
     served = counted if playing is None else f"{counted}, and {play} to play (its record is in {out}),"

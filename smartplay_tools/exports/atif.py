@@ -13,6 +13,7 @@ from typing import Any
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.messages import Call, Message, reasoning_of, text_of
+from smartplay_tools.records.annotations import as_list, read_notes
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import concerns_summary
 from smartplay_tools.types import Usage
@@ -54,8 +55,15 @@ def trajectory(episode: Record) -> dict[str, Any]:
             "total_completion_tokens": tokens.reply,
             "total_steps": len(steps),
         },
-        "extra": {"smartplay": {"config": episode.config.to_json(), "result": result.model_dump(mode="json")}},
+        "extra": {"smartplay": _extra(episode)},
     }
+
+
+def _extra(episode: Record) -> dict[str, Any]:
+    """Configuration and result, and the notes of people about turns, if there are any."""
+    facts = {"config": episode.config.to_json(), "result": episode.result.model_dump(mode="json")}
+    notes = {} if episode.path is None else read_notes(episode.path)
+    return {**facts, "notes": as_list(notes)} if notes else facts
 
 
 def _steps(episode: Record) -> Iterator[dict[str, Any]]:

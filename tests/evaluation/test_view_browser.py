@@ -248,3 +248,22 @@ def test_a_person_plays_an_episode(show, tmp_path, width, scheme):
         page.wait_for_selector("body[data-ready] #player:not([hidden])")
         assert "/episode/human/episodes/" in page.url
         assert play.folder.rows()[0]["steps"] == 1
+
+
+def test_a_note_is_written_with_a_key_and_is_in_the_list(show, runs, tmp_path):
+    shutil.copytree(runs / "one", tmp_path / "one")
+    with view.ViewServer(view.find_runs([tmp_path]), annotate=True) as server:
+        page = show(server.url)
+        page.locator("#rows a").first.click()
+        page.wait_for_selector("body[data-ready] #player:not([hidden])")
+        page.keyboard.press("ArrowRight")
+        page.keyboard.press("a")
+        page.keyboard.type("<b>it forgets</b>")
+        page.locator("#save-note").click()
+        page.locator("#note .note", has_text="<b>it forgets</b>").wait_for()
+        page.keyboard.press("ArrowRight")
+        assert "turn 1" in page.locator("#note").inner_text()
+        page.keyboard.press("Escape")
+        page.wait_for_selector("body[data-ready] #rows > div")
+        page.select_option("#only", "notes")
+        assert page.locator("#count").inner_text() == "1 episode"

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 SCRIPTS = (
     *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "worlds.js", "drawings.js"),
-    *("live.js", "episode.js", "turn.js", "why.js", "search.js", "player.js", "compare.js", "page.js"),
+    *("live.js", "episode.js", "turn.js", "why.js", "search.js", "notes.js", "player.js", "compare.js", "page.js"),
 )
 """The page's scripts, in the order of their dependencies."""
 

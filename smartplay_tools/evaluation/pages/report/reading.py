@@ -22,6 +22,7 @@ from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.pages.report.summary import rules
 from smartplay_tools.games.registry import importing_packages
 from smartplay_tools.json_text import encoder
+from smartplay_tools.records.annotations import as_list, read_notes
 from smartplay_tools.records.parallel import parallel_map, worth
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
@@ -73,6 +74,7 @@ def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
             **episode_data(source.key, record, source.facts),
             "drawing": drawings.draw(record),
             "run": letter,
+            "notes": as_list(read_notes(source.transcript)),
         }
         if source.turns is not None:
             data = excerpt(data, *source.turns)

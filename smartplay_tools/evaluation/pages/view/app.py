@@ -12,8 +12,8 @@
 
 RUN is the name of a run: the path of its folder below the one that the site was started with. A request is refused
 unless its Host and Origin are expected and, where there is a token, it carries it: as a bearer token, or in a cookie
-that the first visit sets. Nothing can be changed through the site, unless a person plays in it (`playing`): such a
-request has to come from the page of the play and to show the page's key.
+that the first visit sets. Nothing can be changed through the site, unless a person plays in it (`playing`) or it takes
+notes (`/api/notes/RUN/KIND/STEM`): such a request has to come from a page of the site and to show the page's key.
 """
 
 from __future__ import annotations
@@ -36,10 +36,17 @@ from starlette.types import ASGIApp
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.pages.view.answers import HEADERS, missing, page, page_now, static
-from smartplay_tools.evaluation.pages.view.playing import LONGEST_WAIT, LOOK_SECONDS, PlayedRun, play_routes
+from smartplay_tools.evaluation.pages.view.playing import (
+    LONGEST_WAIT,
+    LOOK_SECONDS,
+    PlayedRun,
+    json_body,
+    play_routes,
+)
 from smartplay_tools.evaluation.pages.view.run_list import RunList
 from smartplay_tools.evaluation.pages.view.runs import COLUMNS, ViewedRun
 from smartplay_tools.evaluation.pages.view.served_pages import ServedPages
+from smartplay_tools.records.annotations import as_list, write_note
 from smartplay_tools.web import Guard, Names, carries, is_from_own_page
 
 PERIOD = 1.0
@@ -64,6 +71,7 @@ def view_app(
     hosts: Sequence[str] = (),
     play: PlayedRun | None = None,
     plugins: bool = False,
+    annotate: bool = False,
     is_stopping: Callable[[], bool] = lambda: False,
 ) -> ASGIApp:
     """Return the site as an ASGI application.
@@ -74,9 +82,12 @@ def view_app(
         hosts: the names under which the server is reached, beside this machine's own.
         play: what a person plays in the browser; its run is the first of `runs`.
         plugins: whether games of installed packages that records name are imported, to draw them.
+        annotate: whether visitors may write notes about turns, which are kept beside the records.
         is_stopping: asked by streams, which would not end by themselves.
     """
-    site = _Site(runs if isinstance(runs, RunList) else RunList(always=runs), is_stopping, plugins=plugins)
+    key = None if play is None and not annotate else secrets.token_urlsafe(24)
+    listed = runs if isinstance(runs, RunList) else RunList(always=runs)
+    site = _Site(listed, is_stopping, plugins=plugins, key=key if annotate else None)
     routes = [
         Route("/", page("index.html.j2", game=None if play is None else play.game)),
         Route("/compare", site.compare),
@@ -89,9 +100,9 @@ def view_app(
         Route("/report", site.report),
         Route("/static/{name}", static),
     ]
-    key = None
-    if play is not None:
-        key = secrets.token_urlsafe(24)
+    if annotate:
+        routes.append(Route("/api/notes/{run:path}/{kind}/{stem}", site.note, methods=["POST"]))
+    if play is not None and key is not None:
         routes += play_routes(play, key, is_stopping)
     # A stream that is compressed waits for its compressor, so the middleware leaves event streams as they are.
     app = GZipMiddleware(Starlette(routes=routes), minimum_size=10_000)
@@ -114,7 +125,7 @@ class _Conditions:
         origin, site, host = (request.headers.get(name) for name in ("origin", "sec-fetch-site", "host"))
         if is_from_own_page(origin, site, host) and _same(request.headers.get(KEY, ""), self._key):
             return None
-        return PlainTextResponse("Only the page of the play may do this; load it again.", 403, HEADERS)
+        return PlainTextResponse("Only the page that does this may do it; load it again.", 403, HEADERS)
 
     def _entry(self, request: Request) -> Response | None:
         if self._token is None or carries(request, self._token):
@@ -140,9 +151,9 @@ async def _moved(request: Request) -> Response:
 class _Site:
     """The answers that need the runs."""
 
-    def __init__(self, runs: RunList, is_stopping: Callable[[], bool], *, plugins: bool) -> None:
-        self._runs, self._is_stopping, self._plugins = runs, is_stopping, plugins
-        self._pages = ServedPages(plugins=plugins)
+    def __init__(self, runs: RunList, is_stopping: Callable[[], bool], *, plugins: bool, key: str | None) -> None:
+        self._runs, self._is_stopping = runs, is_stopping
+        self._pages = ServedPages(plugins=plugins, key=key)
 
     async def runs(self, request: Request) -> Response:
         """Answer with every run."""
@@ -179,6 +190,19 @@ class _Site:
         except SmartPlayError as error:
             return missing(str(error))
         return JSONResponse({"version": version, "playing": is_playing, **news}, headers=HEADERS)
+
+    async def note(self, request: Request) -> Response:
+        """Write a note about a turn, and answer with all notes about the episode."""
+        try:
+            given = await json_body(request)
+            turn, note = given.get("turn"), given.get("note")
+            if not isinstance(turn, int) or isinstance(turn, bool) or not isinstance(note, str):
+                raise InvalidArgumentError("A note has a turn, a number, and a note, a text.")
+            run, record = await run_in_threadpool(self._record, request)
+            notes = await run_in_threadpool(_write, run, record, turn, note)
+        except SmartPlayError as error:
+            return PlainTextResponse(str(error), 400, HEADERS)
+        return JSONResponse(as_list(notes), headers=HEADERS)
 
     async def compare(self, request: Request) -> Response:
         """Answer with the page of several episodes side by side."""
@@ -252,6 +276,13 @@ class _Site:
 
     def _record(self, request: Request) -> tuple[ViewedRun, str]:
         return self._named(request.path_params["run"]), "{kind}/{stem}".format(**request.path_params)
+
+
+def _write(run: ViewedRun, record: str, turn: int, note: str) -> dict[int, str]:
+    path = run.record(record)
+    if run.is_playing(path):
+        raise InvalidArgumentError("Notes are written when the episode is over: until then its record may move.")
+    return write_note(path, turn, note)
 
 
 def _split(address: str) -> tuple[str, str, str]:

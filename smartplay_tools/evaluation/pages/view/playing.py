@@ -109,7 +109,7 @@ class _Playing:
 
     async def _take(self, request: Request, do: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Response:
         try:
-            given = await _body(request)
+            given = await json_body(request)
             return JSONResponse(await run_in_threadpool(do, given) or {}, headers=HEADERS)
         except PassedError as error:
             return PlainTextResponse(str(error), 409, HEADERS)
@@ -127,7 +127,7 @@ class _Playing:
         }
 
 
-async def _body(request: Request) -> dict[str, Any]:
+async def json_body(request: Request) -> dict[str, Any]:
     """Return the JSON object of a request, which is small."""
     try:
         given = json.loads(await request.body())

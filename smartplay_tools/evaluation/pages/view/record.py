@@ -8,6 +8,7 @@ from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.pages.view.runs import RECORD, figures, live_figures
+from smartplay_tools.records.annotations import read_notes
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.run_follower import Result
 from smartplay_tools.types import Budget
@@ -66,11 +67,19 @@ class SiteRecord:
         facts = record.facts
         shown = [facts["game"], facts["player"], Budget.from_record(facts["asked"]).describe(), None, facts["seed"]]
         if record.ending is None:
-            return [[PLAYING, "running", *shown, *[None] * 8]]
+            return [[PLAYING, "running", *shown, *[None] * 9]]
         if record.result_data is None:
-            return [[FINISHED, record.outcome, *shown, *[None] * 7, record.error]]
+            return [[FINISHED, record.outcome, *shown, *[None] * 7, record.error, None]]
         status = "failed" if record.outcome == "failed" else "finished"
-        return [[FINISHED, status, *shown, *figures(Result.of({**record.result_data, "cost": None}))]]
+        return [
+            [
+                FINISHED,
+                status,
+                *shown,
+                *figures(Result.of({**record.result_data, "cost": None})),
+                len(read_notes(self._path)) or None,
+            ]
+        ]
 
     def playing(self) -> list[dict[str, Any]]:
         """Return the episode while it is played, as `SiteRun.playing` does."""

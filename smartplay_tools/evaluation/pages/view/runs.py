@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_named
+from smartplay_tools.records.annotations import notes_in, read_notes, record_of
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.records.run_follower import Result, RunFollower
@@ -19,7 +20,7 @@ from smartplay_tools.records.snapshot import RunSnapshot
 
 COLUMNS = (
     *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
-    *("tokens", "cost", "mistakes", "cut", "end"),
+    *("tokens", "cost", "mistakes", "cut", "end", "notes"),
 )
 """The values of an episode in the list."""
 
@@ -144,15 +145,22 @@ class SiteRun:
         """Return something that changes when its report does."""
         return self._version()
 
+    def _notes(self) -> list[Path]:
+        """The files with notes about episodes and attempts."""
+        return [path for kind in ("episodes", "attempts") for path in notes_in(self.folder.path / kind)]
+
     def _attempts(self) -> list[Path]:
         return self.folder.attempts()
 
     def _version(self) -> Any:
         """What changes when the list does."""
         running = [record.name for record in self.folder.running()]
-        return [*map(_stamp, (self.folder.path / "manifest.json", self.folder.path / "results.jsonl")), running] + [
-            record.name for record in self._attempts()
-        ]
+        notes = [(str(path), _stamp(path)) for path in self._notes()]
+        return [
+            notes,
+            *map(_stamp, (self.folder.path / "manifest.json", self.folder.path / "results.jsonl")),
+            running,
+        ] + [record.name for record in self._attempts()]
 
     def _list(self) -> list[list[Any]]:
         manifest = self.folder.manifest()
@@ -165,6 +173,9 @@ class SiteRun:
             others.setdefault(lost["key"], []).append([record, _kind(lost["end_reason"]), lost["error"]])
         for running in self.folder.running():
             others.setdefault(running.stem.partition(".")[0], []).append([f"running/{running.stem}", "running", None])
+        noted = {
+            str(path.relative_to(self.folder.path)): len(read_notes(path)) for path in map(record_of, self._notes())
+        }
         rows = []
         for planned in manifest.episodes:
             cell, key = manifest.cells[planned.cell], planned.key
@@ -177,6 +188,8 @@ class SiteRun:
                 rows.append([record, status, *facts, None, None, None, None, None, None, None, error])
             if key not in results and not attempts:
                 rows.append([None, "waiting", *facts, None, None, None, None, None, None, None, None])
+        for row in rows:
+            row.append(noted.get(f"{row[0]}.jsonl"))
         return rows
 
 

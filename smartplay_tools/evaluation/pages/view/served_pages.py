@@ -23,8 +23,9 @@ KEPT = 8
 class ServedPages:
     """Makes the pages; a record is named as in an address: `KIND/STEM`."""
 
-    def __init__(self, *, plugins: bool) -> None:
-        self._plugins = plugins
+    def __init__(self, *, plugins: bool, key: str | None = None) -> None:
+        """`key` is what a request has to show that writes a note; None if nobody may."""
+        self._plugins, self._key = plugins, key
         self._reports: OrderedDict[tuple[str, ...], tuple[Any, str]] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -34,6 +35,8 @@ class ServedPages:
         version, is_playing = self.version(run, record)
         before, after = _neighbours(run, record)
         site = {"home": f"/#run={quote(run.name)}", "previous": before, "next": after, "playing": is_playing}
+        if self._key is not None:
+            site |= {"notes": f"/api/notes/{address(run, record)}", "key": self._key}
         if is_playing:
             site |= {"updates": f"/api/episode/{address(run, record)}", "version": version}
         return render_episode(path, key, site, plugins=self._plugins)

@@ -31,6 +31,7 @@ class ViewServer(Server):
         hosts: Sequence[str] = (),
         play: PlayedRun | None = None,
         plugins: bool = False,
+        annotate: bool = False,
     ) -> None:
         is_open = not is_loopback(host)
         if is_open and not hosts:
@@ -39,7 +40,15 @@ class ViewServer(Server):
             )
         if is_open and token is None:
             token = secrets.token_urlsafe(24)
-        app = view_app(runs, token=token, hosts=hosts, play=play, plugins=plugins, is_stopping=lambda: self.is_stopping)
+        app = view_app(
+            runs,
+            token=token,
+            hosts=hosts,
+            play=play,
+            plugins=plugins,
+            annotate=annotate,
+            is_stopping=lambda: self.is_stopping,
+        )
         super().__init__(app, host, port)
         self.url = f"{self.address(hosts[0]) if is_open else self.url}/"
         self.entry = self.url if token is None else f"{self.url}?token={token}"

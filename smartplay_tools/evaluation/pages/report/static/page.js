@@ -49,6 +49,7 @@ async function route() {
 
 function connect() {
   connectComparison();
+  connectNotes();
   window.addEventListener("hashchange", route);
   window.addEventListener("resize", again);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
@@ -103,6 +104,7 @@ const KEYS = {
   m: () => goToMistake(1),
   M: () => goToMistake(-1),
   p: togglePrompt,
+  a: openNote,
   f: findWord,
   w: () => askAbout(shown.asked_about),
   n: () => goToEpisode(1),
@@ -122,7 +124,7 @@ function findWord() {
 }
 
 function onKey(event) {
-  if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open || $("note-dialog").open) return;
   const typing = event.target.matches("input:not([type=range]), select, textarea");
   if (typing) return;
   if (event.key === "?") return $("keys").showModal();

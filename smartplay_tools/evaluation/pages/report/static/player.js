@@ -59,6 +59,7 @@ function render() {
   $("place").textContent = place;
   renderGame();
   renderTurn();
+  renderNote();
   renderContext();
   renderCurves();
 }

@@ -4,8 +4,8 @@
 // When an episode is opened, the list is remembered, so that its page knows its neighbours and the way back.
 
 const HEIGHT = 34;
-const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "end"];
-const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut"]);
+const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "end", "notes"];
+const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "notes"]);
 const LIST = "smartplay-list";
 const MOST_MARKED = 4;
 
@@ -184,6 +184,7 @@ const ONLY = {
   "": () => true,
   mistakes: (one) => value(one, "mistakes") > 0,
   cut: (one) => value(one, "cut") > 0,
+  notes: (one) => value(one, "notes") > 0,
 };
 
 function list() {
