@@ -7,7 +7,7 @@ tools and messages that are equal have equal labels. The definition that it is w
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -76,6 +76,10 @@ def common(first: Tokens, second: Tokens) -> int:
     return length
 
 
+TooOld = Callable[[Any, Any], bool]
+"""Whether what was last used at one time is forgotten at another."""
+
+
 def judge(requests: Sequence[Asked], rule: Json, marks: Sequence[str], ratio: Fraction) -> list[tuple[int, int, int]]:
     """Prompt, hit and written tokens of each request."""
 
@@ -94,53 +98,73 @@ def judge(requests: Sequence[Asked], rule: Json, marks: Sequence[str], ratio: Fr
     charged = []
     entries: list[Json] = []
     for number, request in enumerate(requests):
-        ends = []
-        longest, read = 0, None
+        ends = marked_ends(request, rule, marks)
         if rule["marks"] == "auto":
-            for earlier in requests[:number]:
-                if too_old(request.at, earlier.at):
-                    continue
-                held = earlier.with_reply if rule["replies"] else earlier.tokens
-                if rule["tool_choice"] and earlier.purpose != request.purpose:
-                    held = held[: earlier.head]
-                longest = max(longest, common(request.tokens, held))
-            last = request.whole
+            longest, last = common_with_earlier(requests[:number], request, rule, too_old), request.whole
         else:
-            wanted = {"stable": request.stable, "end": len(request.ends) - 1}
-            ends = sorted({wanted[place] for place in marks} - {0})
-            ends = ends[-rule["marks"] :] if rule["marks"] else []
-            for entry in entries:
-                size = len(entry["tokens"])
-                if too_old(request.at, entry["used"]) or entry["tokens"] != request.tokens[:size]:
-                    continue
-                if rule["tool_choice"] and size > entry["head"] and entry["purpose"] != request.purpose:
-                    continue
-                at = request.ends.index(size)
-                near = (request.blocks[end] - request.blocks[at] for end in ends if end >= at)
-                if any(rule["lookback"] is None or blocks <= rule["lookback"] for blocks in near) and size > longest:
-                    longest, read = size, entry
+            longest, read = longest_entry(entries, request, ends, rule, too_old)
             last = request.ends[ends[-1]] if ends else 0
+            if read is not None:
+                read["used"] = request.at
         whole = scaled(request.whole)
         hit = down(min(scaled(longest), whole - 1))
-        written = 0 if rule["write"] is None else max(0, down(scaled(last)) - hit)
-        charged.append((whole, hit, written))
-        if read is not None:
-            read["used"] = request.at
+        charged.append((whole, hit, 0 if rule["write"] is None else max(0, down(scaled(last)) - hit)))
         kept = [request.tokens[: request.ends[end]] for end in ends]
         if rule["marks"] != "auto" and rule["replies"]:
             kept.append(request.with_reply)
         for tokens in kept:
             if scaled(len(tokens)) >= rule["minimum"]:
-                same = [
-                    entry
-                    for entry in entries
-                    if entry["tokens"] == tokens
-                    and (len(tokens) <= request.head or entry["purpose"] == request.purpose)
-                ]
-                for entry in same:
-                    entry["used"] = request.at
-                if not same:
-                    entries.append(
-                        {"tokens": tokens, "purpose": request.purpose, "head": request.head, "used": request.at}
-                    )
+                store(entries, request, tokens)
     return charged
+
+
+def marked_ends(request: Asked, rule: Json, marks: Sequence[str]) -> list[int]:
+    """Which of a request's ends are marked."""
+    if rule["marks"] in ("auto", 0):
+        return []
+    wanted = {"stable": request.stable, "end": len(request.ends) - 1}
+    return sorted({wanted[place] for place in marks} - {0})[-rule["marks"] :]
+
+
+def common_with_earlier(earlier: Sequence[Asked], request: Asked, rule: Json, too_old: TooOld) -> int:
+    """The most tokens that a request has in common with the beginning of an earlier one."""
+    longest = 0
+    for other in earlier:
+        if too_old(request.at, other.at):
+            continue
+        held = other.with_reply if rule["replies"] else other.tokens
+        if rule["tool_choice"] and other.purpose != request.purpose:
+            held = held[: other.head]
+        longest = max(longest, common(request.tokens, held))
+    return longest
+
+
+def longest_entry(
+    entries: Sequence[Json], request: Asked, ends: Sequence[int], rule: Json, too_old: TooOld
+) -> tuple[int, Json | None]:
+    """The longest entry that a request with marks at these ends reads, and its length."""
+    longest, read = 0, None
+    for entry in entries:
+        size = len(entry["tokens"])
+        if too_old(request.at, entry["used"]) or entry["tokens"] != request.tokens[:size]:
+            continue
+        if rule["tool_choice"] and size > entry["head"] and entry["purpose"] != request.purpose:
+            continue
+        at = request.ends.index(size)
+        near = (request.blocks[end] - request.blocks[at] for end in ends if end >= at)
+        if any(rule["lookback"] is None or blocks <= rule["lookback"] for blocks in near) and size > longest:
+            longest, read = size, entry
+    return longest, read
+
+
+def store(entries: list[Json], request: Asked, tokens: Tokens) -> None:
+    """Store the beginning of a request, or use what is stored of it."""
+    same = [
+        entry
+        for entry in entries
+        if entry["tokens"] == tokens and (len(tokens) <= request.head or entry["purpose"] == request.purpose)
+    ]
+    for entry in same:
+        entry["used"] = request.at
+    if not same:
+        entries.append({"tokens": tokens, "purpose": request.purpose, "head": request.head, "used": request.at})
