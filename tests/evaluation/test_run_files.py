@@ -113,7 +113,7 @@ def test_one_player_has_so_many_episodes_at_a_time(tmp_path):
         ('game = ["Hanoi3Disk-v0"]', "game: there is no such field; did you mean games?"),
         ("trails = 5", "trails: there is no such field; did you mean trials?"),
         ('players = [{ name = "rule", concurency = 1 }]', "did you mean concurrency?"),
-        ("[[budgets]]\nhistroy = 1", "did you mean history or beyond_history?"),
+        ("[[budgets]]\nhistroy = 1", "did you mean history or beyond_history or strategy?"),
         ("trials = 0", "trials: Input should be greater than or equal to 1"),
         ('players = [{ name = "rule", concurrency = 0 }]', "concurrency"),
         (f'players = [{{ name = "openai:m", options = {{ api_key = "{SECRET}" }} }}]', "looks like a credential"),
