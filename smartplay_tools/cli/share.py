@@ -1,4 +1,4 @@
-"""The command `share`, which writes one episode, or some turns of it, as a small page."""
+"""The command `share`, which writes one episode, or some turns of it, as a small page, a card or a GIF."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from smartplay_tools.errors import InvalidArgumentError
 
 def share(
     record: Annotated[Path, typer.Argument(metavar="EPISODE", help="The record of an episode.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="The HTML file to write; an existing one is replaced.")] = Path(
-        "share.html"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="The .html, .png or .gif file to write; an existing one is replaced.")
+    ] = Path("share.html"),
     turns: Annotated[
         str | None, typer.Option(metavar="FIRST-LAST", help="The turns that the page plays; all if not given.")
     ] = None,
@@ -25,15 +25,32 @@ def share(
 ) -> None:
     """Write one episode, or some turns of it, as one small HTML page without lists, to send or to embed.
 
+    A name that ends in .png makes a card of the last of the turns, one that ends in .gif an animation of them.
+
     Example: smartplay-tools share episode.jsonl --turns 20-40 --out lost.html
     """
     from smartplay_tools.evaluation.pages.report import write_excerpt
 
-    path = write_excerpt(record, out, turns=None if turns is None else _range(turns), title=title, plugins=plugins)
+    span = None if turns is None else _range(turns)
+    if out.suffix in (".png", ".gif"):
+        path = _draw(record, out, span)
+    else:
+        path = write_excerpt(record, out, turns=span, title=title, plugins=plugins)
     size = path.stat().st_size / 1e3
     Console().print(
-        f"{path} ({size:.0f} kB): open it in a browser, send it, or embed it.", highlight=False, soft_wrap=True
+        f"{path} ({size:.0f} kB): open it in a browser, send it, or embed it.",
+        highlight=False,
+        soft_wrap=True,
+        markup=False,
     )
+
+
+def _draw(record: Path, out: Path, turns: tuple[int, int] | None) -> Path:
+    from smartplay_tools.evaluation.pages.cards import write_card, write_gif
+
+    if out.suffix == ".gif":
+        return write_gif(record, out, turns=turns)
+    return write_card(record, out, turn=None if turns is None else turns[1])
 
 
 def _range(text: str) -> tuple[int, int]:

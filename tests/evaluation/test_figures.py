@@ -244,3 +244,14 @@ def test_a_score_that_never_differs_has_an_axis_from_zero():
         low, high = drawn.axes[0].get_ylim()
         assert -5 < low <= 0
         assert high > 3
+
+
+def test_the_words_of_an_svg_can_be_text(tmp_path):
+    from matplotlib.figure import Figure
+
+    drawn = Figure()
+    drawn.add_subplot().set_title("tokens an episode")
+    (paths,) = figures.save_figure(drawn, tmp_path / "paths", formats=["svg"])
+    (text,) = figures.save_figure(drawn, tmp_path / "text", formats=["svg"], svg_text=True)
+    assert "<text" not in paths.read_text()
+    assert "tokens an episode</text>" in text.read_text()

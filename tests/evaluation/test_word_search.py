@@ -19,18 +19,34 @@ BUDGETS = {
     "history": sp.Budget(history=3),
     "cap": sp.Budget(prompt_tokens=700),
     "masked": sp.Budget(history=2, beyond_history="mask"),
+    "own words": sp.Budget(own_words=1),
+    "first turns": sp.Budget(history=2, first_turns=1),
     "summary": sp.Budget(prompt_tokens=900, summary_tokens=100, slack=0.5),
 }
 
 
+class Talker:
+    """Plays at random and says which turn it is."""
+
+    name = "talker"
+
+    def __init__(self) -> None:
+        self._player, self._turn = sp.get_player("random", seed=1), 0
+
+    def reply(self, prompt):
+        reply = self._player.reply(prompt)
+        self._turn += 1
+        return sp.Reply({**reply.message, "content": f"Hunch {self._turn}."})
+
+
 def record(path, game, budget, protocol="tools"):
     with sp.Episode(game, seed=3, budget=budget, transcript=path) as episode:
-        sp.play(episode, sp.get_player("random", seed=1), protocol=protocol)
+        sp.play(episode, Talker(), protocol=protocol)
     return path
 
 
 @pytest.mark.parametrize("name", BUDGETS)
-@pytest.mark.parametrize("word", ["machine 1", "reward -1"])
+@pytest.mark.parametrize("word", ["hunch 3", "reward -1"])
 def test_the_prompts_with_a_word_are_those_that_the_library_rebuilds(show, tmp_path, name, word):
     path = record(tmp_path / "game.jsonl", BANDIT, BUDGETS[name])
     page = show(path, "#episode=game")

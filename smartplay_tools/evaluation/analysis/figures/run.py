@@ -33,13 +33,21 @@ Cells = Sequence[tuple[PlayedCell, list[Row]]]
 
 
 def write_figures(
-    rows: Sequence[Row], out: Path, *, transcript: Locate | None = None, formats: Sequence[str] = tuple(FORMATS)
+    rows: Sequence[Row],
+    out: Path,
+    *,
+    transcript: Locate | None = None,
+    formats: Sequence[str] = tuple(FORMATS),
+    svg_text: bool = False,
 ) -> list[Path]:
-    """Draw the figures of a run from its rows, write them into the folder `out`, and return the paths."""
+    """Draw the figures of a run from its rows, write them into the folder `out`, and return the paths.
+
+    `svg_text` is that of `save_figure`.
+    """
     return [
         path
         for name, drawn in run_figures(rows, transcript=transcript).items()
-        for path in save_figure(drawn, out / name, formats=formats)
+        for path in save_figure(drawn, out / name, formats=formats, svg_text=svg_text)
     ]
 
 

@@ -173,8 +173,14 @@ def legend_below(drawn: Figure, *, columns: int = 4, note: str = "") -> None:
         )
 
 
-def save_figure(drawn: Figure, stem: str | Path, *, formats: Sequence[str] = tuple(FORMATS)) -> list[Path]:
-    """Write a figure as STEM.png, STEM.svg and STEM.pdf, or in some of these formats, and return the paths."""
+def save_figure(
+    drawn: Figure, stem: str | Path, *, formats: Sequence[str] = tuple(FORMATS), svg_text: bool = False
+) -> list[Path]:
+    """Write a figure as STEM.png, STEM.svg and STEM.pdf, or in some of these formats, and return the paths.
+
+    With `svg_text` the words of an SVG are text, which can be searched and edited but looks as the fonts of its reader;
+    else they are paths, which look the same everywhere.
+    """
     import matplotlib
 
     stem = Path(stem)
@@ -184,7 +190,7 @@ def save_figure(drawn: Figure, stem: str | Path, *, formats: Sequence[str] = tup
         raise InvalidArgumentError(f"A figure is written as {', '.join(FORMATS)}, not {unknown[0]!r}.")
     stem.parent.mkdir(parents=True, exist_ok=True)
     written = []
-    with matplotlib.rc_context(RULES):
+    with matplotlib.rc_context({**RULES, **({"svg.fonttype": "none"} if svg_text else {})}):
         for name in formats:
             written.append(stem.with_name(f"{stem.name}.{name}"))
             drawn.savefig(written[-1], metadata=dict.fromkeys(FORMATS[name]))

@@ -5,8 +5,8 @@
 // For each turn, whether its prompt has the word. A prompt is made of parts, so each part is searched only once.
 function promptsWith(episode, word) {
   const has = (text) => text.toLowerCase().includes(word);
-  if (episode.protocol === "paper")
-    return episode.turns.map((_, at) => (promptParts(episode, page.words, at) ?? []).some(({ message }) => has(textOf(message))));
+  const whole = (at) => (promptParts(episode, page.words, at) ?? []).some(({ message }) => textsOf(message).some(has));
+  if (episode.protocol === "paper") return episode.turns.map((_, at) => whole(at));
   const inHead = has(episode.head.map(textOf).join("\n"));
   const marker = has(page.words.observation_left);
   const written = writtenIn(episode, has);
@@ -14,6 +14,8 @@ function promptsWith(episode, word) {
   const sums = { kept: running(written.map(({ kept }) => kept)), seen: running(written.map(({ seen }) => seen.length > 0)) };
   return episode.turns.map(({ view, head }, at) => {
     if (!view) return false;
+    // A strategy that changes what turns say is not foreseen here: its prompts are searched as they are.
+    if (view.words || view.texts?.length || view.hidden?.length) return whole(at);
     const manual = at > 0 ? (episode.facts[at - 1].manual ?? "") : "";
     if ((head ? has(head.map(textOf).join("\n")) : inHead) || has(manual) || has(summaryIn(episode, view))) return true;
     const masks = view.oldest !== undefined || Boolean(view.masked?.length);
@@ -41,12 +43,17 @@ function stillSeen(episode, view, written, first, last) {
 // What each turn wrote with the word: `kept` in what is never replaced, `seen` the observations, as [item, step].
 function writtenIn(episode, has) {
   return episode.turns.map(({ message, items }) => {
-    const said = message ? [textOf(message), ...(message.tool_calls ?? []).map((call) => call.function.arguments)] : [];
+    const said = message ? textsOf(message) : [];
     const observations = items.flatMap(({ call }, at) => (call?.observation_step === undefined ? [] : [[at, call.observation_step]]));
     const others = items.filter(({ call }) => call?.observation_step === undefined && !call?.manual);
     const kept = [...said, ...others.map(({ call, message: other }) => call?.text ?? textOf(other))].some(has);
     return { kept, seen: observations.filter(([at]) => has(items[at].call.text)) };
   });
+}
+
+// The texts of a message: its words, and the arguments of its calls.
+function textsOf(message) {
+  return [textOf(message), ...(message.tool_calls ?? []).map((call) => call.function.arguments)];
 }
 
 function running(flags) {

@@ -1,0 +1,196 @@
+"""Pictures of an episode to share: a card of one turn as PNG, and turns as a GIF, each with what its prompt could see.
+
+A game that draws itself, as Crafter does, is shown as it draws itself, from its verified record played again; of any
+other game the picture has the text that the player read. Below is the context band, a cell for each turn so far: blue
+where the prompt of the turn showed it, orange where an observation of it was left out, grey where it was gone.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from smartplay_tools.arguments import read
+from smartplay_tools.episode.tools import Tools
+from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.games.specs import get_spec
+from smartplay_tools.records.record import Record
+from smartplay_tools.transcript.events import CallEvent, ViewEvent, concerns_summary
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+SIZE = (1200, 630)
+"""Pixels of a picture, the usual size of a card in a post."""
+
+MARGIN = 48
+FRAME_MILLISECONDS = 500
+MOST_FRAMES = 300
+MOST_LINES, LINE_CHARACTERS = 15, 62
+
+PAPER, INK, SOFT = "#f4f5f7", "#1b2230", "#5a6474"
+SEEN, MARKED, GONE = "#3b7dd8", "#e08a1e", "#d3d8e0"
+PICTURES = "rgb_array"
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """A turn as it is drawn."""
+
+    turn: int
+    view: ViewEvent
+    said: str
+    answer: str
+    score: float
+    step: int
+    image: Any
+    """The game's picture of itself after the turn; None if it makes none."""
+    observed: Mapping[int, Sequence[int]]
+    """The observations that the results of each turn show."""
+
+
+def write_card(record: str | Path, out: str | Path, *, turn: int | None = None) -> Path:
+    """Write the card of a turn, of the last one if none is given, as PNG; return its path."""
+    episode = Record.read(record)
+    shots = list(_shots(episode))
+    chosen = shots[-1].turn if turn is None else turn
+    shot = next((shot for shot in shots if shot.turn == chosen), None)
+    if shot is None:
+        raise InvalidArgumentError(f"{record} has no prompt of turn {chosen}; it has turns 0 to {shots[-1].turn}.")
+    return _save(Path(out), [_picture(episode, shot, shots[-1].turn)])
+
+
+def write_gif(record: str | Path, out: str | Path, *, turns: tuple[int, int] | None = None) -> Path:
+    """Write the turns from the first to the last of `turns`, or all, as an animated GIF; return its path."""
+    episode = Record.read(record)
+    shots = list(_shots(episode))
+    first, last = (0, shots[-1].turn) if turns is None else turns
+    chosen = [shot for shot in shots if first <= shot.turn <= last]
+    if not chosen or len(chosen) > MOST_FRAMES:
+        raise InvalidArgumentError(
+            f"A GIF has 1 to {MOST_FRAMES} turns; {record} has turns 0 to {shots[-1].turn}: choose (--turns 20-40)."
+        )
+    return _save(Path(out), [_picture(episode, shot, shots[-1].turn) for shot in chosen])
+
+
+def _save(out: Path, pictures: Sequence[Image]) -> Path:
+    out.parent.mkdir(parents=True, exist_ok=True)
+    first, *others = (picture.quantize(64) for picture in pictures)
+    more: dict[str, Any] = {"save_all": True, "append_images": others, "duration": FRAME_MILLISECONDS, "loop": 0}
+    first.save(out, **(more if out.suffix == ".gif" else {}))
+    return out
+
+
+def _shots(record: Record) -> Iterator[_Shot]:
+    """Yield every turn that has a prompt."""
+    if record.is_paper:
+        raise InvalidArgumentError("Pictures to share are of episodes with tool calls, not of the paper's protocol.")
+    views = {view["turn"]: view for view in record.views if not concerns_summary(view)}
+    if not views:
+        raise InvalidArgumentError("The record has no prompt yet.")
+    calls: dict[int, list[CallEvent]] = {}
+    for call in record.calls:
+        calls.setdefault(call["turn"], []).append(call)
+    observed = {
+        turn: [call["data"]["observation_step"] for call in own if call["data"].get("observation_step") is not None]
+        for turn, own in calls.items()
+    }
+    score, step, answer, images = 0.0, 0, "", _images(record)
+    image = next(images, None)
+    for turn, view in sorted(views.items()):
+        said = []
+        for call in calls.get(turn, []):
+            said.append(f"{call['name']} {call['arguments']}")
+            answer = call["text"]
+            if call["data"].get("legal") is True:
+                score, step = call["data"]["score"], call["data"]["step"]
+                image = next(images, image)
+        yield _Shot(turn, view, ", ".join(said), answer, score, step, image, observed)
+
+
+def _images(record: Record) -> Iterator[Any]:
+    """Yield the game's pictures of itself: at the start and after every played action; none if it makes none."""
+    config = record.config
+    if PICTURES not in get_spec(config.game).load().metadata["render_modes"]:
+        return
+    options = {**config.options, "render_mode": PICTURES}
+    with closing(config.model_copy(update={"options": options}).make_game(config.spec)) as game:
+        game.reset(seed=config.seed)
+        tools = Tools(game)
+        yield game.render()
+        for call in record.calls:
+            if call["data"].get("legal") is True:
+                action = tools.parse(call["name"], read(call["arguments"])).action
+                if action is None:
+                    return
+                game.advance(action)
+                if call["data"].get("state_hash", game.state_hash()) != game.state_hash():
+                    raise InvalidArgumentError("The game played differently when it was played again: no picture.")
+                yield game.render()
+
+
+def _picture(record: Record, shot: _Shot, last: int) -> Image:
+    try:
+        from PIL import Image, ImageDraw, ImageFont
+    except ImportError as error:
+        raise MissingExtraError("A picture", "evaluation") from error
+    picture = Image.new("RGB", SIZE, PAPER)
+    draw = ImageDraw.Draw(picture)
+
+    def write(x: int, y: int, text: str, size: int, colour: str = INK) -> None:
+        draw.text((x, y), text, fill=colour, font=ImageFont.load_default(size))
+
+    write(MARGIN, 34, record.game, 40)
+    write(MARGIN, 86, f"{record.player or 'unnamed'}, seed {record.seed}", 26, SOFT)
+    cap = record.budget.get("prompt_tokens")
+    limit = "" if cap is None else f" of {cap:,}"
+    facts = f"turn {shot.turn} of {last}    score {shot.score:g}    prompt {shot.view['tokens']:,}{limit} tokens"
+    write(MARGIN, 132, facts, 28)
+    if shot.image is not None:
+        drawn = Image.fromarray(shot.image)
+        side = 330
+        picture.paste(drawn.resize((side * drawn.width // drawn.height, side), Image.Resampling.NEAREST), (MARGIN, 184))
+        left, wide = MARGIN + side * drawn.width // drawn.height + 32, 34
+    else:
+        left, wide = MARGIN, LINE_CHARACTERS
+    lines = [part for line in (shot.said, *shot.answer.splitlines()) for part in textwrap.wrap(line, wide) or [""]]
+    for number, line in enumerate(islice(lines, MOST_LINES)):
+        write(left, 188 + 22 * number, line, 18, INK if number else SEEN)
+    _band(draw, shot)
+    write(MARGIN, 588, _in_words(shot), 20, SOFT)
+    return picture
+
+
+def _states(shot: _Shot) -> list[str]:
+    """The colour of each earlier turn."""
+    view, colours = shot.view, [GONE] * shot.turn
+    masked = {turn for turn, _ in view.get("masked", [])}
+    masked |= {turn for first, last in view.get("hidden", []) for turn in range(first, last + 1)}
+    oldest = view.get("oldest", 0)
+    masked |= {turn for turn, steps in shot.observed.items() if any(step < oldest for step in steps)}
+    for first, last in [*view.get("turns", [])]:
+        for turn in range(first, min(last + 1, shot.turn)):
+            colours[turn] = MARKED if turn in masked else SEEN
+    return colours
+
+
+def _band(draw: Any, shot: _Shot) -> None:
+    colours = _states(shot)
+    width = (SIZE[0] - 2 * MARGIN) / max(1, len(colours))
+    for turn, colour in enumerate(colours):
+        x = MARGIN + turn * width
+        draw.rectangle((x, 540, x + max(1.0, width - (2 if width > 6 else 0)), 574), fill=colour)
+
+
+def _in_words(shot: _Shot) -> str:
+    colours = _states(shot)
+    return (
+        f"Of {len(colours)} earlier turns the model saw {colours.count(SEEN)} in full"
+        f"{f', {colours.count(MARKED)} with observations left out' if MARKED in colours else ''}; "
+        f"{colours.count(GONE)} had left its window."
+    )
