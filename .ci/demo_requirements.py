@@ -1,4 +1,4 @@
-"""Print what the environment of `make demo` holds, one requirement a line.
+"""Print what the environment of `make demo` holds, one requirement a line; arguments are further extras.
 
 That is what builds the package, what it needs itself, and the extra `openai`, since the demo also plays through that
 client; all as `pyproject.toml` has it. What only games outside the demo need is left out: it is most of the size.
@@ -7,6 +7,7 @@ client; all as `pyproject.toml` has it. What only games outside the demo need is
 from __future__ import annotations
 
 import re
+import sys
 import tomllib
 from pathlib import Path
 
@@ -16,16 +17,17 @@ NOT_IN_THE_DEMO = {
 """What is left out, and what needs it."""
 
 
-def demo_requirements(pyproject: Path) -> list[str]:
-    """Return the requirements."""
+def demo_requirements(pyproject: Path, *extras: str) -> list[str]:
+    """Return the requirements, with those of further extras."""
     described = tomllib.loads(pyproject.read_text(encoding="utf-8"))
     project = described["project"]
     wanted = [
         *described["build-system"]["requires"],
         *project["dependencies"],
-        *project["optional-dependencies"]["openai"],
+        *(line for extra in ("openai", *extras) for line in project["optional-dependencies"][extra]),
     ]
-    return [requirement for requirement in wanted if _name(requirement) not in NOT_IN_THE_DEMO]
+    left_out = {*NOT_IN_THE_DEMO, project["name"]}
+    return [requirement for requirement in wanted if _name(requirement) not in left_out]
 
 
 def _name(requirement: str) -> str:
@@ -35,4 +37,4 @@ def _name(requirement: str) -> str:
 
 
 if __name__ == "__main__":
-    print("\n".join(demo_requirements(Path(__file__).parents[1] / "pyproject.toml")))
+    print("\n".join(demo_requirements(Path(__file__).parents[1] / "pyproject.toml", *sys.argv[1:])))

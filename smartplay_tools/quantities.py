@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["duration", "short"]
+__all__ = ["duration", "megabytes", "short"]
 
 
 def short(number: float) -> str:
@@ -18,3 +18,8 @@ def duration(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def megabytes(count: float) -> str:
+    """Return a number of bytes in millions: 98362432 is 98 MB."""
+    return f"{count / 1_000_000:,.0f} MB"

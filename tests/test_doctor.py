@@ -153,10 +153,19 @@ def test_the_command_fails_if_the_core_does(tmp_path):
     assert "yes" in shown.stdout
 
 
+def test_a_model_that_is_not_here_has_a_remedy(tmp_path, monkeypatch):
+    monkeypatch.setenv("SMARTPLAY_MODELS", str(tmp_path))
+    (finding,) = checkup.check_models()
+    assert (finding.kind, finding.name, finding.works) == ("model", "smollm2-135m", False)
+    assert finding.detail == "not here; smartplay-tools model get smollm2-135m downloads 98 MB"
+    (tmp_path / "SmolLM2-135M-Instruct.Q4_1.gguf").write_bytes(b"damaged")
+    assert checkup.check_models()[0].detail == "damaged; smartplay-tools model get smollm2-135m"
+
+
 def test_what_cannot_be_looked_at_is_refused():
     result = CliRunner().invoke(app, ["doctor", "--only", "house"])
     assert result.exit_code == 2
-    assert "--only house: known are core, engine, extra." in result.output
+    assert "--only house: known are core, engine, extra, model." in result.output
 
 
 def test_engines_can_be_looked_at_alone(monkeypatch):

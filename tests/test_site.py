@@ -27,6 +27,7 @@ ADAPTERS = sorted(folder.name for folder in (ROOT / "adapters").glob("smartplay_
 
 ELSEWHERE = {
     "smartplay_inspect": "inspect.md",
+    "smartplay_local": "local.md",
     "smartplay_openenv": "openenv.md",
     "smartplay_otel": "opentelemetry.md",
     "smartplay_pydantic_ai": "pydantic-ai.md",

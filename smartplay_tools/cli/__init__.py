@@ -43,7 +43,8 @@ COMMANDS = {
         "Play a bandit, Rock Paper Scissors and Hanoi through tool calls, here and through the openai client.",
     ),
     "doctor": _Entry(
-        "doctor:doctor", "Print which engines and extras work on this machine, and how to set up the others."
+        "doctor:doctor",
+        "Print which engines, extras and local models work on this machine, and how to set up the others.",
     ),
     "eval": _Entry(
         "evaluate:evaluate",
@@ -109,6 +110,7 @@ COMMANDS = {
     ),
     "submit": _Entry("submit:app", "Submit a run to a leaderboard, or check a submission."),
     "serve": _Entry("serve:app", "Serve players and games to other programs."),
+    "model": _Entry("model:app", "Download and list the models that --player local plays on this machine."),
     "minedojo": _Entry("minedojo:app", "Set up MineDojo, the Minecraft engine of the paper."),
 }
 """Every command, in the order in which they are listed. A summary is the first line of the command's docstring."""

@@ -1,9 +1,10 @@
 """The checks of `doctor`: they find out which parts of this package work on this machine by using them.
 
-There are three kinds of parts. The core has to work everywhere. Engines are programs behind a game, of which the
+There are four kinds of parts. The core has to work everywhere. Engines are programs behind a game, of which the
 default is part of the core. Extras are optional dependencies; their requirements are read from the metadata of the
 installed package, and the modules that meet them are imported in a separate process, so that a library that crashes or
-hangs does no harm.
+hangs does no harm. Models are files that the extra `local` plays; one that is here is loaded and timed, in a process of
+its own, too.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from smartplay_tools import tokens
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.games.minecraft.doctor import check_engines
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.models import KNOWN_MODELS, KnownModel, read_gguf
+from smartplay_tools.quantities import megabytes
 
 PACKAGE = "smartplay-tools"
 
@@ -49,7 +52,13 @@ for name in json.loads(sys.argv[1]):
 """
 
 
-Kind = Literal["core", "engine", "extra"]
+Kind = Literal["core", "engine", "extra", "model"]
+
+_MEASURE = """
+import json, sys
+from smartplay_local import measure
+print(json.dumps(measure(sys.argv[1])))
+"""
 
 
 @dataclass(frozen=True)
@@ -83,6 +92,30 @@ def check_extras() -> list[PartCheck]:
     extras = sorted(set(metadata.metadata(PACKAGE).get_all("Provides-Extra") or ()) - NOT_FEATURES)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(lambda extra: check_modules("extra", extra, requirements(extra)), extras))
+
+
+def check_models() -> list[PartCheck]:
+    """Load every known model that is here, and time it."""
+    return [_check_model(model) for model in KNOWN_MODELS.values()]
+
+
+def _check_model(model: KnownModel) -> PartCheck:
+    if not model.is_here:
+        remedy = f"not here; smartplay-tools model get {model.name} downloads {megabytes(model.bytes)}"
+        return PartCheck("model", model.name, False, remedy)
+    if not model.is_intact:
+        return PartCheck("model", model.name, False, f"damaged; smartplay-tools model get {model.name}")
+    file = read_gguf(model.path)
+    memory = megabytes(file.memory(file.context_length))
+    command = [sys.executable, "-W", "ignore", "-c", _MEASURE, str(model.path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        problem = (done.stderr.strip().splitlines() or [f"it ends with code {done.returncode}"])[-1]
+        return PartCheck("model", model.name, False, problem)
+    times = json.loads(done.stdout)
+    speed = f"{times['read_per_second']:,.0f} tokens a second read, {times['written_per_second']:,.0f} written"
+    detail = f"{speed}, loaded in {times['load_seconds']:.1f} s; about {memory} of memory"
+    return PartCheck("model", model.name, True, detail)
 
 
 def requirements(extra: str | None = None) -> list[Requirement]:
@@ -178,6 +211,6 @@ def _broken(modules: list[str]) -> str:
 
 
 CHECKS: Mapping[Kind, Callable[[], list[PartCheck]]] = MappingProxyType(
-    {"core": check_core, "engine": check_all_engines, "extra": check_extras}
+    {"core": check_core, "engine": check_all_engines, "extra": check_extras, "model": check_models}
 )
 """The check for each kind of part, in the order of the report."""

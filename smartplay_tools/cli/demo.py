@@ -21,7 +21,8 @@ from smartplay_tools.cli.show import TurnPrinter, compact_table
 from smartplay_tools.conversation import loop
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.players.registry import get_player
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records.replays import replay
 from smartplay_tools.transcript.file import comparable, read_transcript
@@ -37,6 +38,12 @@ SHOWN_TURNS = 4
 def demo(
     out: Annotated[Path | None, typer.Option(help="Folder for the transcripts; a new one if not given.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of all randomness.")] = 7,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            "--player", help="Play with this player instead, such as local: a real model.", show_default=False
+        ),
+    ] = None,
 ) -> None:
     """Play a bandit, Rock Paper Scissors and Hanoi through tool calls, here and through the openai client.
 
@@ -47,7 +54,7 @@ def demo(
     console = Console()
     folder = out or Path(tempfile.mkdtemp(prefix="smartplay-demo-"))
     tables, failures, watches = [], [], list[_Watch]()
-    with _players(console) as players:
+    with _players(console) if name is None else _only(name, seed) as players:
         for player in players:
             table = compact_table("game", "score", "human", "prompts", "dropped", "tokens", "replay")
             table.title = f"played by {player.name}"
@@ -82,10 +89,10 @@ def demo(
         console.print(f"[red]{failure}[/]")
     if failures:
         raise typer.Exit(1)
-    _conclude(console, folder, watches[: len(GAMES)])
+    _conclude(console, folder, watches[: len(GAMES)], name or "the rule player")
 
 
-def _conclude(console: Console, folder: Path, watches: Sequence[_Watch]) -> None:
+def _conclude(console: Console, folder: Path, watches: Sequence[_Watch], player: str) -> None:
     """Print what the window did, where the records are to be seen, and what comes next."""
     dropped = max(watch.dropped for watch in watches)
     most = max(watch.largest / cap for watch, cap in zip(watches, GAMES.values(), strict=True))
@@ -95,7 +102,7 @@ def _conclude(console: Console, folder: Path, watches: Sequence[_Watch]) -> None
 
     say(
         f"The window left out up to {dropped} turns of a prompt, no prompt was over its cap (the largest is "
-        f"{most:.0%} of it), and the rule player played on from what it could still see."
+        f"{most:.0%} of it), and {player} played on from what it could still see."
     )
     try:
         from smartplay_tools.evaluation.pages.report import write_report
@@ -127,6 +134,15 @@ def _players(console: Console) -> Iterator[list[Player]]:
         return
     with adapter.LocalEndpoint(rule) as endpoint, adapter.OpenAIPlayer("rule", base_url=endpoint.base_url) as model:
         yield [rule, model]
+
+
+@contextmanager
+def _only(name: str, seed: int) -> Iterator[list[Player]]:
+    """One player, by its name."""
+    player = get_player(name, seed=seed)
+    if not isinstance(player, Player):
+        raise InvalidArgumentError(f"The demo plays with a player that answers at once; {name} has to be awaited.")
+    yield [player]
 
 
 class _Watch:

@@ -15,17 +15,17 @@ from smartplay_tools.cli import options
 from smartplay_tools.cli.checkup import CHECKS, PartCheck
 from smartplay_tools.errors import InvalidArgumentError
 
-NAMES = {"core": "the core", "engine": "the engines", "extra": "the extras"}
+NAMES = {"core": "the core", "engine": "the engines", "extra": "the extras", "model": "the models"}
 """The text shown during each check."""
 
 
 def doctor(
     only: Annotated[
-        list[str] | None, typer.Option(help="Check only core, engine or extra; repeatable.", show_default=False)
+        list[str] | None, typer.Option(help="Check only core, engine, extra or model; repeatable.", show_default=False)
     ] = None,
     as_json: options.Json = False,
 ) -> None:
-    """Print which engines and extras work on this machine, and how to set up the others.
+    """Print which engines, extras and local models work on this machine, and how to set up the others.
 
     Each of them is actually used, so engines that are separate programs are started, which takes minutes for MineDojo.
     The exit code is 0 if the core works; optional parts may be missing.

@@ -20,6 +20,7 @@ PLAYERS: dict[str, str] = {
     "first": "smartplay_tools.players.first:FirstPlayer",
     "human": "smartplay_tools.players.human.player:HumanPlayer",
     "langchain": "smartplay_langchain:LangChainPlayer",
+    "local": "smartplay_local:LocalPlayer",
     "openai": "smartplay_openai:OpenAIPlayer",
     "openai-responses": "smartplay_openai:ResponsesPlayer",
     "oracle": "smartplay_tools.players.oracle:OraclePlayer",

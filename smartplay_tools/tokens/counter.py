@@ -18,6 +18,7 @@ from smartplay_tools.pictures.rules import DEFAULT_RULE
 from smartplay_tools.tokens.tokenizers import (
     DEFAULT_TOKENIZER,
     HUGGING_FACE,
+    MODEL_FILE,
     ApproximateTokenizer,
     PictureTokenizer,
     TiktokenTokenizer,
@@ -192,7 +193,7 @@ def shared_counter(tokenizer: str | Tokenizer | None = None) -> TokenCounter:
     Episodes of a setting repeat the same head, tools and manual. A file of Hugging Face can change, and two tokenizer
     objects may have the same name: with those, every episode has a counter of its own.
     """
-    if tokenizer is None or (isinstance(tokenizer, str) and not tokenizer.startswith(HUGGING_FACE)):
+    if tokenizer is None or (isinstance(tokenizer, str) and not tokenizer.startswith((HUGGING_FACE, MODEL_FILE))):
         return _counter_of(DEFAULT_TOKENIZER if tokenizer is None else tokenizer)
     return TokenCounter(tokenizer)
 

