@@ -152,7 +152,7 @@ def test_a_prompt_shows_reasoning_names_and_provider_items_too(show, tmp_path):
     page = show(converse(tmp_path / "thoughts.jsonl", BANDIT, [thoughts] * 2), "#episode=thoughts&turn=1")
     page.get_by_text("The prompt, word for word", exact=True).click()
     card = page.locator("#messages .message.assistant").first
-    assert card.locator("h4").text_content() == "assistant (player) of turn 0new"
+    assert card.locator("h3").text_content() == "assistant (player) of turn 0new"
     assert [*card.locator("pre").all_text_contents()][1] == "Hm."
     assert "First this." in card.locator("details pre").text_content()
     assert "Then that." in card.locator("details pre").text_content()

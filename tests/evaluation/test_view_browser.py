@@ -90,6 +90,8 @@ def test_a_list_is_filtered_sorted_and_linked(show, site):
     page.locator("#runs .run b", has_text="one").click()
     sync_api.expect(page.locator("#count")).to_have_text("8 episodes")
     assert page.locator("#count").inner_text() == "8 episodes"
+    heads, rows = page.locator("#head [role=columnheader]"), page.locator("#rows [role=row]")
+    assert page.locator("#rows [role=gridcell]").count() == heads.count() * rows.count(), "a table for screen readers"
     page.keyboard.press("/")
     page.keyboard.type("hanoi random")
     assert page.locator("#count").inner_text() == "2 episodes"

@@ -236,7 +236,7 @@ const CHANGES = { new: "new", gone: "not in this prompt" };
 function messageCard({ message, turn, marked, what, change }) {
   const from = turn === undefined ? "" : ` of turn ${number(turn)}`;
   const title = element(
-    "h4",
+    "h3",
     {},
     `${message.role}${message.name ? ` (${message.name})` : ""}${from}`,
     what ? element("span", { class: `tag ${what}` }, what) : null,
