@@ -85,7 +85,7 @@ def check_episode(seed: int) -> str:
     times: list[float | None] = [None] * len(replies)
     if chance.random() < 0.7:
         times = sorted(float(chance.randrange(6 * len(replies))) for _ in replies)
-    log = replace(log, requests=[replace(request, at=at) for request, at in zip(log.requests, times, strict=True)])
+    log = replace(log, requests=[request._replace(at=at) for request, at in zip(log.requests, times, strict=True)])
     asked = cache_judge.asked(sent, replies, times, WORDS.count)
     for rule in (any_rule(chance), any_rule(chance), any_rule(chance), *cache_rules().values()):
         marks = chance.choice([("stable", "end"), ("end",), ("stable",), ()])

@@ -113,44 +113,35 @@ def _stored_whole(log: RequestLog, rule: CacheRule, life: float | None) -> Itera
 def _stored_to_marks(
     log: RequestLog, rule: CacheRule, life: float | None, places: Sequence[Place]
 ) -> Iterator[tuple[int, int]]:
-    """Yield the same where requests are stored up to their marks."""
+    """Yield the same where requests are stored up to their marks.
+
+    A stored prefix is looked for at each mark, from the last one on, and at most `lookback` blocks before it.
+    """
     used: dict[int, float] = {}
     """The stored prefixes by their numbers, with the time of their last use."""
     paths, answers = log.paths(by_purpose=rule.tool_choice)
+    minimum, longest_life = rule.minimum, inf if life is None else life
+    lookback = inf if rule.lookback is None else rule.lookback
     for request, path, answer in zip(log.requests, paths, answers, strict=True):
-        now, ends = request.at or 0.0, request.ends
+        now, ends, blocks = request.at or 0.0, request.ends, request.blocks
         marks = _marked(request, rule, places)
         length = 0
         for mark in reversed(marks):
-            length = _longest(used, request, path, mark, length, rule, inf if life is None else life)
+            at = mark
+            least = blocks[mark] - lookback
+            while at > length and blocks[at] >= least:
+                last_use = used.get(path[at - 1])
+                if last_use is not None and now - last_use <= longest_life:
+                    length = at
+                at -= 1
         if length:
             used[path[length - 1]] = now
         for mark in marks:
-            if ends[mark] >= rule.minimum:
+            if ends[mark] >= minimum:
                 used[path[mark - 1]] = now
-        if rule.replies and request.answered >= rule.minimum:
+        if rule.replies and request.answered >= minimum:
             used[answer] = now
         yield length, ends[marks[-1]] if marks else 0
-
-
-def _longest(
-    used: Mapping[int, float],
-    request: Request,
-    path: Sequence[int],
-    mark: int,
-    longest: int,
-    rule: CacheRule,
-    life: float,
-) -> int:
-    """The longest stored prefix that ends at a mark or at most `lookback` blocks before it; at least `longest`."""
-    blocks, now = request.blocks, request.at or 0.0
-    least = -1 if rule.lookback is None else blocks[mark] - rule.lookback
-    for length in range(mark, longest, -1):
-        if blocks[length] < least:
-            break
-        if (at := used.get(path[length - 1])) is not None and now - at <= life:
-            return length
-    return longest
 
 
 def _marked(request: Request, rule: CacheRule, places: Sequence[Place]) -> Sequence[int]:

@@ -27,8 +27,7 @@ from smartplay_tools.transcript.times import read_times, times_file
 from smartplay_tools.types import Purpose, ToolSpec, Usage
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(NamedTuple):
     """A prompt that had a reply. Tokens are the provider's where it counted them, else budget tokens."""
 
     units: tuple[int, ...]
