@@ -61,6 +61,10 @@ def test_its_record_is_replayed_resumed_and_counted(file):
     assert {departure.reason for departure in accounts.departures()} == {"choice"}
 
 
+def test_the_experiment_plays_the_pages_strategy():
+    assert (HERE.parent / "experiments" / "first_and_newest.py").read_text(encoding="utf-8") == CODE
+
+
 def test_prompts_are_rebuilt_without_it(file):
     _, events = played(file)
     forget()

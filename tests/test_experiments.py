@@ -76,3 +76,50 @@ def test_the_same_questions_go_to_another_player(experiment, tmp_path, monkeypat
     assert shown.count("| random |") == 2 * len(experiment.QUESTIONS["slack"]["vary"]["slack"])
     assert (tmp_path / "slack" / "figures" / "effects-of-slack.svg").exists()
     assert (tmp_path / "tables.md").read_text(encoding="utf-8").strip() in shown
+
+
+@pytest.fixture(scope="module")
+def arena():
+    spec = importlib.util.spec_from_file_location("arena_experiment", SCRIPT.with_name("arena.py"))
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules[spec.name]
+
+
+def cells_of(lines):
+    """The cells of a table's rows without the difference, which depends on what else is compared."""
+    rows = [line.strip("| ").split(" | ") for line in lines if line.startswith("| `")]
+    return [[*row[:5], *row[6:]] for row in rows]
+
+
+def test_the_arena_has_a_row_for_every_strategy_and_cap(arena):
+    rows = cells_of(published("arena"))
+    assert len(rows) == len(arena.GAMES) * len(arena.budgets([arena.FIRST_AND_NEWEST]))
+    assert "of which 0 differ in score" in published("arena")[-1]
+
+
+def test_a_strategy_that_was_brought_is_the_same_as_the_windows_own(arena):
+    """Showing the first three turns and the newest ones is what `first_turns=3` does, as far as the cap decides."""
+    rows = cells_of(published("arena"))
+    own, brought = ([row for row in rows if name in row[2]] for name in ("first turns 3", "FirstAndNewest:turns=3"))
+    assert len(own) == len(arena.GAMES) * len(arena.CAPS)
+    assert [row[3:5] for row in own] == [row[3:5] for row in brought]
+    assert [row[3:] for row in own if row[2].startswith("700")] == [
+        row[3:] for row in brought if row[2].startswith("700")
+    ]
+
+
+@pytest.mark.slow
+def test_the_arenas_table_says_what_is_played(arena, tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    silent = arena.PlayerConfig(name="rule-notes", options={"words": False})
+    budgets = [budget for budget in arena.budgets([arena.FIRST_AND_NEWEST]) if budget.prompt_tokens == arena.CAPS[0]]
+    played = [budgets[0], budgets[-1]]
+    done = arena.sp.evaluate(
+        [arena.GAMES[1]], [silent], budgets=played, trials=20, out=tmp_path / "run", executor="inline"
+    )
+    rows = cells_of(arena.table(done).splitlines())
+    assert len(rows) == 2
+    assert all(row in cells_of(published("arena")) for row in rows)

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from smartplay_tools.cli.options import key_values, names, with_options
 from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types import STRATEGIES, Budget
+from smartplay_tools.types import STRATEGIES, WORDS, Budget
 
 _PANEL = "Episode options"
 GRID = "The grid: lists separated by commas"
@@ -30,8 +30,8 @@ def _number(value: str) -> int | str | None:
     return int(value) if value.lstrip("-").isdigit() else value
 
 
-def _limit(text: str) -> Any:
-    return Annotated[Any, typer.Option(parser=_number, metavar="N", help=text, rich_help_panel=_PANEL)]
+def _limit(text: str, metavar: str = "N") -> Any:
+    return Annotated[Any, typer.Option(parser=_number, metavar=metavar, help=text, rich_help_panel=_PANEL)]
 
 
 def _option(kind: Any, text: str, *names: str) -> Any:
@@ -48,7 +48,7 @@ BUDGET: Mapping[str, tuple[Any, Any]] = {
     "stalled_turns": (_limit("Cap on turns in a row that play no step and show nothing new, or none."), "10"),
     "slack": (_option(float, "Share of the window that is dropped at once when it is full."), 0.0),
     **{
-        kind.name: (_limit(kind.option_help), "none")
+        kind.name: (_limit(kind.option_help, "NAME" if kind.name in WORDS else "N"), "none")
         if STRATEGIES[kind.name] is None
         else (_option(str, kind.option_help), STRATEGIES[kind.name])
         for kind in KINDS

@@ -78,17 +78,14 @@ class WindowState:
 
     def run(self, first: int, stop: int) -> int:
         """Tokens of the turns from `first` to before `stop`, as they are shown: without what is too old."""
-        tokens = self._with_words(first, stop)
-        return tokens - self.index.spoken(first, min(stop, self.spoken)) if first < self.spoken else tokens
-
-    def _with_words(self, first: int, stop: int) -> int:
-        """Tokens of turns with every observation older than `oldest` masked, and all replies as they were said."""
-        boundary = self.boundary
+        boundary, index = self.boundary, self.index
         if first > boundary:
-            return self.index.whole(first, stop)
-        if stop <= boundary:
-            return self.index.masked(first, stop)
-        return self.index.masked(first, boundary) + self.index.whole(boundary, stop) - self.saved
+            tokens = index.whole(first, stop)
+        elif stop <= boundary:
+            tokens = index.masked(first, stop)
+        else:
+            tokens = index.masked(first, boundary) + index.whole(boundary, stop) - self.saved
+        return tokens if first >= self.spoken else tokens - index.spoken(first, min(stop, self.spoken))
 
     def tokens(self, first: int) -> int:
         """V: tokens of head, the run from `first` to the newest turn, and the pinned turns before it."""
@@ -109,7 +106,8 @@ class WindowState:
         hidden = self.notes if self.notes is not None and self.notes < first else None
         newest = self.newest if self.newest is not None and self.newest < first else None
         anchors = min(self.anchors, first)
-        pinned = tuple(sorted({index for index in (newest, hidden) if index is not None} | {*range(anchors)}))
+        others = [index for index in (newest, hidden) if index is not None]
+        pinned = tuple(sorted({*others, *range(anchors)})) if anchors else tuple(sorted(others))
         return Selection(pinned, first, self.last, self.oldest, hidden, self.words, self.anchors)
 
     def selection_tokens(self, chosen: Selection) -> int:
@@ -121,19 +119,19 @@ class WindowState:
 
     def messages(self, chosen: Selection, summary: Sequence[Message]) -> list[Message]:
         """Return the messages of the selected turns, and the summary after the first turns that stay."""
-        whole, turns = self._whole_from(chosen), self.index.turns
-        messages = [message for index in chosen.pinned[: chosen.front] for message in chosen.seen(turns[index])]
+        whole, turns, front = self._whole_from(chosen), self.index.turns, chosen.front
+        messages = [message for index in chosen.pinned[:front] for message in chosen.seen(turns[index])]
         messages += summary
-        for index in (*chosen.pinned[chosen.front :], *range(chosen.first, whole)):
+        for index in (*chosen.pinned[front:], *range(chosen.first, whole)):
             messages += chosen.seen(turns[index])
         return messages + self.index.messages(whole, chosen.last + 1)
 
     def lines(self, chosen: Selection, summary: Sequence[bytes]) -> list[bytes]:
         """Return the canonical JSON of `messages`."""
-        whole, turns = self._whole_from(chosen), self.index.turns
-        lines = [line for index in chosen.pinned[: chosen.front] for line in chosen.canonical_seen(turns[index])]
+        whole, turns, front = self._whole_from(chosen), self.index.turns, chosen.front
+        lines = [line for index in chosen.pinned[:front] for line in chosen.canonical_seen(turns[index])]
         lines += summary
-        for index in (*chosen.pinned[chosen.front :], *range(chosen.first, whole)):
+        for index in (*chosen.pinned[front:], *range(chosen.first, whole)):
             lines += chosen.canonical_seen(turns[index])
         return lines + self.index.lines(whole, chosen.last + 1)
 

@@ -1,0 +1,153 @@
+"""The arena: strategies for the past under the same exact caps, on the same seeds: a table of `docs/experiments.md`.
+
+    python experiments/arena.py                          # scripted players: no key, no network, minutes
+    python experiments/arena.py --player openai:MODEL    # the same question to a model
+    python experiments/arena.py --strategy FILE.py:CLASS # with a strategy of your own beside the others
+
+`rule-notes` has a use for a memory; told to say nothing, it keeps one where a strategy offers a place for it. `random`
+ignores its prompts and is the control: it has to score the same under every strategy that asks it for nothing. The same
+command continues where it stopped; `--publish` puts the table into the documentation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis import MEASURES, MeanEstimate, by_cell, compare_windows, differences
+from smartplay_tools.evaluation.analysis.names import strategy_name
+from smartplay_tools.evaluation.analysis.windows import WindowComparison
+from smartplay_tools.evaluation.runs import PlayerConfig, Run
+from smartplay_tools.records.rows import Row
+from smartplay_tools.types import STRATEGIES
+
+PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
+FIRST_AND_NEWEST = "experiments/first_and_newest.py:FirstAndNewest:turns=3"
+"""The strategy of docs/add-a-strategy.md, as everybody brings one; the folder is that of the checkout."""
+GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0")
+CAPS = (700, 1000)
+HISTORY = 10
+CONTROL = "random"
+WAYS: tuple[dict[str, Any], ...] = (
+    {},
+    {"slack": 0.5},
+    {"beyond_history": "mask"},
+    {"own_words": 2},
+    {"first_turns": 3},
+    {"notes_tokens": 200},
+    {"summary_tokens": 100, "slack": 0.5},
+)
+"""The strategies, as fields of a budget; the first is what the others are compared with."""
+
+
+def budgets(brought: Sequence[str]) -> list[sp.Budget]:
+    """Every strategy under every cap; `brought` are names of further ones."""
+    ways = [*WAYS, *({"strategy": name} for name in brought)]
+    return [sp.Budget(history=HISTORY, prompt_tokens=cap, **way) for cap in CAPS for way in ways]
+
+
+def main() -> None:
+    """Play the run, print the table, and write it."""
+    asked = _arguments()
+    subjects: Sequence[str | PlayerConfig] = asked.player or (
+        PlayerConfig(name="rule-notes", options={"words": False}),
+        CONTROL,
+    )
+    done = sp.evaluate(
+        GAMES,
+        subjects,
+        budgets=budgets([FIRST_AND_NEWEST, *(asked.strategy or ())]),
+        trials=asked.trials,
+        out=asked.out,
+        workers=asked.workers,
+    )
+    if not done.complete:
+        sys.exit(f"{done.planned - len(done.rows)} episodes of {asked.out} are not finished; run the command again.")
+    written = table(done)
+    print(written)
+    if asked.publish:
+        publish(written)
+
+
+def table(done: Run) -> str:
+    """Every strategy beside plain dropping under the same cap, in Markdown; intervals hold together."""
+    comparisons = compare_windows(done.rows, along=(*STRATEGIES, "slack"))
+    columns: list[tuple[str, Callable[[WindowComparison], str]]] = [
+        ("game", lambda c: f"`{c.cell.game}`"),
+        ("player", _player),
+        ("cap: strategy", lambda c: f"{c.cell.budget['prompt_tokens']:,}: {_way(c)}"),
+        ("episodes", lambda c: str(c.episodes)),
+        ("score [95 %]", lambda c: _interval(c.means["score"])),
+        ("less dropping [95 %, all together]", lambda c: "reference" if c.is_full else _interval(c.together, "+")),
+        ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
+        ("prefix-stable", lambda c: f"{100 * c.means['prefix_share'].mean:.1f} %"),
+    ]
+    lines = [_row([heading for heading, _ in columns]), _row(["---"] * len(columns))]
+    shown = [c for c in comparisons if c.cell.player != CONTROL]
+    lines += [_row([show(comparison) for _, show in columns]) for comparison in shown]
+    return "\n".join([*lines, "", *_control(done.rows)])
+
+
+def _control(rows: Sequence[Row]) -> list[str]:
+    """How often the control scores differently under a strategy, seed by seed."""
+    cells = [(cell, members) for cell, members in by_cell(rows) if cell.player == CONTROL]
+    if not cells:
+        return []
+    pairs: list[float] = []
+    for game in GAMES:
+        # A request for a summary takes one of the draws with which it would have played on.
+        asked = [(cell, members) for cell, members in cells if cell.budget["summary_tokens"] is None]
+        own = [members for cell, members in asked if cell.game == game]
+        pairs += [pair for members in own[1:] for pair in differences(members, own[0], MEASURES["score"])]
+    differing = sum(map(bool, pairs))
+    return [f"The control, `{CONTROL}`, without summaries: {len(pairs):,} pairs, of which {differing} differ in score."]
+
+
+def _player(comparison: WindowComparison) -> str:
+    silent = comparison.cell.player_options.get("words") is False
+    return f"{comparison.cell.player}{', silent' if silent else ''}"
+
+
+def _way(comparison: WindowComparison) -> str:
+    slack = comparison.cell.budget["slack"]
+    return strategy_name(comparison.cell) + (f", slack {slack:g}" if slack else "")
+
+
+def publish(written: str) -> None:
+    """Write the table between its marks in the page."""
+    text = PAGE.read_text(encoding="utf-8")
+    marked = re.compile(r"(<!-- table: arena -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
+    PAGE.write_text(marked.sub(lambda match: f"{match[1]}\n{written}\n\n{match[3]}", text), encoding="utf-8")
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="Strategies for the past under the same caps, on the same seeds.")
+    parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
+    parser.add_argument("--strategy", action="append", help="a strategy of your own, FILE.py:CLASS; repeatable")
+    parser.add_argument("--trials", type=int, default=20, help="episodes of every cell")
+    parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
+    parser.add_argument("--out", type=Path, default=Path("runs/arena"), help="the folder of the run")
+    parser.add_argument("--publish", action="store_true", help="put the table into the documentation")
+    return parser.parse_args()
+
+
+def _interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
+    if estimate is None:
+        return "no pairs"
+    mean = f"{estimate.mean:{sign}.2f}"
+    if estimate.low is None or estimate.high is None:
+        return f"{mean} (all {estimate.episodes} equal)" if estimate.all_equal else mean
+    return f"{mean} [{estimate.low:{sign}.2f}, {estimate.high:{sign}.2f}]"
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    main()
