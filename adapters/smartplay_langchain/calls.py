@@ -30,6 +30,12 @@ HELD = "This call waits for the decision about an earlier one."
 """The provisional result of a call that is held."""
 
 
+NO_CHECKPOINTER = (
+    " An agent without a checkpointer keeps nothing: to invoke it again after an error, give it one, and invoke it "
+    "with None and the same configuration."
+)
+
+
 class CallPlayer:
     """The calls of an episode's replies."""
 
@@ -54,7 +60,7 @@ class CallPlayer:
         """Run a call of the tool node; calls of unknown tools are answered here."""
         self._settle(request.state)
         call = request.tool_call
-        if request.tool is None and self._is_own(call["id"]):
+        if self._is_unknown(call):
             return self._message(call["id"], call["name"], *self.play(call))
         return handler(request)
 
@@ -62,7 +68,7 @@ class CallPlayer:
         """Run a call as `wrap_tool_call` does, without blocking the event loop."""
         self._settle(request.state)
         call = request.tool_call
-        if request.tool is None and self._is_own(call["id"]):
+        if self._is_unknown(call):
             return self._message(call["id"], call["name"], *await self.aplay(call))
         return await handler(request)
 
@@ -92,6 +98,21 @@ class CallPlayer:
         turn = next((turn for message in reversed(messages) if (turn := turn_of(message)) is not None), -1)
         return (-1 if latest is None else latest.number) - turn
 
+    def another_state(self, lacked: int) -> InvalidArgumentError:
+        """Say that the graph's state, which lacks so many replies, is not that of the episode, and what to do."""
+        if self.episode.done:
+            return InvalidArgumentError("The episode is over; make a new one, and an agent with it.")
+        difference = (
+            f"lacks {lacked} of the episode's replies" if lacked > 0 else "has replies that the episode has not"
+        )
+        latest = self._session.latest_turn
+        has_none = latest is not None and lacked == latest.number + 1
+        return InvalidArgumentError(
+            f"The state of the graph {difference}: its checkpoint is older than the episode's record, this is another "
+            "thread, or a middleware has removed messages. Continue the thread on which the episode is played, and "
+            'have its checkpoints written at once, with `durability="sync"`.' + (NO_CHECKPOINTER if has_none else "")
+        )
+
     def result_id(self, call_id: str) -> str:
         """The id of the message with a call's result."""
         turn = self._session.latest_turn
@@ -111,10 +132,10 @@ class CallPlayer:
     def _positions(self) -> dict[str, int]:
         return {call.id: position for position, call in enumerate(self._calls())}
 
-    def _is_own(self, call_id: str) -> bool:
-        """Whether a call of the latest reply is for the game, which also answers unknown tools."""
-        foreign = {tool.name for tool in self._session.foreign_tools}
-        return any(call.id == call_id and call.name not in foreign for call in self._calls())
+    def _is_unknown(self, tool_call: Any) -> bool:
+        """Whether a call of the latest reply is of no tool that the model was shown; the game answers it."""
+        shown = {tool.name for tool in (*self.episode.tools, *self._session.foreign_tools)}
+        return any(call.id == tool_call["id"] and call.name not in shown for call in self._calls())
 
     def _earlier_open(self, position: int) -> set[int]:
         """The positions of the game's calls before a position that are not answered yet."""
@@ -139,7 +160,7 @@ class CallPlayer:
         """Record which calls were refused before any was run: a call waits for the earlier ones that are to come."""
         messages = state.get("messages", ()) if isinstance(state, dict) else getattr(state, "messages", state)
         if messages and (lacked := self.lacked(messages)):
-            raise another_state(lacked)
+            raise self.another_state(lacked)
         with self._session.episode.lock:
             waiting = {call.id for call in self._session.open_calls}
             for message in after_latest_reply(messages):
@@ -155,16 +176,6 @@ class CallPlayer:
             status="error" if artifact.get("is_error") else "success",
             artifact=artifact,
         )
-
-
-def another_state(lacked: int) -> InvalidArgumentError:
-    """Say that the graph's state is not that of the episode, and what to do."""
-    difference = f"lacks {lacked} of the episode's replies" if lacked > 0 else "has replies that the episode has not"
-    return InvalidArgumentError(
-        f"The state of the graph {difference}: its checkpoint is older than the episode's record, this is another "
-        "thread, or a middleware has removed messages. Continue the thread on which the episode is played, and have "
-        'its checkpoints written at once, with `durability="sync"`.'
-    )
 
 
 class SessionTool(SmartPlayTool):

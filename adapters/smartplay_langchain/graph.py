@@ -10,6 +10,7 @@ The state is read from its end to the latest reply, so a turn costs the same at 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,7 +35,6 @@ from smartplay_langchain.calls import (
     TURN,
     CallPlayer,
     after_latest_reply,
-    another_state,
     artifact_of,
     is_ours,
 )
@@ -43,6 +43,8 @@ from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message
 from smartplay_tools.conversation import HostChat
 from smartplay_tools.messages import Call
 from smartplay_tools.prompts import CacheMarks, checked_marks
+
+log = logging.getLogger("smartplay_langchain")
 
 NOT_RUN = "Error: The agent did not run this call."
 """The answer to a call that the graph left open."""
@@ -60,6 +62,7 @@ class GraphSession(CallPlayer):
             as most models spell it, or `{"type": "none"}` for `ChatAnthropic`.
         cache: what is sent for the provider's cache, as for `LangChainPlayer`.
         foreign_tools: other tools of the graph; their calls are left to its tool node.
+        only_game_tools: whether the model is shown the game's tools only.
     """
 
     def __init__(
@@ -71,8 +74,12 @@ class GraphSession(CallPlayer):
         summary_tool_choice: ToolChoice = "none",
         cache: CacheMarks = True,
         foreign_tools: Sequence[BaseTool | dict[str, Any]] = (),
+        only_game_tools: bool = False,
     ) -> None:
         super().__init__(HostChat(episode, player=player, not_run=NOT_RUN))
+        self._only_game_tools, self._is_told = only_game_tools, False
+        self._longest = 0
+        """The most messages that the state has had."""
         self.prompt_settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
         self._other_tools = list(foreign_tools)
 
@@ -121,7 +128,7 @@ class GraphSession(CallPlayer):
         if (lacked := self.lacked(messages)) == 0:
             return None
         if lacked != 1:
-            raise another_state(lacked)
+            raise self.another_state(lacked)
         assert self.session.message is not None
         (reply,) = to_langchain([self.session.message])
         assert isinstance(reply, AIMessage)
@@ -136,6 +143,7 @@ class GraphSession(CallPlayer):
         if self.session is None or self.session.latest_turn is None:
             return []
         since = after_latest_reply(messages)
+        self._tell_of_removed(messages)
         with self.episode.lock:
             if not self.session.awaits_reply:
                 return self._take(since)
@@ -145,6 +153,18 @@ class GraphSession(CallPlayer):
                     "and add yours after the reply."
                 )
             return []
+
+    def _tell_of_removed(self, messages: Sequence[BaseMessage]) -> None:
+        """Log once that something else shortens the state, which changes no prompt and may cost model calls."""
+        removed, self._longest = self._longest - len(messages), max(self._longest, len(messages))
+        if removed > 0 and not self._is_told:
+            self._is_told = True
+            log.warning(
+                "At least %d messages are gone from the state: a SummarizationMiddleware, perhaps, shortens it. The "
+                "model sees the window all the same, and the model calls for such summaries are paid for beside the "
+                "budget, which does not count them. Leave it out.",
+                removed,
+            )
 
     def prepare(
         self,
@@ -165,7 +185,8 @@ class GraphSession(CallPlayer):
             raise InvalidArgumentError(
                 f"A middleware has taken {', '.join(missing)} from the request; the game's tools are in every prompt."
             )
-        foreign, head = [spec for spec in specs if spec.name not in own], [*map(from_langchain, system)]
+        foreign = [] if self._only_game_tools else [spec for spec in specs if spec.name not in own]
+        head = [*map(from_langchain, system)]
         if self.session is None:
             first = map(from_langchain, (*messages, *added))
             return self._chat.begin(first, system=head, foreign_tools=foreign)

@@ -53,10 +53,16 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         limit_field: str = "max_tokens",
         summary_tool_choice: ToolChoice = "none",
         cache: CacheMarks = True,
+        only_game_tools: bool = False,
     ) -> None:
         super().__init__()
         self._graph = GraphSession(
-            episode, player=player, limit_field=limit_field, summary_tool_choice=summary_tool_choice, cache=cache
+            episode,
+            player=player,
+            limit_field=limit_field,
+            summary_tool_choice=summary_tool_choice,
+            cache=cache,
+            only_game_tools=only_game_tools,
         )
         self.episode = self._graph.episode
         self.tools: Sequence[BaseTool] = self._graph.tools

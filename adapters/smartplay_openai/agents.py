@@ -20,10 +20,9 @@ import itertools
 from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
+from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec
 from smartplay_tools.conversation import HostChat
 from smartplay_tools.errors import MissingExtraError
-from smartplay_tools.messages import text_of
 from smartplay_tools.records import CacheFields, openai_cache_fields
 
 try:
@@ -51,12 +50,7 @@ from openai.types.responses import (
     ResponseOutputText,
 )
 
-from smartplay_openai.responses import RESPONSES, read_items
-
-Item = Mapping[str, Any]
-
-OVER = "smartplay_over"
-"""The id of the message that ends a run."""
+from smartplay_openai.agents_items import OVER, Item, before_the_game, input_of, read_response, since_reply, usage_of
 
 AWAITS_APPROVAL = "Error: An earlier call of this message awaits approval, so this one was not played."
 
@@ -78,13 +72,21 @@ class SmartPlayModel(Model):
         player: the model's name, for the record.
         cache: send to OpenAI the episode's `prompt_cache_key`, unless the settings have one, and mark the end of what
             is unchanged since the previous prompt for models that cache up to marks. Other servers are sent neither.
+        only_game_tools: whether the model is shown the game's tools only; calls of the agent's others, and handoffs,
+            are then answered as those of unknown tools.
 
     Pass its `tools` to the agent, or to each agent that one hands over to, and its `run_config` to the runner. A reply
     without a call is answered here, so the run ends when the episode does.
     """
 
     def __init__(
-        self, model: Model, episode: Episode | AgentSession, *, player: str = "agents", cache: bool = True
+        self,
+        model: Model,
+        episode: Episode | AgentSession,
+        *,
+        player: str = "agents",
+        cache: bool = True,
+        only_game_tools: bool = False,
     ) -> None:
         self._chat = HostChat(episode, player=player)
         self.episode = self._chat.episode
@@ -93,7 +95,9 @@ class SmartPlayModel(Model):
             tool_execution=ToolExecutionConfig(max_function_tool_concurrency=1),
             tool_not_found_behavior="return_error_to_model",
         )
+        self._names = {tool.name for tool in self.episode.tools}
         self._model, self._player, self._cache = model, player, cache
+        self._only_game_tools = only_game_tools
 
     @property
     def session(self) -> AgentSession | None:
@@ -117,24 +121,41 @@ class SmartPlayModel(Model):
         """
         _check(output_schema, options)
         items = [{"role": "user", "content": input}] if isinstance(input, str) else input
+        if self._only_game_tools:
+            tools, handoffs = [tool for tool in tools if tool.name in self._names], ()
         session = await asyncio.to_thread(self._prepare, system_instructions, items, self._foreign(tools, handoffs))
         usage = AgentsUsage()
 
         async def send(prompt: Prompt) -> _Answer:
             fields = _cache_fields(self._model) if self._cache else CacheFields()
             settings = _settings(model_settings, prompt, with_key=fields.key)
-            items = _input(prompt, mark=fields.marks)
+            items = input_of(prompt, mark=fields.marks)
             response = await self._model.get_response(
                 None, items, settings, tools, output_schema, list(handoffs), *arguments, **options
             )
             usage.add(response.usage)
-            return _Answer(_read(response), _usage(response.usage), response=response)
+            return _Answer(read_response(response), usage_of(response.usage), response=response)
 
         while (answer := await session.aask(send)) is not None:
             response = await asyncio.to_thread(_receive, session, answer)
+            response = self._without_hidden(response) if self._only_game_tools else response
             if any(isinstance(item, ResponseFunctionToolCall) for item in response.output):
                 return dataclasses.replace(response, usage=usage)
         return ModelResponse(output=[_OVER], usage=usage, response_id=None)
+
+    def _is_hidden(self, name: str) -> bool:
+        return self._only_game_tools and name not in self._names
+
+    def _without_hidden(self, response: ModelResponse) -> ModelResponse:
+        """Return a response without calls of hidden tools, which the runner would run; the episode answers these."""
+        kept = [
+            item
+            for item in response.output
+            if not isinstance(item, ResponseFunctionToolCall) or not self._is_hidden(item.name)
+        ]
+        if not any(isinstance(item, ResponseFunctionToolCall) for item in kept):
+            self._answer_unknown(())
+        return dataclasses.replace(response, output=kept)
 
     async def stream_response(self, *arguments: Any, **options: Any) -> AsyncIterator[Any]:
         """Ask the model as `get_response` does, for a streamed run; the stream has one event, the whole response."""
@@ -167,17 +188,25 @@ class SmartPlayModel(Model):
         chat = self._chat
         system: list[Message] = [{"role": "system", "content": instructions}] if instructions else []
         if chat.session is None:
-            first = _before_the_game(items, {tool.name for tool in self.tools})
+            first = before_the_game(items, {tool.name for tool in self.tools})
             return chat.begin(first, system=system, foreign_tools=foreign)
         turn = chat.session.latest_turn
-        if turn is not None and turn.calls and not chat.session.awaits_reply:
-            messages = _since_reply(items, turn.calls[0].id)
-            names = {tool.name for tool in (*self.episode.tools, *chat.session.foreign_tools)}
-            # The SDK's own words about unknown tools are not the game's.
-            chat.settle(messages, play={call.id: None for call in turn.calls if call.name not in names})
+        sent = [call for call in (turn.calls if turn else ()) if not self._is_hidden(call.name)]
+        if sent and not chat.session.awaits_reply:
+            messages = since_reply(items, sent[0].id)
+            self._answer_unknown(messages)
             chat.hear(messages)
         chat.change(system=system, foreign_tools=foreign)
         return chat.session
+
+    def _answer_unknown(self, messages: Sequence[Message]) -> None:
+        """Decide the calls of the latest reply; the SDK's own words about unknown tools are not the game's."""
+        session = self._chat.session
+        assert session is not None
+        assert session.latest_turn is not None
+        names = {tool.name for tool in (*self.episode.tools, *session.foreign_tools)}
+        unknown = {call.id: None for call in session.latest_turn.calls if call.name not in names}
+        self._chat.settle(messages, play=unknown)
 
     def _tool(self, spec: ToolSpec) -> FunctionTool:
         async def invoke(context: ToolContext[Any], _: str) -> str:
@@ -236,34 +265,6 @@ def _check(output_schema: Any, options: Mapping[str, Any]) -> None:
             )
 
 
-def _before_the_game(items: Sequence[Item], ours: set[str]) -> list[Message]:
-    """The messages that a run begins with; an earlier episode in the same session of the SDK is left out."""
-    begin = 0
-    for at, item in enumerate(items):
-        if item.get("id") == OVER or item.get("name") in ours:
-            begin = at + 1
-    while begin < len(items) and (items[begin].get("type") == "function_call_output"):
-        begin += 1
-    return RESPONSES.read({"input": list(items[begin:])}).messages if begin < len(items) else []
-
-
-def _since_reply(items: Sequence[Item], first_call: str) -> list[Message]:
-    """The results and the user messages after the latest reply's first call, read from the end."""
-    for at in range(len(items) - 1, -1, -1):
-        if items[at].get("type") == "function_call" and items[at].get("call_id") == first_call:
-            return [message for item in items[at + 1 :] for message in _from_item(item)]
-    raise InvalidArgumentError(
-        "The runner's input has no trace of the model's latest reply. The window decides what a model sees: leave out "
-        "input filters and nested histories of handoffs, and go on with the items of the run."
-    )
-
-
-def _from_item(item: Item) -> list[Message]:
-    if item.get("type") == "function_call_output":
-        return [{"role": "tool", "tool_call_id": item["call_id"], "content": _text(item.get("output"))}]
-    return [{"role": "user", "content": _text(item["content"])}] if item.get("role") == "user" else []
-
-
 def _settings(own: ModelSettings, prompt: Prompt, *, with_key: bool) -> ModelSettings:
     """The settings of a request: the agent's own, with those of the prompt."""
     settings = prompt.settings({"max_tokens": own.max_tokens, "tool_choice": own.tool_choice})
@@ -278,36 +279,3 @@ def _cache_fields(model: Model) -> CacheFields:
     if not isinstance(model, OpenAIResponsesModel | OpenAIChatCompletionsModel):
         return CacheFields()
     return openai_cache_fields(str(model.model), str(model._get_client().base_url))
-
-
-def _input(prompt: Prompt, *, mark: bool) -> list[Any]:
-    """The prompt as input items. The SDK's converter knows an output without an id only as a plain message."""
-    return [
-        {"role": item["role"], "content": _text(item["content"])}
-        if item.get("type") == "message" and item.get("role") == "assistant" and "id" not in item
-        else item
-        for item in RESPONSES.request(prompt, mark=mark)["input"]
-    ]
-
-
-def _read(response: ModelResponse) -> Message:
-    """A reply in canonical form."""
-    return read_items([item.model_dump(exclude_unset=True) for item in response.output])
-
-
-def _text(content: Any) -> str:
-    """The text of a tool's output or of a message; parts that are not text are an `InvalidArgumentError`."""
-    return content if isinstance(content, str) else text_of({"content": content})
-
-
-def _usage(usage: AgentsUsage) -> Usage | None:
-    if not usage.total_tokens:
-        return None
-    return Usage(
-        prompt=usage.input_tokens,
-        reply=usage.output_tokens,
-        cached=usage.input_tokens_details.cached_tokens or 0,
-        written=getattr(usage.input_tokens_details, "cache_write_tokens", None) or 0,
-        reasoning=usage.output_tokens_details.reasoning_tokens or 0,
-        requests=usage.requests,
-    )

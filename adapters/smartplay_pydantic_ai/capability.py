@@ -55,15 +55,23 @@ class SmartPlay(AbstractCapability[Any]):
         cache: for Anthropic's models, mark the prompt's end and that of the part that is unchanged since the previous
             prompt, so that the provider caches them, or with "stable" only the latter; for OpenAI's, send the episode's
             `openai_prompt_cache_key`, and that mark to models that cache up to marks. False sends nothing.
+        only_game_tools: whether the model is shown the game's tools only; the agent's others are then not run either.
 
     The agent's run ends with the episode. The agent's instructions and prompt are in every prompt, after the game's own
     head; its other tools are counted, shown and run as usual.
     """
 
-    def __init__(self, episode: Episode, *, player: str | None = None, cache: CacheMarks = True) -> None:
+    def __init__(
+        self,
+        episode: Episode,
+        *,
+        player: str | None = None,
+        cache: CacheMarks = True,
+        only_game_tools: bool = False,
+    ) -> None:
         self.episode = episode
         self._cache = checked_marks(cache)
-        self._player = player
+        self._player, self._only_game_tools = player, only_game_tools
         self._host: HostChat | None = None
         self._chat = PydanticAIChat()
         self._results: dict[str, ToolResult] = {}
@@ -93,7 +101,10 @@ class SmartPlay(AbstractCapability[Any]):
         own = {**(model.settings or {}), **(request_context.model_settings or {})}
         settings = cast(ModelSettings, prompt.settings({**cache_key(prompt, model, self._cache), **own}))
         # The head has the agent's instructions.
-        parameters = dataclasses.replace(request_context.model_request_parameters, instruction_parts=[])
+        asked = request_context.model_request_parameters
+        shown = {tool.name for tool in prompt.tools}
+        tools = [tool for tool in asked.function_tools if tool.name in shown]
+        parameters = dataclasses.replace(asked, instruction_parts=[], function_tools=tools)
         return dataclasses.replace(
             request_context,
             messages=self._chat.write(prompt.messages, marked=marked_messages(prompt, model, self._cache)),
@@ -157,7 +168,8 @@ class SmartPlay(AbstractCapability[Any]):
         if request.streaming:
             raise InvalidArgumentError("A streamed run cannot play: use `run` or `run_sync`.")
         ours = {tool.name for tool in self.episode.tools}
-        foreign = [tool_spec(tool) for tool in parameters.function_tools if tool.name not in ours]
+        others = [] if self._only_game_tools else parameters.function_tools
+        foreign = [tool_spec(tool) for tool in others if tool.name not in ours]
         instructions = "\n\n".join(part.content for part in parameters.instruction_parts or ())
         system: list[Message] = [{"role": "system", "content": instructions}] if instructions else []
         host = HostChat(self.episode, player=self._player or f"pydantic-ai:{request.model.model_name}")

@@ -54,6 +54,24 @@ async def test_the_run_ends_with_the_episode():
     assert result.final_output == "The episode is over."
 
 
+@pytest.mark.parametrize("beside", [[], [act(WAY[0])]], ids=["alone", "beside a move"])
+async def test_the_agents_other_tools_can_be_hidden_and_are_not_run(beside):
+    @function_tool
+    def weather() -> str:
+        raise AssertionError("a tool that is hidden is not run")
+
+    script = [calling(("weather", {}), *beside), *([] if beside else [calling(act(WAY[0]))])]
+    inner = ScriptedModel([step(message) for message in [*script, *(calling(act(short)) for short in WAY[1:])]])
+    episode, events = fresh()
+    with episode:
+        model = SmartPlayModel(inner, episode, only_game_tools=True)
+        agent = Agent("player", model=model, tools=[*model.tools, weather], handoffs=[Agent("other")])
+        await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
+    assert {tuple(tool.name for tool in call.tools) for call in inner.calls} == {("observe", "act", "read_manual")}
+    assert (episode.result.score, episode.result.malformed_calls) == (3.0, 1)
+    assert sp.replay(events).identical
+
+
 async def test_a_spent_budget_ends_it_before_the_model_is_called():
     episode, _ = fresh(sp.Budget(episode_tokens=1500, reply_tokens=40))
     with episode:

@@ -27,7 +27,7 @@ from langchain.agents.middleware import (
     wrap_tool_call,
 )
 from langchain_core.callbacks import BaseCallbackHandler
-from langchain_core.messages import AIMessage, HumanMessage, SystemMessage, ToolMessage
+from langchain_core.messages import AIMessage, HumanMessage, RemoveMessage, SystemMessage, ToolMessage
 from langchain_core.tools import tool
 from langgraph.checkpoint.memory import InMemorySaver
 from langgraph.types import Command
@@ -38,7 +38,7 @@ from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.tokens import TokenCounter
 from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
-from tests.adapters.scripted_langchain import needs_single_approvals
+from tests.adapters.scripted_langchain import ScriptedModel, needs_single_approvals
 
 ChatOpenAI = pytest.importorskip("langchain_openai").ChatOpenAI
 
@@ -492,3 +492,60 @@ def test_a_turn_takes_four_supersteps():
     assert episode.result.completed
     # before the model, the model, after the model; with calls the tools, too; the end and the agent's own
     assert len(steps) == 7 * 4 + 2
+
+
+class TestWhatIsShown:
+    def test_the_agents_other_tools_can_be_hidden_and_are_not_run(self):
+        model = ScriptedModel([calling(("weather", {})), calling(*map(act, WAY))])
+        episode, events = fresh()
+        with episode:
+            middleware = SmartPlayMiddleware(episode, only_game_tools=True)
+            create_agent(model, [forbidden_weather], middleware=[middleware]).invoke({"messages": []})
+        assert [name for name, *_ in model.received[0].tools] == ["observe", "act", "read_manual"]
+        assert (episode.result.score, episode.result.malformed_calls) == (3.0, 1)
+        assert sp.replay(events).identical
+
+    def test_a_summary_of_the_agents_own_is_seen_and_logged_once(self, caplog):
+        model = ScriptedModel([calling(act(short)) for short in WAY])
+        episode, _ = fresh()
+        with episode:
+            agent = create_agent(model, middleware=[Forgets(), SmartPlayMiddleware(episode)])
+            agent.invoke({"messages": []})
+        assert episode.result.score == 3.0
+        assert ["gone from the state" in record.getMessage() for record in caplog.records] == [True]
+
+
+class TestAnAgentWithoutACheckpointer:
+    def test_is_told_what_it_needs_to_go_on_after_an_error(self):
+        model = ScriptedModel([calling(act(short)) for short in WAY[:3]])  # then it raises
+        episode, _ = fresh()
+        with episode:
+            agent = create_agent(model, middleware=[SmartPlayMiddleware(episode)])
+            with pytest.raises((RuntimeError, StopIteration)):
+                agent.invoke({"messages": []})
+            with pytest.raises(sp.InvalidArgumentError, match="without a checkpointer keeps nothing"):
+                agent.invoke({"messages": []})
+
+    def test_is_told_that_a_game_is_over(self):
+        model = ScriptedModel([calling(act(short)) for short in WAY])
+        episode, _ = fresh()
+        with episode:
+            agent = create_agent(model, middleware=[SmartPlayMiddleware(episode)])
+            agent.invoke({"messages": []})
+            with pytest.raises(sp.InvalidArgumentError, match="The episode is over; make a new one"):
+                agent.invoke({"messages": []})
+
+
+@tool("weather")
+def forbidden_weather() -> str:
+    """Tell the weather."""
+    raise AssertionError("a tool that is hidden is not run")
+
+
+class Forgets(AgentMiddleware[Any, Any, Any]):
+    """Keeps the latest reply and its results of five messages, as a summary of the agent's own does."""
+
+    def before_model(self, state: Any, runtime: Any) -> dict[str, Any] | None:
+        if len(messages := state["messages"]) < 5:
+            return None
+        return {"messages": [RemoveMessage(message.id) for message in messages[:-2]]}
