@@ -31,6 +31,7 @@ from tests.adapters.conformance import (
     BASIC,
     BUDGETS,
     IDLE,
+    WAY,
     Received,
     Sent,
     Turns,
@@ -66,17 +67,26 @@ class Scripted:
         return to_response(next(self.script))
 
 
-def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
+def weather(city: str = "") -> str:
+    """Tell the weather."""
+    raise AssertionError("it is not called, or its arguments are not JSON")
+
+
+def hold(
+    episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, own_tool: bool = False
+) -> Sent:
     model = Scripted(script)
     own = None if own_cap is None else ModelSettings(max_tokens=own_cap)
-    agent = Agent(model.model, capabilities=[SmartPlay(episode)], model_settings=own)
+    agent = Agent(
+        model.model, capabilities=[SmartPlay(episode)], model_settings=own, tools=[weather] if own_tool else []
+    )
     result = agent.run_sync("", usage_limits=NO_LIMIT)
     assert result.output == THE_END
     return model.received
 
 
 class TestConformance(WindowConformance):
-    row = Window(hold, "Pydantic AI `SmartPlay`")
+    row = Window(hold, "Pydantic AI `SmartPlay`", has_tools=True)
 
     def test_two_episodes_interleaved(self):
         async def both() -> None:
@@ -88,6 +98,17 @@ class TestConformance(WindowConformance):
             assert min(mine.taken_in_turn, others.taken_in_turn) == len(BASIC)
 
         asyncio.run(both())
+
+
+def test_the_agents_other_tools_can_be_hidden_and_are_not_run():
+    episode, events = fresh()
+    with episode:
+        model = Scripted([calling(("weather", {}), act(WAY[0])), *(calling(act(short)) for short in WAY[1:])])
+        capability = SmartPlay(episode, only_game_tools=True)
+        Agent(model.model, capabilities=[capability], tools=[weather]).run_sync("", usage_limits=NO_LIMIT)
+    assert [name for name, *_ in model.received[0].tools] == ["observe", "act", "read_manual"]
+    assert (episode.result.score, episode.result.malformed_calls) == (3.0, 1)
+    assert sp.replay(events).identical
 
 
 def test_the_history_of_the_agent_keeps_everything():
