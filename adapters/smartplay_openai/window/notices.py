@@ -24,7 +24,7 @@ class Shown:
     def ignored(self, request: CompletionRequest, tools: HostTools) -> Iterator[str]:
         """Yield what of a request the model is not shown."""
         for role, count in request.ignored.characters.items():
-            if not (self.system and role in ("system", "developer")):
+            if count and not (self.system and role in ("system", "developer")):
                 yield f"{role} messages ({count:,} characters)"
         yield from (f"{kind} ({count:,})" for kind, count in request.ignored.kinds.items())
         if names := [*tools.hidden, *request.left_out]:
