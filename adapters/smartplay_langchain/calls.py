@@ -99,7 +99,7 @@ class CallPlayer:
         return (-1 if latest is None else latest.number) - turn
 
     def another_state(self, lacked: int) -> InvalidArgumentError:
-        """Say that the graph's state, which lacks so many replies, is not that of the episode, and what to do."""
+        """Say that the graph's state, which lacks this number of replies, is not the episode's, and what to do."""
         if self.episode.done:
             return InvalidArgumentError("The episode is over; make a new one, and an agent with it.")
         difference = (

@@ -161,7 +161,7 @@ class GraphSession(CallPlayer):
             self._is_told = True
             log.warning(
                 "At least %d messages are gone from the state: a SummarizationMiddleware, perhaps, shortens it. The "
-                "model sees the window all the same, and the model calls for such summaries are paid for beside the "
+                "model still sees the window, and the model calls for such summaries are paid for beside the "
                 "budget, which does not count them. Leave it out.",
                 removed,
             )
