@@ -6,6 +6,7 @@ import random
 import re
 import shutil
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,8 @@ from smartplay_tools import registry
 from smartplay_tools.cli import app
 from smartplay_tools.context.strategies import brought
 from smartplay_tools.context.token_index import TokenIndex
+from smartplay_tools.evaluation.runs.run_file import read_run_file
+from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume
 from smartplay_tools.records.accounts import Accounts
 from tests import fuzz, scripts
@@ -181,3 +184,33 @@ def test_the_judge_agrees(monkeypatch):
     for number in range(40):
         fuzz.hostile_conversation(random.Random(f"brought {number}"), counts)
     assert counts["prompts"] > 50
+
+
+def test_a_run_that_was_interrupted_goes_on_in_another_process(file, tmp_path, monkeypatch):
+    asked = {"trials": 1, "budgets": [sp.Budget(prompt_tokens=800, strategy=file)], "out": tmp_path / "run"}
+    reply, replies = RulePlayer.reply, []
+
+    def interrupted(player, prompt):
+        replies.append(prompt)
+        if len(replies) == 20:
+            raise KeyboardInterrupt
+        return reply(player, prompt)
+
+    monkeypatch.setattr(RulePlayer, "reply", interrupted)
+    with suppress(KeyboardInterrupt):
+        sp.evaluate([RPS], ["rule"], executor="inline", **asked)
+    monkeypatch.setattr(RulePlayer, "reply", reply)
+    forget()
+    done = sp.evaluate([RPS], ["rule"], executor="inline", **asked)
+    assert done.complete
+    record = Record.read(done.transcript(done.rows[0]["key"]))
+    assert record.resumes, "the episode was continued, not begun again"
+    assert replay(record.events).identical
+
+
+def test_a_run_file_names_it(file, tmp_path):
+    (tmp_path / "run.toml").write_text(
+        f'games = ["{RPS}"]\n[[budgets]]\nstrategy = "{file}:turns=2"\n', encoding="utf-8"
+    )
+    asked, _ = read_run_file(tmp_path / "run.toml")
+    assert asked.budgets[0].strategy == f"{file}:turns=2"
