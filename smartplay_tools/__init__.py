@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from smartplay_tools.context.strategies import Choice, Past, Strategy, register_strategy
     from smartplay_tools.conversation.loop import aplay, play
     from smartplay_tools.conversation.session import AgentSession, Conversation
+    from smartplay_tools.conversation.text_env import TextEnv
     from smartplay_tools.episode.config import EpisodeConfig
     from smartplay_tools.episode.episode import Episode
     from smartplay_tools.episode.tools import schema
@@ -68,6 +69,7 @@ __all__ = [
     "ScriptedPlayer",
     "SmartPlayError",
     "Strategy",
+    "TextEnv",
     "TextGame",
     "ToolResult",
     "ToolSpec",
@@ -104,6 +106,7 @@ if not TYPE_CHECKING:
                 "AgentSession",
                 "Conversation",
             ),
+            "conversation.text_env": ("TextEnv",),
             "episode.config": ("EpisodeConfig",),
             "episode.episode": ("Episode",),
             "episode.tools": ("schema",),

@@ -100,7 +100,7 @@ COMMANDS = {
     "merge": _Entry("merge:merge", "Merge the shards of a run.", True),
     "export": _Entry(
         "export:export",
-        "Write finished episodes as training rows, trajectories or Inspect logs, with a dataset card.",
+        "Write finished episodes as training rows, trajectories or Inspect logs, or a model's results to publish.",
         True,
     ),
     "board": _Entry("board:board", "Check every submission in a folder and write a leaderboard as static pages.", True),

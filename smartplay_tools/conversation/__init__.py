@@ -5,6 +5,7 @@ from smartplay_tools.conversation.host_chat import HostChat
 from smartplay_tools.conversation.loop import AttachedPlayer, aplay, play
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.conversation.session import AgentSession, Conversation
+from smartplay_tools.conversation.text_env import TextEnv
 
 __all__ = [
     "AgentSession",
@@ -13,6 +14,7 @@ __all__ = [
     "Conversation",
     "HostChat",
     "PaperConversation",
+    "TextEnv",
     "aplay",
     "play",
 ]
