@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import gc
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +20,9 @@ from smartplay_tools.records.requests import requests_of
 
 WORTH_A_PROCESS = 6_000_000
 """Bytes of records for which another process is started: fewer are charged before it has imported what it needs."""
+
+MANY_OBJECTS = 50_000
+"""New objects after which the garbage collector looks for cycles: those of some dozens of records."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,19 @@ def _charge_all(
     prices: Mapping[str, Price],
     rules: Mapping[str, CacheRule],
 ) -> dict[str, Charged | None]:
-    return {key: _charged(path, tariffs, prices, rules) for key, path in records}
+    with _collecting_rarely():
+        return {key: _charged(path, tariffs, prices, rules) for key, path in records}
+
+
+@contextmanager
+def _collecting_rarely() -> Iterator[None]:
+    """Let the garbage collector look for cycles less often: records are many small objects, and hardly any cycles."""
+    before = gc.get_threshold()
+    gc.set_threshold(MANY_OBJECTS, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 def _charged(
