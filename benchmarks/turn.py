@@ -7,8 +7,9 @@ without a transcript. The floor of a turn is the step with its text, the tokens 
 one line of JSON written to a file and one sha256 of as many bytes as the prompt has. Episodes and floors take turns in
 one run. All figures are microseconds of the processor, and medians; ratios count, because machines differ.
 
-Two more tables show how a turn grows with the length of its episode: under the cap, where it should not, and without
-cap and history, where it may grow with the messages that are shown, and with nothing else.
+One table compares turns with pictures and without. Two more show how a turn grows with the length of its episode: under
+the cap, where it should not, and without cap and history, where it may grow with the messages that are shown, and with
+nothing else.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ GAMES = {
 }
 """The games, and how many episodes of each are played in a round: those of MESSENGER are short."""
 
+PICTURED = ("Crafter-v0", "MinedojoCreative0-v0")
 CAP, LONGEST = 2_000, 100
 ENDLESS = "RockPaperScissorBasic-v0"
 LENGTHS = (100, 1_000, 10_000)
@@ -74,12 +76,12 @@ class Observer:
         return sp.Reply({"role": "assistant", "content": None, "tool_calls": [call]})
 
 
-def turns(game: str, seed: int, folder: Path | None) -> list[float]:
+def turns(game: str, seed: int, folder: Path | None, observation: str = "text") -> list[float]:
     """The time of every turn but the first of an episode."""
     times = Times()
     transcript = None if folder is None else folder / f"{game}-{seed}-{time.monotonic_ns()}.jsonl"
     budget = sp.Budget(prompt_tokens=CAP, tool_calls=LONGEST)
-    with sp.Episode(game, seed=seed, budget=budget, transcript=transcript) as episode:
+    with sp.Episode(game, seed=seed, budget=budget, transcript=transcript, observation=observation) as episode:
         sp.play(episode, sp.get_player("random", seed=seed), on_turn=times.lap)
     return times.laps
 
@@ -167,6 +169,22 @@ def without_a_cap() -> Table:
     return table
 
 
+def with_pictures(rounds: int) -> Table:
+    """A turn of the games with pictures, whose observations are words, pictures, or both."""
+    forms = ("text", "picture", "both")
+    table = Table("game", *forms, "a picture's share", title="A turn with pictures, microseconds", title_justify="left")
+    for game in PICTURED:
+        medians = {}
+        for number, form in enumerate(forms):
+            laps: list[float] = []
+            for seed in range(2 * rounds):
+                laps += turns(game, 1_000 * number + seed, None, form)
+            medians[form] = statistics.median(laps)
+        shown = (f"{medians[form]:,.0f}" for form in forms)
+        table.add_row(game, *shown, f"{medians['both'] - medians['text']:,.0f}")
+    return table
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=6, help="how many rounds of episodes a game is measured")
@@ -174,6 +192,7 @@ def main() -> None:
     get_tokenizer().count("The tokenizer is loaded before anything is measured.")
     console = Console(width=120)
     console.print(every_game(rounds))
+    console.print(with_pictures(rounds))
     console.print(long_episodes())
     console.print(without_a_cap())
 

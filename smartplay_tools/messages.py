@@ -80,7 +80,7 @@ def text_of(message: Mapping[str, Any]) -> str:
 def pictures_of(message: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     """Return the parts of a message that stand for pictures of the game, in their order."""
     content = message.get("content")
-    if content is None or isinstance(content, str):
+    if not isinstance(content, list):
         return ()
     return [part for part in content if is_picture(part)]
 
@@ -213,7 +213,9 @@ def copy_of(message: Message) -> Message:
     if "tool_calls" in copy:
         copy["tool_calls"] = [{**call, "function": call["function"].copy()} for call in copy["tool_calls"]]
     if isinstance(copy["content"], list):
-        copy["content"] = _json_copy(copy["content"])
+        # A result with a picture is flat.
+        is_flat = copy["role"] == "tool" and any(map(is_picture, copy["content"]))
+        copy["content"] = [part.copy() for part in copy["content"]] if is_flat else _json_copy(copy["content"])
     if "provider_items" in copy:
         copy["provider_items"] = _json_copy(copy["provider_items"])
     return copy

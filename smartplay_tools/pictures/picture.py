@@ -55,4 +55,4 @@ def picture_part(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 def is_picture(part: Any) -> bool:
     """Whether a part of a message stands for a picture of the game."""
-    return isinstance(part, Mapping) and part.get("type") == "image" and isinstance(part.get("sha256"), str)
+    return isinstance(part, dict) and part.get("type") == "image" and isinstance(part.get("sha256"), str)

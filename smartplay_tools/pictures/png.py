@@ -98,8 +98,7 @@ class _Layout:
     after: bytes
     words: NDArray[np.uint32]
     """By channel and value: its part of a pixel's word."""
-    weights: NDArray[np.float64]
-    """By byte of the pixels: how often it counts in the second sum of the checksum, and in the first."""
+    scale: int
     length: int
     """The bytes of the picture as they are checked: rows of pixels with a zero before each."""
 
@@ -112,11 +111,25 @@ class _Layout:
         words |= blue[flat[2::3]]
         filled = self.pattern.copy()
         filled[:, : pixels.shape[1] * 4] = words.astype("<u4", copy=False).view(np.uint8).reshape(len(filled), -1)
-        # All of these are whole numbers below 2^53, which floating-point sums keep exactly in any order.
-        second, first = (int(total) for total in self.weights @ flat.astype(np.float64))
-        checksum = (self.length + second) % _ADLER << 16 | (1 + first) % _ADLER
+        checksum = self.checksum(pixels)
         body = filled.tobytes()[: -self.joint]
         return b"".join((self.before, body, self.after, struct.pack(">I", checksum)))
+
+    def checksum(self, pixels: NDArray[np.uint8]) -> int:
+        """Return Adler-32 of the enlarged picture, from sums over its rows and columns.
+
+        Its second sum has each byte as often as there are bytes from it to the end.
+        """
+        rows, columns, _ = pixels.shape
+        scale, row = self.scale, self.length // (self.scale * rows)
+        by_row = pixels.reshape(rows, -1).sum(axis=1, dtype=np.int64)
+        by_place = pixels.reshape(rows, -1).sum(axis=0, dtype=np.int64).reshape(columns, 3)
+        total, copies = int(by_row.sum()), scale * scale
+        down = copies * int(by_row @ np.arange(rows)) * scale + total * copies * (scale - 1) // 2
+        across = copies * int(by_place.sum(axis=1) @ np.arange(columns)) * scale + total * copies * (scale - 1) // 2
+        colour = copies * int(by_place.sum(axis=0) @ np.arange(3))
+        second = self.length + (self.length - 1) * copies * total - row * down - 3 * across - colour
+        return second % _ADLER << 16 | (1 + copies * total) % _ADLER
 
 
 @functools.lru_cache(16)
@@ -136,19 +149,9 @@ def _layout(rows: int, columns: int, scale: int) -> _Layout:
         joint=code.joint_bits // 8,
         after=_pack([*code.repeat_row, code.end]),
         words=words,
-        weights=_weights(rows, columns, scale),
+        scale=scale,
         length=rows * scale * row,
     )
-
-
-def _weights(rows: int, columns: int, scale: int) -> NDArray[np.float64]:
-    """How often each byte of the pixels counts in the sums of Adler-32, all its copies together."""
-    row, length = 1 + 3 * columns * scale, rows * scale * (1 + 3 * columns * scale)
-    down, across, colour = np.meshgrid(np.arange(rows), np.arange(columns), np.arange(3), indexing="ij")
-    second = np.zeros(down.shape)
-    for line, copy in itertools.product(range(scale), repeat=2):
-        second += length - ((down * scale + line) * row + 1 + (across * scale + copy) * 3 + colour)
-    return np.stack([second.reshape(-1), np.full(second.size, float(scale * scale))])
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ ASSUMED_REPLY_TOKENS = 150
 """Default tokens of a model's reply: some sentences and a tool call. The range is from half to twice of it."""
 
 STAND_INS = {"text": ("rule", "random"), "picture": ("random",), "both": ("rule", "random")}
-"""Who plays in place of a model, by what observations are."""
+"""Who plays in place of a model, by what observations are: no rules read the pictures of every game and size."""
 FREE = frozenset(name for name, place in PLAYERS.items() if place.startswith("smartplay_tools.")) - {"human"}
 """Players that cost nothing, so that they can play in an estimate."""
 

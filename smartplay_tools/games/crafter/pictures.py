@@ -72,26 +72,38 @@ def cells_seen(scene: Scene) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 
 def _view(scene: Scene, unit: int) -> Planes:
     materials, layers = cells_seen(scene)
-    lit = _lit(_side_by_side(tiles(unit).cells[materials, layers]), scene)
-    return _asleep(lit) if scene.sleeping else lit.astype(np.uint8)
+    if scene.daylight < 0.5:
+        return _in_light(_side_by_side(tiles(unit).cells[materials, layers]), scene)
+    # By day equal cells look alike, so each is lit once.
+    codes = materials.astype(np.intp) * len(LAYERS) + layers
+    different = np.array(sorted(set(codes.ravel().tolist())))
+    cells = tiles(unit).cells.reshape(-1, 3, unit, unit)[different]
+    seen = _in_light(cells.transpose(1, 0, 2, 3).reshape(3, -1, unit), scene)
+    places = np.empty(different[-1] + 1, np.intp)
+    places[different] = np.arange(len(different))
+    return _side_by_side(seen.reshape(3, -1, unit, unit).transpose(1, 0, 2, 3)[places[codes]])
+
+
+def _in_light(planes: Planes, scene: Scene) -> Planes:
+    seen = lit(planes, scene)
+    return asleep(seen) if scene.sleeping else seen.astype(np.uint8)
 
 
 def _carried(scene: Scene, unit: int) -> Planes:
-    places = GRID * (GRID - VIEW[1])
-    cells = np.zeros((places, 3, unit, unit), np.uint8)
-    for number, name in enumerate((*VITALS, *ITEMS)):
-        cells[number] = tiles(unit).carried[number, scene.inventory[name]]
+    carried = [scene.inventory[name] for name in (*VITALS, *ITEMS)]
+    cells = np.zeros((GRID * (GRID - VIEW[1]), 3, unit, unit), np.uint8)
+    cells[: len(carried)] = tiles(unit).carried[np.arange(len(carried)), carried]
     return _side_by_side(cells.reshape(-1, GRID, 3, unit, unit).transpose(1, 0, 2, 3, 4))
 
 
-def _lit(planes: Planes, scene: Scene) -> NDArray[np.float64]:
+def lit(planes: Planes, scene: Scene) -> NDArray[np.float64]:
     """The view with the light of its time of day."""
     daylight = scene.daylight
     dark = _with_grain(planes, 2 * (0.5 - daylight), scene.grain) if daylight < 0.5 else planes
     grey = _brightness(dark)
     faded = (grey + SATURATION * (dark.astype(np.int32) - grey).astype(np.float32)).astype(np.float32).astype(np.uint8)
-    lit: NDArray[np.float64] = daylight * planes + (1 - daylight) * _tinted(faded, NIGHT)
-    return lit
+    seen: NDArray[np.float64] = daylight * planes + (1 - daylight) * _tinted(faded, NIGHT)
+    return seen
 
 
 def _with_grain(planes: Planes, amount: float, grain: NDArray[np.float64] | None) -> Planes:
@@ -104,8 +116,9 @@ def _with_grain(planes: Planes, amount: float, grain: NDArray[np.float64] | None
     return grainy
 
 
-def _asleep(lit: NDArray[np.float64]) -> Planes:
-    return _tinted(_brightness(lit.astype(np.uint8))[None], SLEEP).astype(np.uint8)
+def asleep(seen: NDArray[np.float64]) -> Planes:
+    """The view in the colours of sleep."""
+    return _tinted(_brightness(seen.astype(np.uint8))[None], SLEEP).astype(np.uint8)
 
 
 def _brightness(planes: Planes) -> NDArray[np.int32]:

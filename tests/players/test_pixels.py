@@ -1,0 +1,108 @@
+"""`rule-pixels` plays from pictures as `rule` plays from words."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.games.crafter.balance import light
+from smartplay_tools.players.pixels import in_words
+from smartplay_tools.players.reading import Reading
+
+BUDGET = sp.Budget(history=5)
+NIGHT = 148
+"""The first step of the original's night, when pictures become grainy."""
+
+
+def action(message):
+    """What a reply plays."""
+    [call] = message["tool_calls"]
+    return call["function"]["name"], json.loads(call["function"]["arguments"])
+
+
+def decisions(seed, steps):
+    """Of every prompt of an episode that `rule` plays: the step, and what both players decide."""
+    rule, pixels = sp.get_player("rule"), sp.get_player("rule-pixels")
+    with sp.Episode("Crafter-v0", seed=seed, observation="both", budget=BUDGET) as episode:
+        conversation = sp.Conversation(episode)
+        while (prompt := conversation.prompt()) is not None and episode.stats.steps < steps:
+            said = rule.reply(prompt).message
+            yield episode.stats.steps, action(said), action(pixels.reply(prompt).message)
+            conversation.receive(said)
+
+
+def same_by_day(seeds, steps=NIGHT):
+    for seed in seeds:
+        for step, words, pixels in decisions(seed, steps):
+            assert words == pixels, f"seed {seed}, step {step}"
+
+
+def test_by_day_it_plays_what_rule_plays():
+    same_by_day(range(2))
+
+
+@pytest.mark.slow
+def test_on_fifty_seeds_it_plays_by_day_what_rule_plays():
+    same_by_day(range(50))
+
+
+@pytest.mark.slow
+def test_of_a_day_and_a_night_nearly_every_decision_is_the_same():
+    pairs = [(words, pixels) for seed in range(10) for _, words, pixels in decisions(seed, 300)]
+    assert len(pairs) > 1_500
+    assert sum(words == pixels for words, pixels in pairs) > 0.97 * len(pairs)
+
+
+def test_its_words_are_the_games_by_day():
+    with sp.Episode("Crafter-v0", seed=4, observation="picture", budget=BUDGET) as episode:
+        conversation = sp.Conversation(episode)
+        player = sp.get_player("random", seed=3)
+        for _ in range(40):
+            prompt = conversation.prompt()
+            if seen := Reading(sp.Prompt(in_words(prompt), prompt.tools)).observations:
+                _, _, words = episode.game.observation.partition(".")
+                assert light(episode.game._world.steps).daylight > 0.5
+                assert seen[-1].strip() == words.strip()
+            conversation.receive(player.reply(prompt).message)
+
+
+def test_it_looks_at_the_border_as_the_words_do():
+    with sp.Episode("Crafter-v0", seed=1, observation="picture", budget=BUDGET) as episode:
+        conversation = sp.Conversation(episode)
+        for _ in range(60):
+            prompt = conversation.prompt()
+            call = {"name": "act", "arguments": '{"action": "Move West"}'}
+            calls = [{"id": "a", "type": "function", "function": call}]
+            conversation.receive({"role": "assistant", "content": None, "tool_calls": calls})
+        prompt = conversation.prompt()
+        seen = Reading(sp.Prompt(in_words(prompt), prompt.tools)).observations
+        assert ("out of the map" in seen[-1]) == ("out of the map" in episode.game.observation)
+
+
+def test_it_plays_a_whole_episode_and_unlocks_what_rule_unlocks():
+    budget = sp.Budget(history=5, tool_calls=60)
+    scores = {}
+    for player, form in (("rule", "text"), ("rule-pixels", "picture"), ("rule-pixels", "both")):
+        with sp.Episode("Crafter-v0", seed=7, observation=form, budget=budget) as episode:
+            scores[player, form] = sp.play(episode, sp.get_player(player)).score
+    assert len(set(scores.values())) == 1
+
+
+@pytest.mark.parametrize("size", [126, 300])
+def test_pictures_of_another_size_are_refused_in_a_sentence(size):
+    with sp.Episode("Crafter-v0", seed=7, observation="picture", picture_size=size) as episode:
+        conversation = sp.Conversation(episode)
+        player = sp.get_player("rule-pixels")
+        conversation.receive(player.reply(conversation.prompt()).message)
+        with pytest.raises(sp.InvalidArgumentError, match="picture_size=64 only"):
+            player.reply(conversation.prompt())
+
+
+def test_it_plays_from_pictures_only():
+    with (
+        sp.Episode("Crafter-v0", seed=7) as episode,
+        pytest.raises(sp.InvalidArgumentError, match='rule-pixels does not play from observation="text"'),
+    ):
+        sp.play(episode, sp.get_player("rule-pixels"))
