@@ -129,7 +129,7 @@ class _Layout:
         across = copies * int(by_place.sum(axis=1) @ np.arange(columns)) * scale + total * copies * (scale - 1) // 2
         colour = copies * int(by_place.sum(axis=0) @ np.arange(3))
         second = self.length + (self.length - 1) * copies * total - row * down - 3 * across - colour
-        return second % _ADLER << 16 | (1 + copies * total) % _ADLER
+        return int(second % _ADLER << 16 | (1 + copies * total) % _ADLER)
 
 
 @functools.lru_cache(16)
