@@ -277,7 +277,7 @@ class BaseConversation(ABC):
         """Forget the pictures that are beyond the history, or more than the cap can hold: no later view shows them."""
         pictures, budget = self._pictures, self.episode.budget
         limits = [] if budget.history is None else [budget.history]
-        if budget.prompt_tokens is not None and budget.strategy is None:  # one of its own may go back to any turn
+        if budget.prompt_tokens is not None and not budget.strategies:  # a strategy may go back to any turn
             smallest = min(self.episode.counter.image(each.width, each.height) for each in pictures.values())
             limits.append(budget.prompt_tokens // max(1, smallest))
         while limits and len(pictures) > min(limits) + 1:
