@@ -11,7 +11,6 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +30,11 @@ SIZE = (1200, 630)
 MARGIN = 48
 FRAME_MILLISECONDS = 500
 MOST_FRAMES = 300
-MOST_LINES, LINE_CHARACTERS = 15, 62
+LINE_CHARACTERS = 110
+"""Characters of a line in the smallest font."""
+
+FONTS = (34, 28, 22, 18)
+TEXT_HEIGHT = 335
 
 PAPER, INK, SOFT = "#f4f5f7", "#1b2230", "#5a6474"
 SEEN, MARKED, GONE = "#3b7dd8", "#e08a1e", "#d3d8e0"
@@ -155,15 +158,28 @@ def _picture(record: Record, shot: _Shot, last: int) -> Image:
         drawn = Image.fromarray(shot.image)
         side = 330
         picture.paste(drawn.resize((side * drawn.width // drawn.height, side), Image.Resampling.NEAREST), (MARGIN, 184))
-        left, wide = MARGIN + side * drawn.width // drawn.height + 32, 34
+        left, wide = MARGIN + side * drawn.width // drawn.height + 32, 76
     else:
         left, wide = MARGIN, LINE_CHARACTERS
-    lines = [part for line in (shot.said, *shot.answer.splitlines()) for part in textwrap.wrap(line, wide) or [""]]
-    for number, line in enumerate(islice(lines, MOST_LINES)):
-        write(left, 188 + 22 * number, line, 18, INK if number else SEEN)
+    size, lines = _fitting([shot.said, *shot.answer.splitlines()], wide)
+    for number, line in enumerate(lines):
+        write(left, 188 + round(1.22 * size) * number, line, size, INK if number else SEEN)
     _band(draw, shot)
     write(MARGIN, 588, _in_words(shot), 20, SOFT)
     return picture
+
+
+def _fitting(text: Sequence[str], wide: int) -> tuple[int, list[str]]:
+    """The largest font at which a text fits, and its lines there; `wide` is the room in characters of the smallest.
+
+    At the smallest font a text that does not fit is cut.
+    """
+    for size in FONTS:
+        room = wide * FONTS[-1] // size
+        lines = [part for line in text for part in textwrap.wrap(line, room) or [""]]
+        if len(lines) * 1.22 * size <= TEXT_HEIGHT:
+            break
+    return size, lines[: int(TEXT_HEIGHT / (1.22 * size))]
 
 
 def _states(shot: _Shot) -> list[str]:
