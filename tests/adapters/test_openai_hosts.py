@@ -216,6 +216,12 @@ def test_a_choice_that_cannot_be_made_is_refused(client, choice):
         asked(client, tool_choice=choice)
 
 
+@pytest.mark.parametrize("tool", [{"type": "web_search"}, {"type": "custom", "custom": {"name": "grep"}}], ids=repr)
+def test_a_tool_that_is_no_function_is_refused_in_a_true_sentence(client, tool):
+    with pytest.raises(openai.BadRequestError, match=f"type '{tool['type']}' cannot be counted or run here"):
+        asked(client, tools=[tool])
+
+
 # Simulated limits.
 
 
