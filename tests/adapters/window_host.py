@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import anthropic
 import httpx2
 import openai
 from smartplay_openai import WindowEndpoint
@@ -115,7 +114,9 @@ def openai_client(endpoint: WindowEndpoint) -> openai.OpenAI:
     return openai.OpenAI(base_url=endpoint.base_url, api_key="none", http_client=http)
 
 
-def anthropic_client(endpoint: WindowEndpoint) -> anthropic.Anthropic:
+def anthropic_client(endpoint: WindowEndpoint) -> Any:
+    import anthropic  # here, because programs of this file start often and do not need it
+
     http = anthropic.DefaultHttpxClient(trust_env=False)
     return anthropic.Anthropic(base_url=endpoint.url, api_key="none", http_client=http)
 
