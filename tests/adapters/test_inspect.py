@@ -330,6 +330,28 @@ def test_a_run_of_ours_is_exported_as_logs_that_inspect_reads(tmp_path):
     assert (tmp_path / "site" / "index.html").exists()
 
 
+def test_the_messages_of_a_sample_have_the_manual_that_was_read(tmp_path):
+    """In MESSENGER the manual is the task."""
+    with sp.Episode("MessengerL1-v0", seed=7, split="train", transcript=tmp_path / "one.jsonl") as episode:
+        manual = episode.manual_text
+        sp.play(episode, sp.get_player("rule"))
+    export(tmp_path / "one.jsonl", tmp_path / "data", "inspect")
+    (log,) = (tmp_path / "data").glob("*.eval")
+    (sample,) = read_eval_log(str(log)).samples or []
+    assert [message.role for message in sample.messages if message.text == manual] == ["tool"]
+
+
+def test_the_record_of_a_host_is_a_sample_without_prompts(tmp_path):
+    with sp.Episode("Hanoi3Disk-v0", seed=7, context="host", transcript=tmp_path / "host.jsonl") as episode:
+        answer = episode.call("act", {"action": "1"}).text
+        episode.end("host")
+    export(tmp_path / "host.jsonl", tmp_path / "data", "inspect")
+    (log,) = (tmp_path / "data").glob("*.eval")
+    (sample,) = read_eval_log(str(log)).samples or []
+    assert [message.role for message in sample.messages] == ["system", "user", "assistant", "tool"]
+    assert sample.messages[-1].text == answer
+
+
 def test_a_score_can_be_made_again_from_the_log():
     log = run(smartplay("RockPaperScissorBasic-v0", trials=1, tool_calls=2), lambda *_: output(SAY_ROCK))
     again = score(log, smartplay_scorer(), action="overwrite", display="none")
