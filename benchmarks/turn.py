@@ -146,7 +146,7 @@ def long_episodes() -> Table:
     """A turn of an endless episode, early and late, under a cap."""
     table = Table("game", "transcript", *(f"turn {length:,}" for length in LENGTHS), "last to first")
     table.title, table.title_justify = f"A turn of a long episode, cap {CAP:,}, microseconds", "left"
-    budget = sp.Budget(prompt_tokens=CAP, tool_calls=LENGTHS[-1])
+    budget = sp.Budget(prompt_tokens=CAP, tool_calls=LENGTHS[-1], stalled_turns=None)
     players: dict[str, sp.Player] = {ENDLESS: sp.get_player("random", seed=1), "Crafter-v0": Observer()}
     with tempfile.TemporaryDirectory() as folder:
         for game, player in players.items():
