@@ -11,6 +11,7 @@ milliseconds: what it offers is imported when it is asked for.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from smartplay_tools.games.gymnasium_names import announce_games
@@ -47,7 +48,8 @@ if TYPE_CHECKING:
         ToolSpec,
         Usage,
     )
-    from smartplay_tools.version import __version__ as __version__
+
+    __version__: str
 
 __all__ = [
     "GAMES",
@@ -89,7 +91,7 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_exports(
+    _of_a_module, __dir__ = lazy_exports(
         __name__,
         {
             "context.strategies": (
@@ -129,7 +131,6 @@ if not TYPE_CHECKING:
             "records.replays": ("replay",),
             "records.resumption": ("resume",),
             "transcript.file": ("read_transcript",),
-            "version": ("__version__",),
             "types": (
                 "AsyncPlayer",
                 "Budget",
@@ -143,5 +144,12 @@ if not TYPE_CHECKING:
             ),
         },
     )
+
+    def __getattr__(name: str) -> object:
+        """Return a name when it is first asked for; the version takes longer to find than all others to import."""
+        if name == "__version__":
+            return import_module("smartplay_tools.version").__version__
+        return _of_a_module(name)
+
 
 announce_games()

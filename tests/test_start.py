@@ -7,6 +7,7 @@ import importlib
 import json
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -127,6 +128,9 @@ class TestLateNames:
         assert listed == read
         assert sorted(listed) == sorted(module.__all__)
         assert set(module.__all__) <= set(dir(module))
+
+    def test_the_version_is_an_attribute(self):
+        assert sp.__version__ == metadata.version("smartplay-tools")
 
     def test_a_name_that_is_not_there_is_no_attribute(self):
         assert not hasattr(sp, "Episodes")
