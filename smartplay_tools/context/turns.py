@@ -267,12 +267,6 @@ class TurnBuilder:
             self.is_open, self.waiting = False, ()
 
     @property
-    def all_turns(self) -> Sequence[Turn]:
-        """The complete turns and the open one as it is now."""
-        latest = self.latest
-        return self.turns if latest is None or not self.is_open else [*self.turns, latest]
-
-    @property
     def latest(self) -> Turn | None:
         """The open turn as it is now, or else the last one; None before the first."""
         if not self.is_open:

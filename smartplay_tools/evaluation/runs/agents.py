@@ -18,7 +18,7 @@ from smartplay_tools.errors import SmartPlayError
 if TYPE_CHECKING:
     from smartplay_tools.conversation.session import AgentSession
     from smartplay_tools.episode.episode import Episode
-    from smartplay_tools.evaluation.runs.attempt import StopFlag
+    from smartplay_tools.evaluation.runs.signals import StopFlag
 
 LOOK_SECONDS = 0.1
 """Seconds between two looks whether an episode is over or the run stops."""

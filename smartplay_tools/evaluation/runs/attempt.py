@@ -15,7 +15,7 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, Asyn
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.conversation.base import BaseConversation
@@ -28,6 +28,7 @@ from smartplay_tools.evaluation.runs.agents import Agent, Held
 from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.signals import StopFlag
 from smartplay_tools.messages import assistant_message
 from smartplay_tools.players import get_player
 from smartplay_tools.records.manifest import player_seed
@@ -42,18 +43,6 @@ from smartplay_tools.transcript.times import delete_record
 from smartplay_tools.types import AsyncPlayer, Player, Prompt
 
 Opened = TypeVar("Opened", bound="AnyConversation | Held | None")
-
-
-class StopFlag(Protocol):
-    """A flag that the run has to stop: a `threading.Event`, or one that is shared with other processes."""
-
-    def is_set(self) -> bool:
-        """Whether to stop."""
-        ...
-
-    def set(self) -> None:
-        """Make the attempts stop between two turns."""
-        ...
 
 
 OnRecord = Callable[[], None]

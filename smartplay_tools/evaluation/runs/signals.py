@@ -7,12 +7,22 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
-
-from smartplay_tools.evaluation.runs.attempt import StopFlag
+from typing import Any, Protocol
 
 CAUGHT = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
 """Windows has SIGBREAK, Ctrl-Break, by which one program asks another to end; SIGTERM cannot be caught there."""
+
+
+class StopFlag(Protocol):
+    """A flag that the run has to stop: a `threading.Event`, or one that is shared with other processes."""
+
+    def is_set(self) -> bool:
+        """Whether to stop."""
+        ...
+
+    def set(self) -> None:
+        """Make the attempts stop between two turns."""
+        ...
 
 
 class Signals:

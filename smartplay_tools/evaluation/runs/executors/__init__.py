@@ -16,8 +16,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
-from smartplay_tools.evaluation.runs.attempt import StopFlag, Task, Times
+from smartplay_tools.evaluation.runs.attempt import Task, Times
 from smartplay_tools.evaluation.runs.limits import RunLimits
+from smartplay_tools.evaluation.runs.signals import StopFlag
 from smartplay_tools.registry import Registry
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from smartplay_tools.games.crafter.compiled.jit import kernel
-from smartplay_tools.games.crafter.facts import ARROW, COW, GRASS, HEALTH, NAMES, PATH, PLAYER, SKELETON, ZOMBIE
+from smartplay_tools.games.crafter.facts import COW, GRASS, HEALTH, NAMES, PATH, PLAYER, SKELETON, ZOMBIE
 from smartplay_tools.games.crafter.world import CHUNK_OF, COLUMN, NEAR
 
 _CHUNK_OF = np.frombuffer(CHUNK_OF, np.uint8).copy()
@@ -140,9 +140,3 @@ def list_near(world: Any, things: Any, near: Any) -> None:
 def is_creature(kind: int) -> bool:
     """Whether a thing of this kind eats plants and can be struck."""
     return kind in (COW, ZOMBIE, SKELETON)
-
-
-@kernel
-def heading_of(thing: Any) -> int:
-    """The direction in which a thing flies; 0 for all but arrows."""
-    return thing.heading if thing.kind == ARROW else 0
