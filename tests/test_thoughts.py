@@ -12,7 +12,7 @@ from tests import scripts
 RPS = "RockPaperScissorDifferentScore-v0"
 
 
-def said(words, *calls, **more):
+def speaking(words, *calls, **more):
     made = [
         {"id": f"c{at}", "type": "function", "function": {"name": name, "arguments": arguments}}
         for at, (name, arguments) in enumerate(calls)
@@ -37,8 +37,8 @@ def played(replies, **budget):
 
 def test_words_reasoning_and_items_leave_and_calls_and_names_stay():
     item = {"type": "reasoning", "summary": [{"type": "summary_text", "text": "Hm."}]}
-    first = said("I think.", ROCK, name="me", reasoning_content="Why not?", provider_items=[item])
-    prompts, _ = played([first, said("Two.", ROCK), said("Three.", ROCK)], own_words=1)
+    first = speaking("I think.", ROCK, name="me", reasoning_content="Why not?", provider_items=[item])
+    prompts, _ = played([first, speaking("Two.", ROCK), speaking("Three.", ROCK)], own_words=1)
     assert prompts[1][0]["reasoning_content"] == "Why not?"
     bare = prompts[2][0]
     assert set(bare) == {"role", "name", "content", "tool_calls"}
@@ -47,12 +47,12 @@ def test_words_reasoning_and_items_leave_and_calls_and_names_stay():
 
 
 def test_a_reply_without_a_call_stays_as_it_was_said():
-    prompts, _ = played([said("Just words."), *[said("One.", ROCK)] * 4], own_words=0, stalled_turns=None)
+    prompts, _ = played([speaking("Just words."), *[speaking("One.", ROCK)] * 4], own_words=0, stalled_turns=None)
     assert [reply["content"] for reply in prompts[-1]] == ["Just words.", None, None, None, "One."]
 
 
 def test_with_slack_words_leave_in_blocks():
-    prompts, _ = played([said(f"{at}", ROCK) for at in range(9)], own_words=4, slack=0.5)
+    prompts, _ = played([speaking(f"{at}", ROCK) for at in range(9)], own_words=4, slack=0.5)
     kept = [sum(reply["content"] is not None for reply in shown) for shown in prompts]
     assert kept == [1, 2, 3, 4, 3, 4, 5, 3, 4]
 
@@ -86,6 +86,6 @@ def test_records_replay_and_add_up(more):
 
 
 def test_it_costs_nothing_where_it_is_off():
-    _, events = played([said("One.", ROCK)] * 3)
+    _, events = played([speaking("One.", ROCK)] * 3)
     assert "own_words" not in str(events)
     assert "words" not in events[-2]

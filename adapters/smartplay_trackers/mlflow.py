@@ -18,8 +18,8 @@ class MLflowTracker:
 
         self._client = MlflowClient()
         wanted = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
-        known = self._client.get_experiment_by_name(wanted)
-        experiment = self._client.create_experiment(wanted) if known is None else known.experiment_id
+        existing = self._client.get_experiment_by_name(wanted)
+        experiment = self._client.create_experiment(wanted) if existing is None else existing.experiment_id
         self._run: str = self._client.create_run(experiment, run_name=name).info.run_id
         for fact, value in facts.items():
             self._client.log_param(self._run, fact, value)

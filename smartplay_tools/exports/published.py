@@ -153,19 +153,19 @@ def _eee_result(cell: PlayedCell, rows: Sequence[Row], estimate: MeanEstimate) -
 
 
 def _uncertainty(estimate: MeanEstimate) -> dict[str, Any]:
-    known: dict[str, Any] = {"num_samples": estimate.episodes}
+    measures: dict[str, Any] = {"num_samples": estimate.episodes}
     if estimate.sd is not None:
-        known["standard_deviation"] = estimate.sd
+        measures["standard_deviation"] = estimate.sd
     if estimate.low is not None:
         ends = {"lower": estimate.low, "upper": estimate.high, "confidence_level": CONFIDENCE}
-        known["confidence_interval"] = {**ends, "method": f"{LIBRARY}, docs/metrics.md: Intervals"}
-    return known
+        measures["confidence_interval"] = {**ends, "method": f"{LIBRARY}, docs/metrics.md: Intervals"}
+    return measures
 
 
 def _generation(cell: PlayedCell) -> dict[str, Any]:
     limits = {"message_limit": cell.budget["tool_calls"], "token_limit": cell.budget["episode_tokens"]}
-    known = {name: limit for name, limit in limits.items() if limit is not None}
-    arguments: dict[str, Any] = {"agentic_eval_config": {"available_tools": TOOLS}, "eval_limits": known}
+    given = {name: limit for name, limit in limits.items() if limit is not None}
+    arguments: dict[str, Any] = {"agentic_eval_config": {"available_tools": TOOLS}, "eval_limits": given}
     if (longest := cell.budget["reply_tokens"]) is not None:
         arguments["max_tokens"] = longest
     temperature = cell.player_options.get("temperature")
@@ -175,12 +175,12 @@ def _generation(cell: PlayedCell) -> dict[str, Any]:
 def _hub_entry(game: str, estimate: MeanEstimate, notes: str, about: Publication) -> str:
     """An entry in YAML, of which JSON's texts and numbers are a part."""
     interval = "" if estimate.low is None else f", 95 % interval {estimate.low:.4g} to {estimate.high:.4g}"
-    said = f"{notes}; mean of {estimate.episodes} episodes{interval}"
+    remark = f"{notes}; mean of {estimate.episodes} episodes{interval}"
     lines = [
         "- dataset:",
         f"    id: {json.dumps(about.dataset)}",
         f"    task_id: {json.dumps(game)}",
         f"  value: {json.dumps(round(estimate.mean, 6))}",
-        f"  notes: {json.dumps(said)}",
+        f"  notes: {json.dumps(remark)}",
     ]
     return "".join(f"{line}\n" for line in lines)

@@ -87,8 +87,8 @@ def models_folder() -> Path:
 
 def find_model(name: str = "") -> Path:
     """Return the file of a known model, or of a path; the empty name is `DEFAULT_MODEL`."""
-    known = KNOWN_MODELS.get(name or DEFAULT_MODEL)
-    if known is None:
+    listed = KNOWN_MODELS.get(name or DEFAULT_MODEL)
+    if listed is None:
         path = Path(name).expanduser()
         if path.is_file():
             return path
@@ -96,12 +96,12 @@ def find_model(name: str = "") -> Path:
             f"There is no model file {name}; name a GGUF file, or one of {', '.join(KNOWN_MODELS)}, which "
             "`smartplay-tools model get` downloads."
         )
-    if not known.is_here:
+    if not listed.is_here:
         raise InvalidArgumentError(
-            f"The model {known.name} is not on this machine; `smartplay-tools model get {known.name}` downloads it "
-            f"({megabytes(known.bytes)})."
+            f"The model {listed.name} is not on this machine; `smartplay-tools model get {listed.name}` downloads it "
+            f"({megabytes(listed.bytes)})."
         )
-    return known.path
+    return listed.path
 
 
 def name_of(name: str = "") -> str:

@@ -75,9 +75,9 @@ def test_a_page_of_the_site_writes_notes_and_nobody_else(run):
         assert (status, json.loads(text)) == (200, [note])
         assert post(address, {"turn": "2", "note": "x"}, **own)[0] == 400
         assert post(address.replace(key, "0" * 16), note, **own)[0] == 400
-        found = json.loads(get(f"{server.url}api/runs/run/episodes")[2])
-        at = found["columns"].index("notes")
-        assert [row[at] for row in found["episodes"]] == [1, None]
+        listed = json.loads(get(f"{server.url}api/runs/run/episodes")[2])
+        at = listed["columns"].index("notes")
+        assert [row[at] for row in listed["episodes"]] == [1, None]
         data = json.loads(get(f"{server.url}api/episode/run/episodes/{key}")[2])["data"]
         assert unpacked(data)["notes"] == [note]
     assert read_notes(run.transcript(key)) == {2: "<b>here</b>"}

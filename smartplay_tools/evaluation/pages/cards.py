@@ -47,7 +47,7 @@ class _Shot:
 
     turn: int
     view: ViewEvent
-    said: str
+    calls: str
     answer: str
     score: float
     step: int
@@ -106,14 +106,14 @@ def _shots(record: Record) -> Iterator[_Shot]:
     score, step, answer, images = 0.0, 0, "", _images(record)
     image = next(images, None)
     for turn, view in sorted(views.items()):
-        said = []
+        shots = []
         for call in calls.get(turn, []):
-            said.append(f"{call['name']} {call['arguments']}")
+            shots.append(f"{call['name']} {call['arguments']}")
             answer = call["text"]
             if call["data"].get("legal") is True:
                 score, step = call["data"]["score"], call["data"]["step"]
                 image = next(images, image)
-        yield _Shot(turn, view, ", ".join(said), answer, score, step, image, observed)
+        yield _Shot(turn, view, ", ".join(shots), answer, score, step, image, observed)
 
 
 def _images(record: Record) -> Iterator[Any]:
