@@ -74,7 +74,7 @@ Cells = list[tuple[int, int]]
 
 
 @dataclass(frozen=True)
-class Seen:
+class PictureView:
     """What a picture shows."""
 
     cells: Cells
@@ -106,13 +106,13 @@ class Seen:
         return describe(sight, dead=not self.amounts["health"])
 
 
-def read_picture(picture: Picture) -> Seen:
+def read_picture(picture: Picture) -> PictureView:
     """Return what a picture shows; a picture of another size is an `InvalidArgumentError`."""
     return _read(picture.sha256, picture)
 
 
 @functools.lru_cache(64)
-def _read(sha256: str, picture: Picture) -> Seen:
+def _read(sha256: str, picture: Picture) -> PictureView:
     # Only pictures need the imaging library.
     from PIL import Image
 
@@ -124,7 +124,7 @@ def _read(sha256: str, picture: Picture) -> Seen:
         raise InvalidArgumentError("rule-pixels reads pictures of Crafter at picture_size=64 only.")
     cells = pixels.reshape(GRID, UNIT, GRID, UNIT, 3).transpose(2, 0, 4, 1, 3)
     view, below = cells[:, :_ROWS].reshape(-1, 3 * UNIT * UNIT), cells[:, _ROWS:]
-    return Seen(_by_day(view) or _by_night(view), _amounts(below))
+    return PictureView(_by_day(view) or _by_night(view), _amounts(below))
 
 
 def _amounts(cells: NDArray[np.uint8]) -> dict[str, int]:
