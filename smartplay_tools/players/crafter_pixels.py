@@ -129,9 +129,9 @@ def _read(sha256: str, picture: Picture) -> PictureView:
 
 def _amounts(cells: NDArray[np.uint8]) -> dict[str, int]:
     """The vitals and items below the view, which are always lit."""
-    known, amounts = _carried(), {}
+    digits, amounts = _carried(), {}
     for number, name in enumerate((*VITALS, *ITEMS)):
-        amounts[name] = known[number].get(cells[number % GRID, number // GRID].tobytes(), 0)
+        amounts[name] = digits[number].get(cells[number % GRID, number // GRID].tobytes(), 0)
     return amounts
 
 
@@ -167,11 +167,11 @@ def _by_day(view: NDArray[np.uint8]) -> Cells | None:
         if daylight < 0.5:
             break
         for is_asleep in (False, True):
-            known = _appearances(daylight, is_asleep=is_asleep)
-            center = known.get(shown[_CENTER])
+            appearances = _appearances(daylight, is_asleep=is_asleep)
+            center = appearances.get(shown[_CENTER])
             if center is None or (center[1] == SLEEPING) != is_asleep:
                 continue
-            cells = [known.get(cell) for cell in shown]
+            cells = [appearances.get(cell) for cell in shown]
             if None not in cells:
                 return cast(Cells, cells)
     return None

@@ -28,9 +28,9 @@ def decisions(seed, steps):
     with sp.Episode("Crafter-v0", seed=seed, observation="both", budget=BUDGET) as episode:
         conversation = sp.Conversation(episode)
         while (prompt := conversation.prompt()) is not None and episode.stats.steps < steps:
-            said = rule.reply(prompt).message
-            yield episode.stats.steps, action(said), action(pixels.reply(prompt).message)
-            conversation.receive(said)
+            reply = rule.reply(prompt).message
+            yield episode.stats.steps, action(reply), action(pixels.reply(prompt).message)
+            conversation.receive(reply)
 
 
 def same_by_day(seeds, steps=NIGHT):
