@@ -106,14 +106,14 @@ def _shots(record: Record) -> Iterator[_Shot]:
     score, step, answer, images = 0.0, 0, "", _images(record)
     image = next(images, None)
     for turn, view in sorted(views.items()):
-        shots = []
+        texts = []
         for call in calls.get(turn, []):
-            shots.append(f"{call['name']} {call['arguments']}")
+            texts.append(f"{call['name']} {call['arguments']}")
             answer = call["text"]
             if call["data"].get("legal") is True:
                 score, step = call["data"]["score"], call["data"]["step"]
                 image = next(images, image)
-        yield _Shot(turn, view, ", ".join(shots), answer, score, step, image, observed)
+        yield _Shot(turn, view, ", ".join(texts), answer, score, step, image, observed)
 
 
 def _images(record: Record) -> Iterator[Any]:
@@ -161,7 +161,7 @@ def _picture(record: Record, shot: _Shot, last: int) -> Image:
         left, wide = MARGIN + side * drawn.width // drawn.height + 32, 76
     else:
         left, wide = MARGIN, LINE_CHARACTERS
-    size, lines = _fitting([shot.said, *shot.answer.splitlines()], wide)
+    size, lines = _fitting([shot.calls, *shot.answer.splitlines()], wide)
     for number, line in enumerate(lines):
         write(left, 188 + round(1.22 * size) * number, line, size, INK if number else SEEN)
     _band(draw, shot)
