@@ -11,9 +11,10 @@ from smartplay_tools.cli.episode_options import BUDGET
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.evaluation.runs.run_file import read_run_file
 
-HANOI = "Hanoi3Disk-v0"
-OWN = {"manual": "pinned", "batch": "first_act", "protocol": "paper"}
+HANOI, CRAFTER = "Hanoi3Disk-v0", "Crafter-v0"
+OWN = {"manual": "pinned", "batch": "first_act", "protocol": "paper", "observation": "both"}
 """A value of every rule that a run can have."""
+SHORT = sp.Budget(tool_calls=3)
 
 
 @pytest.mark.parametrize("command", ["play", "eval", "sweep"])
@@ -27,7 +28,8 @@ def test_every_rule_is_in_the_record_the_row_and_the_key(tmp_path):
     assert set(OWN) == set(RULES) - {"context"}, "a run decides the context by itself"
     keys = set()
     for name, value in [*OWN.items(), ("manual", Rules().manual)]:
-        run = sp.evaluate([HANOI], out=tmp_path / f"{name}-{value}", trials=1, executor="inline", **{name: value})
+        out = tmp_path / f"{name}-{value}"
+        run = sp.evaluate([CRAFTER], ["random"], out=out, trials=1, budgets=SHORT, executor="inline", **{name: value})
         [row] = run.rows
         start = sp.read_transcript(run.transcript(row["key"]))[0]
         assert start["config"].get(name, getattr(Rules(), name)) == row[name] == value

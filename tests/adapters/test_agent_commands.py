@@ -53,6 +53,7 @@ def serving(offers: int, *options: str) -> Iterator[tuple[list[HostAgent], subpr
         try:
             _, base_url, *_ = server.stdout.readline().split()
             lines = [server.stdout.readline().split() for _ in range(offers)]
+            lines.sort(key=lambda line: int(line[line.index("seed") + 1]))  # they begin together, in any order
             yield [HostAgent(Elsewhere(base_url, line[1], line[3]), "") for line in lines], server
         finally:
             server.kill()

@@ -17,6 +17,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.board.submissions import (
     NOT_PROVED,
     Checked,
+    card,
     check_submission,
     prepare_submission,
     report_json,
@@ -86,7 +87,7 @@ def check(files: Files, folder: Path) -> Checked:
 
 
 def fit(files: Files, folder: Path) -> None:
-    """Make rows and results what the records say."""
+    """Make rows, results and rollout card what the records say."""
     plan, rows = read_plan(json.loads(files["manifest.json"])), []
     for episode in plan.episodes:
         record = folder / f"{episode.key}.jsonl"
@@ -95,6 +96,10 @@ def fit(files: Files, folder: Path) -> None:
     files["results.jsonl"] = "".join(json.dumps(row) + "\n" for row in rows).encode()
     results = [result.model_dump(mode="json") for result in cell_results(rows)]
     edit_json(files, "submission.json", lambda facts: facts.update(results=results))
+    attempts = [folder / Path(name).name for name in files if name.startswith("attempts/")]
+    for attempt in attempts:
+        attempt.write_bytes(files[f"attempts/{attempt.name}"])
+    files[card.NAME] = json.dumps(card.rollout_card(len(rows), rows, card.attempts_by_reason(attempts))).encode()
 
 
 def events_of(files: Files, name: str) -> Events:
