@@ -129,7 +129,7 @@ def tools_as_text(made: type[GameEnvironment]) -> str:
     The trainer describes them by their methods, in alphabetical order and without what their schemas forbid. A model
     that is first trained on exported rows sees the same tools in both if this text is the column `tools` of the rows.
     """
-    from transformers.utils import get_json_schema
+    from transformers.utils.chat_template_utils import get_json_schema
 
     names = sorted(function.__name__ for function in _tools())
     return json.dumps([get_json_schema(getattr(made, name)) for name in names])

@@ -16,7 +16,7 @@ pytest.importorskip("trl", reason="needs smartplay-tools[trl]; `.ci/run` has an 
 import torch
 from datasets import Dataset
 from smartplay_trl import GameEnvironment, environment, rows, tools_as_text
-from transformers.utils import get_json_schema
+from transformers.utils.chat_template_utils import get_json_schema
 from trl import GRPOConfig, GRPOTrainer
 
 import smartplay_tools as sp
