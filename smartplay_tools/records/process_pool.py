@@ -12,6 +12,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 import traceback
@@ -170,7 +171,7 @@ class _Worker(Generic[J, A]):
 @contextmanager
 def _signals_wait() -> Iterator[None]:
     """Start processes in which Ctrl-C and SIGTERM wait until they can be ignored: they disturb no import."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if sys.platform == "win32" or not hasattr(signal, "pthread_sigmask"):
         yield
         return
     resource_tracker.ensure_running()  # it would let the signals in again
@@ -186,7 +187,7 @@ def _serve(connection: Connection, work: Callable[[Any], Any], begin: Callable[[
     # Ctrl-C and SIGTERM go to whole groups of processes; only the parent handles them.
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
-    if hasattr(signal, "pthread_sigmask"):
+    if sys.platform != "win32" and hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
     if begin is not None:
         begin()

@@ -44,7 +44,7 @@ def row_of(record: Record, trial: int) -> Row:
 class _Row(EpisodeResult):
     """A row: the fields of an `EpisodeResult`, and what a run and the record's configuration add."""
 
-    model_config = ConfigDict(extra="ignore")
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
 
     key: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
     player: str
