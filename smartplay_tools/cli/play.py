@@ -69,20 +69,21 @@ def play(
     printer = None if silent else TurnPrinter(console)
     interrupted = False
     with ExitStack() as stack:
-        if watch:
-            transcript = stack.enter_context(live_page(transcript, open_browser=open_browser))
+        page = stack.enter_context(live_page(transcript, open_browser=open_browser)) if watch else None
         new_episode = Episode(
             _spec(game, steps),
             seed=seed,
             budget=episode.budget,
             engine=episode.engine,
             tokenizer=episode.tokenizer,
-            transcript=transcript,
+            transcript=transcript if page is None else page.path,
             player_options={name: value for name, value in given.items() if name != "base_url"},
             **{**rules, **episode.options, **(picture_options(game) if frames else {})},
         )
         # A player may have connections to close.
         with who if isinstance(who, AbstractContextManager) else nullcontext(), new_episode as played:
+            if page is not None:
+                page.announce()
             if frames:
                 played.on_step(FrameWriter(frames, played.game))
             try:

@@ -7,30 +7,42 @@ import threading
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
 from rich.console import Console
 
 
+@dataclass(frozen=True)
+class LivePage:
+    """The page of a record that is being written."""
+
+    path: Path
+    """The record."""
+    url: str
+    open_browser: bool
+
+    def announce(self) -> None:
+        """Say where the page is, once its record has begun: before, there is nothing to show."""
+        Console(stderr=True).print(f"The episode is shown at {self.url}", highlight=False, soft_wrap=True)
+        if self.open_browser:
+            webbrowser.open(self.url)
+
+
 @contextmanager
-def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[Path]:
-    """Serve the page of a record that is being written, and yield its path; afterwards serve on until Ctrl-C.
+def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[LivePage]:
+    """Serve the page of a record that is being written, and yield it; afterwards serve on until Ctrl-C.
 
     Without a `transcript` the record is a temporary file.
     """
     from smartplay_tools.evaluation.pages.view import SiteRecord, ViewServer
     from smartplay_tools.evaluation.pages.view.record import PLAYING
 
-    console = Console(stderr=True)
     with tempfile.TemporaryDirectory() as folder:
         path = transcript or Path(folder) / "episode.jsonl"
         with ViewServer([SiteRecord(path)]) as server:
-            page = f"{server.url}episode/{quote(path.name)}/{PLAYING}"
-            console.print(f"The episode is shown at {page}", highlight=False, soft_wrap=True)
-            if open_browser:
-                webbrowser.open(page)
-            yield path
-            console.print("The page stays until Ctrl-C.", highlight=False)
+            yield LivePage(path, f"{server.url}episode/{quote(path.name)}/{PLAYING}", open_browser)
+            Console(stderr=True).print("The page stays until Ctrl-C.", highlight=False)
             with suppress(KeyboardInterrupt):
                 threading.Event().wait()
