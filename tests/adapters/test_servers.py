@@ -209,7 +209,8 @@ def test_what_is_half_sent_is_closed_and_others_are_answered(
 def test_others_are_answered_while_a_long_conversation_is_read(serve: Make, name: str) -> None:
     case = serve(name)
     words = " ".join(f"word{number}" for number in range(150_000))
-    body = {**case.body, "messages": [{"role": "user", "content": words}] * 2}
+    kind = "input" if "input" in case.body else "messages"
+    body = {**case.body, kind: [{"role": "user", "content": words}] * 2}
     answers: list[int] = []
     reading = threading.Thread(target=lambda: answers.append(ask(case, json.dumps(body))[0]))
     models, began, longest = Case(case.server, "/v1/models", None), time.monotonic(), 0.0
@@ -219,7 +220,8 @@ def test_others_are_answered_while_a_long_conversation_is_read(serve: Make, name
         assert ask(models, method="GET")[0] == 200
         longest = max(longest, time.monotonic() - asked)
     assert answers == [200]
-    assert longest < (time.monotonic() - began) / 2  # one that had to wait would take nearly all of the time
+    # One that had to wait would take nearly all of the time.
+    assert longest < max(0.25, (time.monotonic() - began) / 2)
 
 
 @every_guarded_server
