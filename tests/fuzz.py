@@ -38,7 +38,7 @@ ODD_REPLIES: list[Any] = [
 GAMES = scripts.GAMES
 ODD = f"{Path(__file__).parent / 'data' / 'odd_strategy.py'}:Odd"
 PICTURE, WORDS_BESIDE = 81, 13
-"""What a picture of Crafter takes by `claude-28`, and the words beside it, with the tokenizer of these tests."""
+"""The tokens of a picture of Crafter by `claude-28` with its accompanying text, by the tokenizer of these tests."""
 EXAMPLE = [
     {"role": "user", "content": "An example:"},
     {"role": "assistant", "content": None, "tool_calls": [

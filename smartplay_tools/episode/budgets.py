@@ -62,7 +62,7 @@ def check_head(budget: Budget, least: int, strategies: Strategies | None = None)
 def check_pictures(budget: ResolvedBudget, least: int, picture: int, words: int) -> None:
     """Raise an `InvalidArgumentError` if an observation with its picture does not fit, since no picture is ever cut.
 
-    `least` counts the smallest prompt, `picture` a picture, and `words` the words that have to stand beside it.
+    `least` counts the smallest prompt, `picture` a picture, and `words` the text that accompanies it.
     """
     for name, cap, needed in (
         ("result_tokens", budget.result_tokens, picture + words),

@@ -1,4 +1,4 @@
-"""export: the finished episodes of a run as data of a format, with a dataset card beside it, or as results."""
+"""export: the finished episodes of a run as data of a format, with a dataset card, or as results."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class RulePixelsPlayer(RulePlayer):
 
 
 def in_words(prompt: Prompt) -> list[Message]:
-    """Return the messages of a prompt with every picture in the game's words, in place of the words beside it."""
+    """Return the messages of a prompt with every picture as text of the game, which replaces the text sent with it."""
     shown = [prompt.pictures[part["sha256"]] for message in prompt.messages for part in pictures_of(message)]
     texts = iter(texts_of(shown))
     return [_worded(message, next(texts)) if pictures_of(message) else message for message in prompt.messages]

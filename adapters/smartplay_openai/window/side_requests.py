@@ -20,7 +20,7 @@ from smartplay_tools import Episode, Message, Usage
 from smartplay_tools.prompts import GAME_IS_OVER
 
 NO_TOOLS = (
-    "This endpoint plays a game: it answers requests that offer the game's tools, from the MCP server beside it. An "
+    "This endpoint plays a game: it answers requests that offer the game's tools, which its MCP server has. An "
     "agent that hides its tools behind a search has to show these; Claude Code does with ENABLE_TOOL_SEARCH=false."
 )
 NO_CALLS = "This endpoint plays a game, and the model behind it is asked for moves only, not for other texts."

@@ -4,7 +4,7 @@
     /api/runs                         every run: counts, spending, the time that is left
     /api/runs/RUN/episodes            every episode of a run, an array each
     /api/live                         server-sent events: the same counts, and what is being played, when they change
-    /episode/RUN/KIND/STEM            the replay page of one record, as far as it goes
+    /episode/RUN/KIND/STEM            the replay page of one record, finished or still being written
     /api/episode/RUN/KIND/STEM        the same episode for the open page, as soon as its record has grown
     /compare?episode=...              several episodes side by side
     /report?run=RUN                   the report page of a run, of several their comparison
