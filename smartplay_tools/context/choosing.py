@@ -82,9 +82,9 @@ class ChoosingWindow(ContextWindow):
     def _choose(self, state: WindowState, room: int | None) -> Selection:
         choice = self._chooser.choose(past_of(state, self._text_tokens), room)
         selection = chosen_selection(state, choice)
-        takes = self._tokens(state, selection) - self._tokens(state, chosen_selection(state, Choice()))
-        if room is not None and takes > room:
-            raise StrategyError(f"The choice takes {takes} tokens, and there is room for {room}.")
+        cap = self.budget.prompt_tokens
+        if room is not None and cap is not None and (over := self._tokens(state, selection) - cap) > 0:
+            raise StrategyError(f"The choice takes {room + over} tokens, and there is room for {room}.")
         return selection
 
     def _view_of(self, contents: Contents, purpose: Purpose, tokens: int, prefix: int) -> View:
