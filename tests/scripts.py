@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 import smartplay_tools as sp
 from smartplay_tools.context import View
 from smartplay_tools.context.strategies.notes import notes_spec
+from smartplay_tools.records import Record, replay, resume
+from smartplay_tools.records.accounts import Accounts
 from tests import checker
 
 GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "Hanoi3Disk-v0")
@@ -284,3 +286,15 @@ def strategy_tokens(budget: dict[str, Any], tokenizer: Any) -> int:
         return tool
     budget = {"history": None, "prompt_tokens": None, "slack": 0, "summary_tokens": summary}
     return tool + checker.Judge([], [], [], budget, tokenizer.count).reserve
+
+
+def check_record(events: list[dict[str, Any]]) -> None:
+    """Whatever the strategy: a record replays, can be continued from its middle, and says where every token went."""
+    assert replay(events).identical
+    with resume(events[: len(events) // 2], transcript=[]) as resumed:
+        assert resumed.conversation is not None
+    record = Record(events)
+    assert all(sent.sha256 == sent.recorded_sha256 for sent in record.sent_prompts())
+    accounts = Accounts.of(record)
+    assert all(sum(accounts.parts(view)) == view["tokens"] for view in record.views)
+    list(accounts.departures())

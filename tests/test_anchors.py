@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.records import Record, replay, resume
-from smartplay_tools.records.accounts import Accounts
+from smartplay_tools.records import Record
 from tests import scripts
 
 RPS = "RockPaperScissorDifferentScore-v0"
@@ -49,14 +48,7 @@ def test_records_replay_and_add_up(more):
     result, events = played(**{"prompt_tokens": 1_000, "first_turns": 2, **more})
     assert result.end_reason == "rollout"
     assert (result.summaries > 0) == ("summary_tokens" in more)
-    assert replay(events).identical
-    with resume(events[: len(events) // 2], transcript=[]) as resumed:
-        assert resumed.conversation is not None
-    record = Record(events)
-    assert all(sent.sha256 == sent.recorded_sha256 for sent in record.sent_prompts())
-    accounts = Accounts.of(record)
-    assert all(sum(accounts.parts(view)) == view["tokens"] for view in record.views)
-    list(accounts.departures())
+    scripts.check_record(events)
 
 
 def test_they_stand_in_front_of_the_summary():

@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.records import Record, replay, resume
-from smartplay_tools.records.accounts import Accounts
 from tests import scripts
 
 RPS = "RockPaperScissorDifferentScore-v0"
@@ -75,14 +73,7 @@ def test_records_replay_and_add_up(more):
     assert result.end_reason == "rollout"
     assert result.deviations["own_words"] == {"paper": None, "played": 2}
     events = scripts.as_json(events)
-    assert replay(events).identical
-    with resume(events[: len(events) // 2], transcript=[]) as resumed:
-        assert resumed.conversation is not None
-    record = Record(events)
-    assert all(sent.sha256 == sent.recorded_sha256 for sent in record.sent_prompts())
-    accounts = Accounts.of(record)
-    assert all(sum(accounts.parts(view)) == view["tokens"] for view in record.views)
-    list(accounts.departures())
+    scripts.check_record(events)
 
 
 def test_it_costs_nothing_where_it_is_off():
