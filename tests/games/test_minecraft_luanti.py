@@ -269,7 +269,7 @@ def test_every_server_decorates_alike():
     """The engine assigns new numbers to decorations without a name at every start."""
     seen = set()
     for _ in range(4):
-        started = server.Server(find_installation(), seed=1)
+        started = server.LuantiServer(find_installation(), seed=1)
         seen.add(started.decorations)
         started.close()
     assert len(seen) == 1
