@@ -69,7 +69,7 @@ class ContextWindow:
         self._heads: dict[str | None, Head] = {}
         self._thoughts = self._strategies.thoughts
         self._index = TokenIndex(counter, with_words=self._thoughts is not None)
-        self._stretches, self._stretches_after_move = self._ageing.stretches(budget.history)
+        self._stretches = self._ageing.stretches(budget.history)
         self._newest: int | None = None
         self._overflows = False
         state = WindowState.after(self._index, 0, None, self._head(None))
@@ -113,8 +113,7 @@ class ContextWindow:
         last = len(self._index.turns) - 1
         if turn.shows and turn.shows[-1] == turn.step:
             self._newest = last
-        for stretches in (self._stretches, self._stretches_after_move):
-            stretches.append(last, has_step=turn.step > self._now.state.step)
+        self._stretches.append(last, has_step=turn.step > self._now.state.step)
         oldest = self._ageing.oldest(turn.step, self.budget.history, self._now.state.oldest)
         words = 0 if self._thoughts is None else self._thoughts.oldest(turn.step, self._now.state.words)
         state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual), words)
@@ -229,8 +228,10 @@ class ContextWindow:
         """Pin the notes if they fit beside the other pinned parts; the newest turn and the current one are pinned."""
         if notes is None or notes in (state.last, state.newest):
             return state
-        cap, pinned = self.budget.prompt_tokens, state.with_notes(notes)
-        return pinned if cap is None or pinned.tokens(state.last) + self._reserve <= cap else state
+        cap = self.budget.prompt_tokens
+        if cap is None or state.tokens(state.last) + state.masked(notes) + self._reserve <= cap:
+            state.notes = notes
+        return state
 
     def _anchor(self, state: WindowState) -> WindowState:
         """Pin as many of the first turns as fit beside the other pinned parts."""
@@ -263,7 +264,7 @@ class ContextWindow:
         history, cap, last, low = self.budget.history, self.budget.prompt_tokens, state.last, 0
         if history is not None and self._ageing.drops:
             low = min(last, self._index.first_from(state.step - math.ceil(self._share * history)))
-            low = max(low, self._stretches_after_move.first)
+            low = max(low, self._stretches.first_after_move)
         if cap is None:
             return low
         pins = state.tokens(last)

@@ -49,10 +49,6 @@ class WindowState:
         step = turns[-1].step if turns else 0
         return cls(index, len(turns), step, oldest, boundary, saved, newest, head, words, spoken)
 
-    def with_notes(self, notes: int) -> WindowState:
-        """Return the state with the notes pinned."""
-        return replace(self, notes=notes)
-
     def with_anchors(self, most: int, room: float) -> WindowState:
         """Return the state with as many of the first turns, at most `most`, as fit into a room beside the pins."""
         least, numbers = self.tokens(self.last), range(1, min(most, self.last) + 1)

@@ -246,7 +246,8 @@ class ToolConversation(BaseConversation):
             self._keep_picture(result.picture)
         if not self._builder.waiting:
             self.episode.complete_turn()
-            result = replace(result, done=self.episode.done)
+            if self.episode.done:
+                result = replace(result, done=True)
         elif not self.open_calls:
             self.episode.finish_if_over()
         self._results[position] = result

@@ -212,7 +212,8 @@ class Episode:
                 acted = acted or name == "act"
                 results.append(result)
             self.complete_turn()
-            results[-1:] = [replace(last, done=self.done) for last in results[-1:]]
+            if results and self.done:
+                results[-1] = replace(results[-1], done=True)
             return results
 
     async def acall(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:

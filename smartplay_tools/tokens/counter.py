@@ -144,8 +144,8 @@ class TokenCounter:
 
         `arguments` are those of its calls in canonical form, for callers that have read them.
         """
-        role = message["role"]
-        count = 3 + self.text(role) + self.content(message)
+        role, content = message["role"], message.get("content")
+        count = 3 + self.text(role) + (self.text(content) if isinstance(content, str) else self.content(message))
         if message.get("name"):
             count += 1 + self.text(message["name"])
         for position, call in enumerate(calls_of(message)):

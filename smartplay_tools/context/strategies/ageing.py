@@ -7,6 +7,7 @@ the budget limits `stalled_turns`, such turns age by turns instead: of each stre
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
 from smartplay_tools.tokens import TokenCounter
@@ -16,18 +17,24 @@ from smartplay_tools.types import Budget
 class Stretches:
     """The turns that are too old because of the turns without a step that follow them directly, told turn by turn."""
 
-    def __init__(self, follow: int | None) -> None:
-        """`follow` is how many may follow; None for any number."""
-        self._follow = follow
+    def __init__(self, follow: int | None, share: Fraction | int = 1) -> None:
+        """`follow` is how many may follow, None for any number; `share` of them may in a window that moves."""
+        self._follow = math.inf if follow is None else follow
+        self._follow_after_move = math.inf if follow is None else math.ceil(share * follow)
         self._length = 0
-        self.first = 0
-        """The first turn that is not too old; all earlier ones are, or have such a turn after them."""
+        self.first = self.first_after_move = 0
+        """The first turn that is not too old, for a window that stays and for one that moves.
+
+        All earlier ones are too old, or have such a turn after them.
+        """
 
     def append(self, turn: int, *, has_step: bool) -> None:
         """Take note of the next turn."""
         self._length = 0 if has_step else self._length + 1
-        if self._follow is not None and self._length > self._follow + 1:
-            self.first = turn - self._follow
+        if self._length > self._follow_after_move + 1:
+            self.first_after_move = turn - int(self._follow_after_move)
+        if self._length > self._follow + 1:
+            self.first = turn - int(self._follow)
 
 
 class Ageing(BudgetStrategy):
@@ -60,10 +67,9 @@ class Ageing(BudgetStrategy):
             return 0
         return moved(step, before, history, 1 if self.drops else self._share)
 
-    def stretches(self, history: int | None) -> tuple[Stretches, Stretches]:
-        """Return what ages turns without a step: for a window that stays, and for one that moves, which has slack."""
-        follow = history if self._by_turn else None
-        return Stretches(follow), Stretches(None if follow is None else math.ceil(self._share * follow))
+    def stretches(self, history: int | None) -> Stretches:
+        """Return what ages turns without a step; a window that moves has slack."""
+        return Stretches(history if self._by_turn else None, self._share)
 
 
 def drops_old_turns(budget: Budget) -> bool:
