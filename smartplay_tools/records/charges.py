@@ -127,13 +127,12 @@ def _stored_to_marks(
         marks = _marked(request, rule, places)
         length = 0
         for mark in reversed(marks):
-            at = mark
-            least = blocks[mark] - lookback
-            while at > length and blocks[at] >= least:
-                last_use = used.get(path[at - 1])
-                if last_use is not None and now - last_use <= longest_life:
+            farthest = max(length, bisect_left(blocks, blocks[mark] - lookback) - 1)
+            for at in range(mark, farthest, -1):
+                prefix = path[at - 1]
+                if prefix in used and now - used[prefix] <= longest_life:
                     length = at
-                at -= 1
+                    break
         if length:
             used[path[length - 1]] = now
         for mark in marks:
