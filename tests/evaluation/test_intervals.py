@@ -18,7 +18,6 @@ from smartplay_tools.evaluation.analysis.intervals import (
     mean_estimates,
     weighted_estimates,
 )
-from smartplay_tools.evaluation.analysis.shares import tango
 
 PASSES = Bounds(0, 1, two_valued=True)
 SCORES = [31.0, 45.0, 44.0, 47.0, 29.0, 46.0, 48.0, 12.0, 45.0, 43.0]
@@ -77,20 +76,6 @@ def test_shares_have_scipys_intervals(successes, n):
         ours = mean_estimate(values, PASSES, method)
         theirs = stats.binomtest(successes, n).proportion_ci(method=name)
         assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "n", "expected"),
-    [
-        (7, 2, 25, (-0.0398, 0.4235)),
-        (0, 5, 12, (-0.6805, -0.0731)),
-        (4, 4, 20, (-0.2829, 0.2829)),
-        (30, 10, 400, (0.0200, 0.0831)),
-    ],
-)
-def test_tangos_interval_is_that_of_evalstats(first, second, n, expected):
-    """Its closed form without the correction of continuity, `tango_scc_paired_ci(..., c=0)` of release 0.3.3."""
-    assert tango(first, second, n, 0.95) == pytest.approx(expected, abs=1e-4)
 
 
 def test_twenty_of_twenty():
