@@ -161,12 +161,13 @@ def test_strategies_on_one_seed_are_compared_with_one_clock(show, tmp_path):
     page.click("#compare-picked")
     page.wait_for_selector("#compare:not([hidden])")
     titles = page.locator("#compare-sides h2").all_text_contents()
-    assert titles == ["history 4, no notes", "history 8, no notes", "history 4, notes <= 100"]
+    assert titles == ["history 4", "history 8", "history 4, notes ≤ 100"]
     assert "From step 7 on their prompts do not reach equally far back" in page.text_content("#compare-lead")
     page.keyboard.press("End")
     assert page.locator(".side-band svg").count() == page.locator("#compare-scores .curve").count() == 3
     assert page.url.count("with=") == 2
     page.reload()
+    page.wait_for_selector("body[data-ready]")
     assert page.locator("#compare-sides .side").count() == 3
 
 

@@ -10,6 +10,7 @@ import base64
 import contextlib
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata, resources
@@ -48,7 +49,7 @@ from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.records.tariffs import Tariff, charge_records
-from smartplay_tools.types import MISTAKES
+from smartplay_tools.types import MISTAKES, Budget
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -172,6 +173,7 @@ def _environment() -> Environment:
     environment = templates.environment(__package__, "The replay page")
     environment.filters["number"] = number
     environment.filters["interval"] = interval
+    environment.filters["typeset"] = typeset
     environment.filters["mistakes"] = lambda result: sum(result[name] for name in MISTAKES)
     return environment
 
@@ -185,6 +187,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "words": WORDS,
         "mistakes": MISTAKES,
         "partWords": PARTS,
+        "usual": Budget().words(),
         "episodes": [_listed(episode) for episode in episodes],
     }
     if any(episode["family"] == "crafter" for episode in episodes):
@@ -319,3 +322,11 @@ def number(value: float | None, digits: int = 2) -> str:
         return "\N{EN DASH}"
     text = f"{value:,.{digits}f}"
     return (text.rstrip("0").rstrip(".") if "." in text else text).replace("-", "\N{MINUS SIGN}")
+
+
+_SIGNS = {"<=": "\N{LESS-THAN OR EQUAL TO}", "+-": "\N{PLUS-MINUS SIGN}", "-": "\N{MINUS SIGN}"}
+
+
+def typeset(text: str) -> str:
+    """Return a text that is written for terminals, with the signs of print: at most, plus or minus, and minus."""
+    return re.sub(r"<=|\+-|(?<![\w-])-(?=\d)", lambda sign: _SIGNS[sign[0]], text)

@@ -50,6 +50,16 @@ function number(value, digits = 2) {
   return value.toLocaleString("en", { maximumFractionDigits: digits }).replace("-", "−");
 }
 
+// Words that are written for terminals, with the sign of print.
+function typeset(words) {
+  return words.replaceAll("<=", "≤");
+}
+
+// A text that scrolls is reached with the keyboard.
+function letScroll(box) {
+  for (const text of box.querySelectorAll("pre")) if (text.scrollHeight > text.clientHeight + 1) text.tabIndex = 0;
+}
+
 function percent(share) {
   return `${number(100 * share, 0)} %`;
 }

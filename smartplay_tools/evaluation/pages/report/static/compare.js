@@ -54,6 +54,7 @@ function goToStep(step) {
   $("compare-slider").value = compared.step;
   $("compare-place").textContent = `step ${number(compared.step)} of ${number(lastStep())}`;
   $("compare-sides").replaceChildren(...compared.episodes.map(sideOf));
+  letScroll($("compare-sides"));
   renderBands();
   renderScores();
 }
@@ -92,7 +93,7 @@ function nameThem() {
   const facts = compared.episodes.map((episode) => [
     episode.run ?? "",
     episode.player ?? "unnamed",
-    varied.map((name) => episode.asked[name]).join(", "),
+    budgetOf(episode, varied),
     episode.game,
     `seed ${episode.seed}`,
     episode.trial === null ? "" : `trial ${episode.trial}`,
@@ -101,6 +102,13 @@ function nameThem() {
   const words = (episode, wanted) => facts[episode].filter((fact, at) => fact && differs[at] === wanted).join(", ");
   compared.common = words(0, false);
   compared.names = compared.keys.map((key, at) => words(at, true) || key);
+}
+
+// What an episode's budget has that others have not; what is as usual is named only where nothing else is.
+function budgetOf({ asked }, varied) {
+  const own = varied.filter((name) => asked[name] !== page.usual[name]);
+  const named = own.length ? own : varied.includes("beyond_history") ? ["beyond_history"] : varied;
+  return typeset(named.map((name) => asked[name]).join(", "));
 }
 
 function areDifferent(values) {
@@ -190,7 +198,7 @@ function factsOf(...episodes) {
     of(name, (episode) => limit(episode[name])),
   );
   const budget = Object.keys(episodes[0].limits).filter((name) => areDifferent(episodes.map(({ limits }) => limits[name])));
-  const limits = of("budget", (episode) => budget.map((name) => episode.limits[name]).join(", "));
+  const limits = of("budget", (episode) => typeset(budget.map((name) => episode.limits[name]).join(", ")));
   const versions = Object.keys(Object.assign({}, ...episodes.map(({ result }) => result?.versions))).map((name) =>
     of(`version of ${name}`, ({ result }) => result?.versions[name] ?? "–"),
   );

@@ -59,7 +59,7 @@ function describeRules(episode) {
         ? `the prompts of turns ${check.differ.join(", ")} are NOT what the record's sha256 says`
         : `all ${plural(check.prompts, "prompt")} rebuilt and found to have the record's sha256`;
   const facts = {
-    budget: Object.values(episode.limits).join(", "),
+    budget: typeset(Object.values(episode.limits).join(", ")),
     manual: episode.manual,
     "calls in one message": episode.batch,
     protocol: episode.protocol,

@@ -21,6 +21,7 @@ function renderTurn() {
         now.choice.fallback,
       ),
     );
+  for (const id of ["said", "answers"]) letScroll($(id));
   const calls = (now?.items ?? [])
     .filter(({ call }) => call)
     .map(({ call }) => `${call.name} ${call.is_error ? "failed" : "answered"}`);
@@ -194,6 +195,7 @@ function renderPrompt(everything = false) {
       )
     : null;
   $("messages").replaceChildren(...[askedBefore(episode, turn), tools, ...list].filter(Boolean));
+  letScroll($("messages"));
 }
 
 // The prompt for a summary that came before this one, and what the model answered.

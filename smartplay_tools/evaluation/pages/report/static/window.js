@@ -103,7 +103,7 @@ function band(box, episode, number, ask) {
     past ? block("dropped", before, gone - 6, `${unit}s ${range(0, past - 1)}`) : null,
     states.length ? null : label(before + 8, 22, "nothing has been said yet", { class: "tick" }),
     cells(states, past, place, unit),
-    block("reply", width - reply + 6, reply - 6, "reply"),
+    block("reply", width - reply + 6, reply - 7, "reply"),
     numbers(past, states.length, place).map((at) => label((place(at) + place(at + 1)) / 2, 43, at, under)),
   );
   if (unit === "turn") {

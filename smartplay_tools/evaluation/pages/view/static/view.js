@@ -6,11 +6,19 @@
 const HEIGHT = 34;
 const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "end", "notes"];
 const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "notes"]);
+// The least width of each column in pixels, and how much of the room that is left it takes.
+const WIDTHS = {
+  ...{ status: [90, 0], game: [232, 1.2], player: [80, 0.8], budget: [120, 1.7], seed: [104, 0], trial: [50, 0] },
+  ...{ score: [70, 0], normalized: [92, 0], steps: [60, 0], tokens: [78, 0], cost: [66, 0], mistakes: [82, 0] },
+  ...{ cut: [46, 0], end: [92, 0.7], notes: [58, 0] },
+};
+// Columns that are shown only if an episode of the run has something there.
+const RARE = new Set(["cost", "cut", "notes"]);
 const LIST = "smartplay-list";
 const MOST_MARKED = 4;
 
 // `run` is the name of the run that is shown; `marked` are records of any run, as RUN/KIND/STEM.
-const site = { runs: [], run: null, at: {}, all: [], texts: [], listed: [], selected: 0, marked: [], sort: null, down: false, cards: new Map() };
+const site = { runs: [], run: null, at: {}, all: [], texts: [], listed: [], columns: SHOWN, selected: 0, marked: [], sort: null, down: false, cards: new Map() };
 
 function value(episode, name) {
   return episode[site.at[name]];
@@ -63,7 +71,7 @@ function words(run) {
   const who = run.players.length > 3 ? plural(run.players.length, "player") : run.players.join(", ");
   const what = run.games.length > 2 ? plural(run.games.length, "game") : run.games.join(", ");
   const date = run.written_at ? new Date(1000 * run.written_at).toISOString().slice(0, 16).replace("T", " ") : "";
-  return [counts.join(", "), spent.filter(Boolean).join(", "), [who, what, date && `${date} UTC`].filter(Boolean).join(" · ")];
+  return [counts.join(", "), spent.filter(Boolean).join(", "), [who, what].filter(Boolean).join(" · "), date && `${date} UTC`].filter(Boolean);
 }
 
 // A card stays the same element as long as its run is there, so that it keeps the focus.
@@ -162,7 +170,18 @@ async function load() {
   site.at = Object.fromEntries(listed.columns.map((name, place) => [name, place]));
   site.all = listed.episodes;
   site.texts = site.all.map((one) => ["status", "game", "player", "budget", "end", "seed"].map((name) => value(one, name) ?? "").join(" ").toLowerCase());
+  arrange();
   list();
+}
+
+// Choose the columns of the run, and lay them out.
+function arrange() {
+  const columns = SHOWN.filter((name) => !RARE.has(name) || name === site.sort || site.all.some((one) => value(one, name)));
+  const widths = columns.map((name) => WIDTHS[name]);
+  $("list").style.setProperty("--columns", widths.map(([least, share]) => (share ? `minmax(${least}px, ${share}fr)` : `${least}px`)).join(" "));
+  $("list").style.setProperty("--wide", `${widths.reduce((sum, [least]) => sum + least, 0)}px`);
+  site.columns = columns;
+  heads();
 }
 
 function absent() {
@@ -213,7 +232,7 @@ function cell(one, name) {
     const href = address(one);
     return element("span", role, href ? element("a", { href, tabindex: -1 }, shown) : shown);
   }
-  if (!NUMBERS.has(name)) return element("span", { ...role, title: shown }, shown ?? "");
+  if (!NUMBERS.has(name)) return element("span", { ...role, title: shown && typeset(shown) }, typeset(shown ?? ""));
   const poor = (name === "mistakes" || name === "cut") && shown > 0;
   const digits = name === "cost" ? 4 : 2;
   // A seed is a name, not a quantity.
@@ -229,7 +248,7 @@ function draw() {
     const one = site.listed[place];
     const marked = site.marked.includes(recordOf(one)) ? "marked" : "";
     const attributes = { role: "row", id: `row-${place}`, class: marked, "aria-selected": String(place === site.selected), "aria-rowindex": place + 2, onclick: () => select(place) };
-    rows.push(element("div", attributes, ...SHOWN.map((name) => cell(one, name))));
+    rows.push(element("div", attributes, ...site.columns.map((name) => cell(one, name))));
   }
   $("list").setAttribute("aria-rowcount", site.listed.length + 1);
   if (site.listed.length) $("list").setAttribute("aria-activedescendant", `row-${site.selected}`);
@@ -265,13 +284,13 @@ function showMarks() {
 }
 
 function heads() {
-  const made = SHOWN.map((name) => {
+  const made = site.columns.map((name) => {
     const sort = () => {
       [site.sort, site.down] = [name, site.sort === name ? !site.down : NUMBERS.has(name)];
       keep();
       heads();
       list();
-      $("head").children[SHOWN.indexOf(name)].firstChild.focus();
+      $("head").children[site.columns.indexOf(name)].firstChild.focus();
     };
     const order = site.down ? "descending" : "ascending";
     const arrow = site.sort === name ? (site.down ? " ↓" : " ↑") : "";
