@@ -51,6 +51,9 @@ TOOL_NAMES = ("observe", "act", "read_manual")
 NOTES_TOOL: Final = "take_notes"
 """The tool that an agent has in addition where the budget has `notes_tokens`."""
 
+RECALL_TOOL: Final = "recall"
+"""The tool that an agent has in addition where the budget has `recall_tokens`."""
+
 BeyondHistory = Literal["drop", "mask"]
 """What becomes of a turn that is older than `history`: it is dropped, or stays with its observations masked."""
 
@@ -99,6 +102,7 @@ STRATEGIES: Mapping[str, Any] = {
     "summary_tokens": None,
     "own_words": None,
     "first_turns": None,
+    "recall_tokens": None,
     "strategy": None,
 }
 """The fields of a budget that say what becomes of the past, and their defaults: it is dropped."""
@@ -142,6 +146,8 @@ class Budget(Recorded):
     """Past steps whose replies keep their words and reasoning; replies of older turns have their calls alone."""
     first_turns: Cap | None = None
     """The number of first turns that stay visible when later ones leave, as far as they fit; None: none of them."""
+    recall_tokens: Cap | None = None
+    """Cap on an answer of the tool `recall`, which searches observations that have left; None: no such tool."""
     strategy: Annotated[str, Field(strict=True, min_length=1)] | None = None
     """The strategy that chooses the turns of a prompt: FILE.py:CLASS, or the name of one that an installed package
     declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
@@ -178,6 +184,7 @@ _CAPPED = {
     "tool_calls": "calls",
     "stalled_turns": "stalled turns",
     "notes_tokens": "notes",
+    "recall_tokens": "recalls",
     "summary_tokens": "summaries",
 }
 """What each cap of a budget is a cap on."""
@@ -191,7 +198,7 @@ def _in_words(name: str, value: Any) -> str:
             return f"slack {value:g}"
         case "beyond_history":
             return "masking" if value == "mask" else "dropping"
-        case "notes_tokens" | "summary_tokens" if value is None:
+        case "notes_tokens" | "summary_tokens" | "recall_tokens" if value is None:
             return f"no {_CAPPED[name]}"
     if name == "own_words":
         return f"own words {'all' if value is None else value}"
@@ -450,7 +457,7 @@ class EpisodeResult(Recorded):
     """The result of an episode, a row of `results.jsonl`. It contains no times, so equal play gives equal rows."""
 
     later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
-        ("cut_summaries", "empty_summaries", "refused_notes", "summaries", "unusable_usages"), 0
+        ("cut_summaries", "empty_summaries", "recalls", "refused_notes", "summaries", "unusable_usages"), 0
     )
 
     game: str
@@ -476,6 +483,8 @@ class EpisodeResult(Recorded):
     cut_results: int
     refused_notes: int = 0
     """Notes that were longer than `notes_tokens`, so that the earlier ones stood."""
+    recalls: int = 0
+    """Answers of `recall`, empty ones included."""
     summaries: int = 0
     """Summaries that were asked for and answered: one for each time that the window moved."""
     cut_summaries: int = 0

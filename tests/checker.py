@@ -15,6 +15,7 @@ from typing import Any
 
 from tests.counting import arguments_text, message_tokens, picture_tokens, plain_text, tools_tokens
 from tests.judge import FRAME, MARKER, Judge
+from tests.judged_recall import documents, listed
 
 __all__ = ["Judge", "allowed", "arguments_text", "check_episode", "check_prompt", "message_tokens", "plain_text"]
 __all__ += ["tools_tokens", "turns_of"]
@@ -23,6 +24,7 @@ MANUAL_IS_ABOVE = "The manual stands at the end of the system message."
 PICTURE = "The picture shows the current observation."
 GIVEN = re.compile(r"[A-Za-z0-9]{9}")
 """The format of an id that the conversation assigned."""
+NOTHING = "Nothing that has left your view matches."
 NOTICE = re.compile(r"\[-?\d+ tokens cut\]")
 Json = dict[str, Any]
 Count = Callable[[str], int]
@@ -49,15 +51,18 @@ def turns_of(events: Sequence[Json]) -> list[Json]:
         if event["event"] == "message" and event["by"] == "player":
             reply = with_ids(event, ids)
             turns.append({"messages": [reply], "shows": [None], "made": [shown], "manual": None, "places": [-1]})
+            turns[-1]["dates"] = [None]
             turns[-1]["reply"] = reply
         elif event["event"] in ("message", "call"):
             observation, message, place = None, event.get("message"), event.get("position", 1_000)
+            date = None
             if event["event"] == "call":
                 tool = event["name"]
                 text, played = event["text"], not event["is_error"]
                 steps += played and tool == "act"
                 observation = steps if played and tool in ("act", "observe") else None
                 assert event["data"].get("observation_step") == observation
+                date = shown if played and tool == "recall" else observation
                 if played and tool == "take_notes":
                     turns[-1].setdefault("notes", []).append(json.loads(event["arguments"])["text"])
                 if played and tool == "read_manual" and event["data"].get("manual"):
@@ -73,7 +78,8 @@ def turns_of(events: Sequence[Json]) -> list[Json]:
                 shown = shown if observation is None else max(shown, observation)
             # Results are in the order of their calls, other messages come after them.
             at = sum(other <= place for other in turns[-1]["places"])
-            for name, value in (("messages", message), ("shows", observation), ("made", shown), ("places", place)):
+            values = {"messages": message, "shows": observation, "dates": date, "made": shown, "places": place}
+            for name, value in values.items():
                 turns[-1][name].insert(at, value)
     return turns
 
@@ -151,6 +157,9 @@ def check_prompt(messages: list[Json], tools: list[Json], judge: Judge, k: int, 
         if observation is not None and one["content"] != MARKER:
             assert judge.history is None or observation >= t - judge.history, "an observation outlives its limit"
             shown.add(observation)
+        date = judge.turns[i]["dates"][m]
+        if date is not None and one["content"] != MARKER:
+            assert judge.history is None or date >= t - judge.history, "an answer outlives its limit"
     if judge.choices is None:
         run = [i for i in kept if i >= judge.first(k)]
         assert run == list(range(run[0], run[-1] + 1)) if run else True, "the run has a gap"
@@ -196,6 +205,7 @@ def check_episode(
             spent += message_tokens(judge.turns[k]["reply"], judge.n) if k < len(judge.turns) else 0
             k += 1
     check_calls(events, budget, n)
+    check_recalls(events, judge, budget)
     check_end(events, judge, spent, len(texts))
     check_stalls(events)
     return judge
@@ -230,6 +240,8 @@ def check_calls(events: Sequence[Json], budget: Json, n: Count) -> None:
     for event in events:
         if event["event"] == "call":
             cap = budget["manual_tokens" if event["data"].get("manual") else "result_tokens"]
+            if event["name"] == "recall" and not event["is_error"]:
+                cap = budget["recall_tokens"]
             shown = [{"type": "image", **event["data"]["picture"]}] if "picture" in event["data"] else []
             size = n(event["text"]) + picture_tokens(shown)
             assert cap is None or size <= cap, f"a result exceeds its cap: {event['text']!r}"
@@ -238,6 +250,27 @@ def check_calls(events: Sequence[Json], budget: Json, n: Count) -> None:
             if event["name"] == "take_notes" and (is_long or not event["is_error"]):
                 text = json.loads(event["arguments"])["text"]
                 assert is_long == (n(well_formed(text)) > budget["notes_tokens"])
+
+
+def check_recalls(events: Sequence[Json], judge: Judge, budget: Json) -> None:
+    """Judge every answer of `recall`: the longest beginning that fits of all that its query matches."""
+    for event in events:
+        if event["event"] != "call" or event["name"] != "recall" or event["is_error"]:
+            continue
+        cap, n, text = budget["recall_tokens"], judge.n, event["text"]
+        query = json.loads(event["arguments"])["query"]
+        matching = listed(documents(judge, event["turn"]), query)
+        texts = [document for _, document in matching]
+        fitting = [count for count in range(1, len(texts) + 1) if n(well_formed("\n\n".join(texts[:count]))) <= cap]
+        whole = "\n\n".join(texts[: max(fitting)]) if fitting else NOTHING
+        if fitting or (not texts and n(NOTHING) <= cap):
+            assert (text, event["cut"]) == (whole, False), f"the answer to {query!r} is {text!r}, judged {whole!r}"
+        else:
+            kept, _, notice = text.rpartition("[")
+            assert event["cut"]
+            assert not text or NOTICE.fullmatch(f"[{notice}")
+            assert (texts[0] if texts else NOTHING).startswith(kept.rstrip("\n"))
+        assert event["data"]["recalled"] == [step for step, _ in matching[: max(fitting, default=1)]]
 
 
 def check_end(events: Sequence[Json], judge: Judge, spent: int, answered: int) -> None:
@@ -259,6 +292,8 @@ def check_end(events: Sequence[Json], judge: Judge, spent: int, answered: int) -
         assert result.get("summaries", 0) == answered
         notes = sum(1 for event in events if event["event"] == "call" and event["data"].get("mistake") == "notes")
         assert result.get("refused_notes", 0) == notes
+        recalls = [event for event in events if event["event"] == "call" and event["name"] == "recall"]
+        assert result.get("recalls", 0) == sum(not event["is_error"] for event in recalls)
 
 
 def stalled(events: Sequence[Json]) -> list[int]:

@@ -16,6 +16,7 @@ import hashlib
 import json
 import random
 from collections import Counter
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,8 @@ ODD_REPLIES: list[Any] = [
     {"role": "assistant", "content": None, "extra": object()},
 ]  # fmt: skip
 GAMES = scripts.GAMES
+ADDED = [*scripts.NOTES, *scripts.RECALLS]
+"""Calls of the tools that strategies add."""
 ODD = f"{Path(__file__).parent / 'data' / 'odd_strategy.py'}:Odd"
 PICTURE, WORDS_BESIDE = 81, 13
 """The tokens of a picture of Crafter by `claude-28` with its accompanying text, by the tokenizer of these tests."""
@@ -53,15 +56,20 @@ def strategy(chance: random.Random) -> dict[str, Any]:
         return {}
     if chance.random() < 0.3:
         odd = f"{ODD}:seed={chance.randrange(999)}:wild={chance.choice(['true', 'false'])}"
-        words = chance.choice([None, 0, 1, 3])
-        return {"strategy": odd, "notes_tokens": chance.choice([None, 2, 12, 40]), "own_words": words}
+        return {"strategy": odd, **added(chance), "own_words": chance.choice([None, 0, 1, 3])}
     return {
         "beyond_history": chance.choice(["drop", "mask"]),
-        "notes_tokens": chance.choice([None, 2, 12, 40]),
+        **added(chance),
         "summary_tokens": chance.choice([None, 1, 6, 30]),
         "own_words": chance.choice([None, None, 0, 1, 2, 5]),
         "first_turns": chance.choice([None, None, 1, 2, 4]),
     }
+
+
+def added(chance: random.Random) -> dict[str, Any]:
+    """Return the fields of a budget that add a tool."""
+    recall = chance.choice([None, None, 1, 9, 30, 90, 300])
+    return {"notes_tokens": chance.choice([None, 2, 12, 40]), "recall_tokens": recall}
 
 
 def budget(chance: random.Random, game: str, head: int | None, least: int = 0) -> sp.Budget:
@@ -77,7 +85,8 @@ def budget(chance: random.Random, game: str, head: int | None, least: int = 0) -
 
 def _any_budget(chance: random.Random, head: int | None, least: int) -> sp.Budget:
     past = strategy(chance) if head is not None else {}
-    more = scripts.strategy_tokens(past, scripts.Words())
+    results = chance.choice(["auto", None, *(least + more for more in ((0, 4, 30) if least else (1, 5, 30)))])
+    more = scripts.strategy_tokens({**past, "result_tokens": results}, scripts.Words())
     return sp.Budget(
         **past,
         history=chance.choice([None, 0, 1, 2, 5]),
@@ -86,7 +95,7 @@ def _any_budget(chance: random.Random, head: int | None, least: int) -> sp.Budge
         else head + more + least + chance.choice([chance.randrange(400 + 4 * least), chance.randrange(99)]),
         reply_tokens=chance.choice([None, None, 1, 40]),
         episode_tokens=chance.choice([None, None, None, 4_000]),
-        result_tokens=chance.choice(["auto", None, *(least + more for more in ((0, 4, 30) if least else (1, 5, 30)))]),
+        result_tokens=results,
         tool_calls=chance.choice(["game", "game", 7]),
         stalled_turns=chance.choice([None, None, 1, 3, 10]),
         slack=chance.choice([0, 0, 0.25, 0.7, 1]),
@@ -104,12 +113,18 @@ def name(chance: random.Random) -> Any:
     return chance.choice(["act", "act", "act", "observe", "read_manual", "note", *ODD_TEXTS, "Act", None, 3])
 
 
-def function(chance: random.Random, *, is_lively: bool = False) -> dict[str, Any]:
-    """Return the name and arguments of a call; some are notes, and of a lively player most play or observe."""
+def function(chance: random.Random, *, is_lively: bool = False, offered: Collection[str] = ()) -> dict[str, Any]:
+    """Return the name and arguments of a call; of a lively player most play or observe.
+
+    Some are of tools that a strategy adds, and more of them where it is among those `offered`.
+    """
+    if chance.random() < 0.4 and (added := [called for called in ADDED if called[0] in offered]):
+        called, text = chance.choice(added)
+        return {"name": called, "arguments": text}
     if is_lively and chance.random() < 0.7:
         return chance.choice([{"name": "act", "arguments": '{"action": "1"}'}, {"name": "observe", "arguments": "{}"}])
     if chance.random() < 0.2:
-        called, text = chance.choice(scripts.NOTES)
+        called, text = chance.choice(ADDED)
         return {"name": called, "arguments": text}
     return {"name": name(chance), "arguments": arguments(chance)}
 
@@ -144,7 +159,7 @@ def strategy_of(budget: sp.Budget) -> str:
     return " and ".join(budget.strategies or ("plain dropping",)) + f", {slack}"
 
 
-def hostile_reply(chance: random.Random, *, is_lively: bool = False) -> dict[str, Any]:
+def hostile_reply(chance: random.Random, *, is_lively: bool = False, offered: Collection[str] = ()) -> dict[str, Any]:
     """Return a reply with odd texts, ids and calls."""
     words = chance.choice([None, "", "Let me see.", "word " * chance.randrange(60), *ODD_TEXTS])
     reply: dict[str, Any] = {"role": "assistant", "content": words}
@@ -155,7 +170,7 @@ def hostile_reply(chance: random.Random, *, is_lively: bool = False) -> dict[str
     calls = [
         {
             "id": chance.choice(["a", "b", "", "c00000000"]),
-            "function": function(chance, is_lively=is_lively),
+            "function": function(chance, is_lively=is_lively, offered=offered),
         }
         for _ in range(chance.randrange(4))
     ]
@@ -209,7 +224,7 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
             deface([answer])
             counts["summaries"] += 1
             continue
-        reply = hostile_reply(chance, is_lively=form != "text")
+        reply = hostile_reply(chance, is_lively=form != "text", offered={tool.name for tool in prompt.tools})
         conversation.receive(reply)
         if isinstance(conversation, sp.AgentSession):
             scripts.act_as_host(chance, conversation)
@@ -224,6 +239,9 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
     episode.close()
     counts["prompts"] += len(sent)
     counts["episodes"] += 1
+    for event in events:
+        if event["event"] == "call" and event["data"].get("recalled"):
+            counts["recalls that found something"] += 1
     choices = None if episode.strategies.brought is None else scripts.choices_of(episode.strategies.brought)
     checker.check_episode(scripts.as_json(events), sent, tokenizer.count, choices)
     replayed = replay(events, tokenizer=tokenizer)

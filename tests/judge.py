@@ -133,8 +133,8 @@ class Judge:
         """A turn's messages as they are shown; `hidden`, with every observation masked."""
         turn, b = self.turns[i], self.boundary(k)
         messages = [
-            {**one, "content": MARKER} if shows is not None and (hidden or shows < b) else one
-            for one, shows in zip(turn["messages"], turn["shows"], strict=True)
+            {**one, "content": MARKER} if date is not None and (hidden or date < b) else one
+            for one, date in zip(turn["messages"], turn["dates"], strict=True)
         ]
         if self.step(i) < self.words_from(k):
             messages[0] = without_words(messages[0])

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import smartplay_tools as sp
 from smartplay_tools.context import View
 from smartplay_tools.context.strategies.notes import notes_spec
+from smartplay_tools.context.strategies.recall import recall_spec
 from smartplay_tools.records import Record, replay, resume
 from smartplay_tools.records.accounts import Accounts
 from tests import checker
@@ -78,6 +79,11 @@ NOTES = [
     call("take_notes", '{"text": 5}'),
     call("take_notes", '{"notes": "one"}'),
 ]
+RECALLS = [
+    call("recall", json.dumps({"query": query}))
+    for query in ("1", "0-3", " 2 - 999999 ", "3-1", "1234567", "Machine 1", "step act Rock reward", "after", "é _", "")
+]
+RECALLS += [call("recall", '{"query": 5}'), call("recall", "{}"), call("recall", '{"query": "1", "steps": "2"}')]
 ANSWERS: list[dict[str, Any]] = [
     {"content": "The first machine paid twice."},
     {"content": "Known: " + "much, " * 40},
@@ -133,7 +139,7 @@ def _move(words: dict[str, Any], calls: list[tuple[tuple[str, str], str]], after
 moves = st.builds(
     _move,
     st.sampled_from(WORDS),
-    st.lists(st.tuples(st.sampled_from([*CALLS, *NOTES]), st.sampled_from(["a", "b", "", "c1"])), max_size=4),
+    st.lists(st.tuples(st.sampled_from([*CALLS, *NOTES, *RECALLS]), st.sampled_from(["a", "b", "", "c1"])), max_size=4),
     st.sampled_from(AFTER),
 )
 scripts = st.lists(moves, max_size=9)
@@ -145,6 +151,7 @@ strategies = st.fixed_dictionaries(
         "summary_tokens": st.sampled_from([None, 1, 6, 30]),
         "own_words": st.sampled_from([None, None, 0, 1, 3]),
         "first_turns": st.sampled_from([None, None, 1, 3]),
+        "recall_tokens": st.sampled_from([None, None, 3, 15, 40, 120]),
     }
 )
 histories = st.sampled_from([0, 1, 2, 3, 5, None])
@@ -276,16 +283,18 @@ def head_tokens(game: str, tokenizer: Any, *, host: bool, manual: str = "tool") 
 
 
 def strategy_tokens(budget: dict[str, Any], tokenizer: Any) -> int:
-    """What a strategy adds to the smallest prompt: the schema of `take_notes`, the reserve for summaries."""
-    notes, summary = budget.get("notes_tokens"), budget.get("summary_tokens")
-    tool = 0
-    if notes is not None:
-        spec = as_json(asdict(notes_spec(notes)))
-        tool = checker.tools_tokens([spec], tokenizer.count) - 12
-    if summary is None:
-        return tool
-    budget = {"history": None, "prompt_tokens": None, "slack": 0, "summary_tokens": summary}
-    return tool + checker.Judge([], [], [], budget, tokenizer.count).reserve
+    """What a strategy adds to the smallest prompt: the schemas of tools, the reserve for summaries, an answer."""
+    summary, recall = budget.get("summary_tokens"), budget.get("recall_tokens")
+    made = {"notes_tokens": notes_spec, "recall_tokens": recall_spec}
+    tools = [as_json(asdict(spec(budget[name]))) for name, spec in made.items() if budget.get(name) is not None]
+    added = checker.tools_tokens(tools, tokenizer.count) - 12 if tools else 0
+    if summary is not None:
+        asking = {"history": None, "prompt_tokens": None, "slack": 0, "summary_tokens": summary}
+        added += checker.Judge([], [], [], asking, tokenizer.count).reserve
+    if recall is not None:
+        results = budget.get("result_tokens", "auto")
+        added += recall + (max(32, (added + recall + 200) // 3) if results == "auto" else results or 0)
+    return added
 
 
 def check_record(events: list[dict[str, Any]]) -> None:

@@ -43,7 +43,13 @@ def budget_of(drawn: dict[str, Any], head: int, game: str, tokenizer: Any) -> sp
     room, episode = drawn.pop("room"), drawn.pop("episode")
     prompt_tokens = None if room is None else head + scripts.strategy_tokens(drawn, tokenizer) + room
     drawn |= {"prompt_tokens": prompt_tokens, "episode_tokens": None if episode is None else head + episode}
-    for change in ({}, {"summary_tokens": None}, {"beyond_history": "drop"}, {"first_turns": None}):
+    for change in (
+        {},
+        {"summary_tokens": None},
+        {"beyond_history": "drop"},
+        {"first_turns": None},
+        {"recall_tokens": None},
+    ):
         drawn |= change
         if refused_strategy(sp.Budget(**drawn), sp.GAMES[game], context="window") is None:
             break
@@ -117,14 +123,21 @@ def test_a_view_depends_on_the_turns_alone(
 ) -> None:
     """Whichever views were taken before, and however often. Summaries are asked for whether or not a view was taken."""
     words = scripts.Words()
-    played = scripts.converse(**drawn, budget=sp.Budget(notes_tokens=12), tokenizer=words)
+    played = scripts.converse(**drawn, budget=sp.Budget(notes_tokens=12, recall_tokens=40), tokenizer=words)
     [head] = [event for event in played.events if event["event"] == "head"]
     episode, turns = played.conversation.episode, played.conversation.turns
     tools = [*episode.tools, scripts.NOTE]
     plain = checker.turns_of(played.events)
     size = scripts.head_tokens(drawn["game"], words, host=drawn["host"], manual=drawn["manual"])
     for history, slack, room, stalls, strategy in budgets:
-        numbers = {"history": history, "slack": slack, "stalled_turns": stalls, **strategy, "notes_tokens": 12}
+        numbers = {
+            "history": history,
+            "slack": slack,
+            "stalled_turns": stalls,
+            **strategy,
+            "notes_tokens": 12,
+            "recall_tokens": 40,
+        }
         numbers["prompt_tokens"] = size + room + scripts.strategy_tokens(numbers, words)
         if refused_strategy(sp.Budget(**numbers), sp.GAMES[drawn["game"]], context="window"):
             numbers["summary_tokens"] = numbers["first_turns"] = None

@@ -82,7 +82,7 @@ def _common_run(before: Side, now: Side, first: int, counter: TokenCounter) -> i
         stop = stripped  # its first message differs; before it, every reply is as it was
     if chosen.oldest == chosen_before.oldest:
         return state.run(first, stop)
-    changed = state.index.first_showing(max(first, state_before.boundary), stop)
+    changed = state.index.first_dated(max(first, state_before.boundary), stop)
     if changed is None:
         return state.run(first, stop)
     turn = state.index.turns[changed]

@@ -30,6 +30,8 @@ class TokenIndex:
         self._steps: list[int] = []
         self._showing: list[int] = []
         """The turns that show an observation."""
+        self._dated: list[int] = []
+        """The turns with a result that ages."""
         self._messages: list[Message] = []
         self._starts = [0]
         """Every message, unmasked, and how many are before each turn."""
@@ -47,6 +49,8 @@ class TokenIndex:
                 self._wordy.append(len(self.turns))
         if turn.shows:
             self._showing.append(len(self.turns))
+        if turn.dates:
+            self._dated.append(len(self.turns))
         self._steps.append(turn.step)
         self._messages.extend(turn.messages)
         self._starts.append(len(self._messages))
@@ -95,6 +99,11 @@ class TokenIndex:
         """The first turn from `first` to before `stop` that shows an observation."""
         at = bisect_left(self._showing, first)
         return self._showing[at] if at < len(self._showing) and self._showing[at] < stop else None
+
+    def first_dated(self, first: int, stop: int) -> int | None:
+        """The first turn from `first` to before `stop` with a result that ages."""
+        at = bisect_left(self._dated, first)
+        return self._dated[at] if at < len(self._dated) and self._dated[at] < stop else None
 
     def last_showing(self, first: int, stop: int) -> int | None:
         """The last turn from `first` to before `stop` that shows an observation."""

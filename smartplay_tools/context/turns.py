@@ -21,6 +21,9 @@ from smartplay_tools.prompts import MANUAL_IS_ABOVE, OBSERVATION_LEFT
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import message_bytes
 
+BROUGHT_BACK = frozenset({"recalled"})
+"""What the record holds of answers that bring observations back; each kind of tool of memory has a name of its own."""
+
 
 @dataclass
 class Item:
@@ -33,10 +36,17 @@ class Item:
     """The index of the observation that it shows; None for manual, errors, user messages and other tools' results."""
     position: int | None = None
     """The position of the call that it answers; None if it is not a tool result."""
+    brings_back: bool = False
+    """Whether it is the answer of a tool of memory that brings observations back."""
+
+    @property
+    def date(self) -> int | None:
+        """The step by which it ages: of the observation that it shows, or at which it brought others back."""
+        return self.step if self.brings_back else self.observation_step
 
     @cached_property
     def masked(self) -> Message:
-        """The message that replaces this one once its observation is too old to be shown."""
+        """The message that replaces this one once it is too old to be shown."""
         masked = self.message.copy()
         masked["content"] = OBSERVATION_LEFT
         return masked
@@ -65,6 +75,8 @@ class Turn:
     """The step of its newest item."""
     shows: tuple[int, ...] = field(init=False, repr=False, compare=False)
     """The observations that its results show, in their order; the last is its step."""
+    dates: tuple[int, ...] = field(init=False, repr=False, compare=False)
+    """The dates of the results that age, in their order; the last is its step."""
     messages: tuple[Message, ...] = field(init=False, repr=False, compare=False)
     """All its messages, unmasked."""
 
@@ -75,12 +87,15 @@ class Turn:
         items = self.items
         self.step = max([item.step for item in items], default=self.made_at)
         self.shows = tuple([item.observation_step for item in items if item.observation_step is not None])
+        self.dates = self.shows
+        if any(item.brings_back for item in items):
+            self.dates = tuple([date for item in items if (date := item.date) is not None])
         self.messages = (self.assistant, *[item.message for item in items])
 
     @cached_property
     def hidden(self) -> tuple[Message, ...]:
         """All its messages, with every observation masked."""
-        items = (item.message if item.observation_step is None else item.masked for item in self.items)
+        items = (item.message if item.date is None else item.masked for item in self.items)
         return (self.assistant, *items)
 
     @cached_property
@@ -112,18 +127,14 @@ class Turn:
         return counter.message(self.assistant, arguments) - counter.message(self.bare, arguments)
 
     def masked(self, oldest: int) -> list[int]:
-        """Return the indices of the items whose observation is older than `oldest`."""
-        return [
-            at
-            for at, item in enumerate(self.items)
-            if item.observation_step is not None and item.observation_step < oldest
-        ]
+        """Return the indices of the items whose date is before `oldest`."""
+        return [at for at, item in enumerate(self.items) if (date := item.date) is not None and date < oldest]
 
     def seen(self, oldest: int, *, bare: bool = False) -> Sequence[Message]:
         """Return its messages with every observation older than `oldest` masked; `bare`, without the reply's words."""
         if bare and self.is_wordy:
             return (self.bare, *self.seen(oldest)[1:])
-        if not self.shows or oldest <= self.shows[0]:
+        if not self.dates or oldest <= self.dates[0]:
             return self.messages
         if oldest > self.step:
             return self.hidden
@@ -151,7 +162,7 @@ class Turn:
         """Return the canonical JSON of what `seen` returns."""
         if bare and self.is_wordy:
             return (self.canonical_bare, *self.canonical_seen(oldest)[1:])
-        if not self.shows or oldest <= self.shows[0]:
+        if not self.dates or oldest <= self.dates[0]:
             return self.canonical
         return self.canonical_hidden if oldest > self.step else self._canonical(self.masked(oldest))
 
@@ -244,7 +255,7 @@ class TurnBuilder:
         if (picture := data.get("picture")) is not None:
             content = [{"type": "text", "text": text}, picture_part(picture)]
         message: Message = {"role": "tool", "content": content, "tool_call_id": self.calls[position].id}
-        self._answer(position, Item(message, self.step, observation, position))
+        self._answer(position, Item(message, self.step, observation, position, not BROUGHT_BACK.isdisjoint(data)))
 
     def add(self, message: Message, position: int | None) -> None:
         """Add a message of the host or the library; with a `position`, the result of a foreign tool's call."""

@@ -115,8 +115,8 @@ class View:
 
     def _may_be_masked(self, index: int) -> bool:
         """Whether this turn or a later one can have a masked result: observations never become older."""
-        shows = self.turns[index].shows
-        return not shows or shows[0] < self.selection.oldest
+        dates = self.turns[index].dates
+        return not dates or dates[0] < self.selection.oldest
 
 
 @dataclass(frozen=True)

@@ -125,6 +125,8 @@ class ToolConversation(BaseConversation):
                 self._take_summary(pending, reply)
                 return ()
             calls = self._open_turn(reply, pending)
+            if pending is not None and (recall := self.episode.strategies.recall) is not None:
+                recall.view = pending.view
             self._results, self._edits = {}, {}
             self._idle_in_a_row = 0 if calls else self._idle_in_a_row + 1
             if not calls:

@@ -141,6 +141,8 @@ class GameSession:
         answer = tool.answer(text)
         if answer.mistake is not None:
             return self.refuse(answer.text, answer.mistake)
+        if answer.is_cut is not None:
+            return Answer(answer.text, {"step": self.steps, **answer.data}, cut=answer.is_cut)
         return self._show(answer.text, **answer.data)
 
     def _act(self, action: int) -> Answer:

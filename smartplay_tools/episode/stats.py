@@ -43,6 +43,7 @@ class EpisodeStats:
     fallback_actions: int = 0
     cut_results: int = 0
     refused_notes: int = 0
+    recalls: int = 0
     summaries: int = 0
     cut_summaries: int = 0
     empty_summaries: int = 0
@@ -97,6 +98,7 @@ class EpisodeStats:
         self.malformed_calls += mistake == "malformed"
         self.refused_calls += mistake == "refused" or mistake in UNANSWERED
         self.refused_notes += mistake == "notes"
+        self.recalls += "recalled" in data
         self.cut_results += event["cut"]
         if "reward" in data:
             self.steps += 1

@@ -20,9 +20,17 @@ from smartplay_tools.players.rules import (
     rock_paper_scissors,
 )
 from smartplay_tools.players.rules.crafter import notes as crafter_notes
-from smartplay_tools.players.rules.memory import noted, notes_cap, summary_cap
+from smartplay_tools.players.rules.memory import (
+    noted,
+    notes_cap,
+    offers,
+    recall,
+    searched,
+    summary_cap,
+    with_recalled,
+)
 from smartplay_tools.prompts import GAME_IS_OVER
-from smartplay_tools.types import Prompt, Reply
+from smartplay_tools.types import RECALL_TOOL, Prompt, Reply
 
 NOTHING_TO_PLAY: Message = {"role": "assistant", "content": "I play by tool calls, and there is no tool `act` here."}
 """The reply to a request other than to play, such as a request for a title of the conversation."""
@@ -87,11 +95,14 @@ class RuleNotesPlayer(RulePlayer):
     """The rule player with a memory, in games whose rules can keep one.
 
     The memory is written where the budget offers a place for it: as notes where there is `take_notes`, as the summary
-    where one is asked for. `words` says whether it is written into the player's own replies where there are no notes.
+    where one is asked for. In games in which the order of observations is of no use, the player searches for those that
+    have left where there is `recall`, and writes nothing. `words` says whether the memory is written into the player's
+    own replies where it has no other place.
     """
 
     name = "rule-notes"
     remembering: ClassVar[tuple[Remembering, ...]] = (bandit, crafter_notes, messenger, rock_paper_scissors)
+    counting: ClassVar[tuple[Remembering, ...]] = (bandit, rock_paper_scissors)
 
     def __init__(self, *, seed: int = 0, words: bool = True) -> None:
         """Every player takes a seed; this one draws nothing."""
@@ -103,6 +114,9 @@ class RuleNotesPlayer(RulePlayer):
         if memory is None:
             return super()._decide(rules, reading)
         cap = notes_cap(reading)
+        if cap is None and memory in self.counting and offers(reading, RECALL_TOOL) and recall(reading).facts is None:
+            whole, query = with_recalled(reading)
+            return searched(memory.decide(whole), query)
         message, text = memory.remember(reading, cap)
         if not text or (cap is None and not self._words):
             return message

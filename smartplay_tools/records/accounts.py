@@ -216,9 +216,9 @@ class Accounts:
         """The parts of a turn whose observations before `oldest` are masked."""
         tokens, count = self._replies[turn.number].copy(), self._counter.message
         for item in turn.items:
-            if item.observation_step is None:
+            if (date := item.date) is None:
                 tokens[_OTHER] += count(item.message)
-            elif item.observation_step < oldest:
+            elif date < oldest:
                 tokens[_MASKED] += count(item.masked)
             else:
                 tokens[_OBSERVATIONS] += count(item.message)

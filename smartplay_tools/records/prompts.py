@@ -160,5 +160,5 @@ class Rebuilder:
 
 def _boundary(turn: Turn, masked: set[tuple[int, int]]) -> int:
     """The observation below which a turn's results were masked."""
-    steps = [item.observation_step for at, item in enumerate(turn.items) if (turn.number, at) in masked]
+    steps = [item.date for at, item in enumerate(turn.items) if (turn.number, at) in masked]
     return max((step for step in steps if step is not None), default=-1) + 1

@@ -165,7 +165,7 @@ class _Units:
                         units += map(self.of, shown.before)
                     if texts and turn.number in texts:
                         units.append(self.of(texts[turn.number]))
-                    is_masked = oldest and turn.shows and oldest > turn.shows[0]
+                    is_masked = oldest and turn.dates and oldest > turn.dates[0]
                     seen = self._partly(turn, oldest) if is_masked else whole.get(turn.number) or self.turn(turn)
                     units += [self.of(turn.bare), *seen[1:]] if bare and turn.is_wordy else seen
                 yield event, [*units, *map(self.of, shown.after)]

@@ -14,10 +14,21 @@ from smartplay_tools.games.specs import get_spec
 from smartplay_tools.messages import Message
 from smartplay_tools.prompts import OBSERVATION_LEFT
 from smartplay_tools.transcript.events import Event
-from smartplay_tools.types import NOTES_TOOL, Budget, Prompt
+from smartplay_tools.types import TOOL_NAMES, Budget, Prompt
 
 GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "Hanoi3Disk-v0")
-ARGUMENTS = ('{"action": "1"}', '{"action": "2."}', "{}", "", "{", "null", '{"action": "fly"}', '{"text": "one two"}')
+ARGUMENTS = (
+    '{"action": "1"}',
+    '{"action": "2."}',
+    "{}",
+    "",
+    "{",
+    "null",
+    '{"action": "fly"}',
+    '{"text": "one two"}',
+    '{"query": "step 1"}',
+    '{"query": "0-9"}',
+)
 WORDS = (None, "", "Let me see.", "word " * 60, "\ud83d\ude00 é\u0301")
 
 
@@ -70,7 +81,7 @@ def hostile_episode(budget: Budget, number: int) -> list[Event]:
             if prompt is None:
                 break
             judge.judge(prompt)
-            conversation.receive(_reply(chance, prompt, notes=budget.notes_tokens is not None))
+            conversation.receive(_reply(chance, prompt))
             judge.take()
             if not prompt.asks_for_summary and chance.random() < 0.2:
                 conversation.add({"role": "user", "content": "Go on."})
@@ -92,7 +103,8 @@ def _episode(chance: random.Random, budget: Budget) -> dict[str, Any]:
         game = chance.choice(GAMES)
         with Episode(game, seed=0) as episode:
             head = episode.counter.prompt(episode.head, episode.tools)
-        reserve = sum(cap or 0 for cap in (budget.notes_tokens, budget.summary_tokens)) + 200
+        caps = (budget.notes_tokens, budget.summary_tokens, budget.recall_tokens)
+        reserve = 2 * sum(cap or 0 for cap in caps) + 250
         drawn = {
             "history": chance.choice([None, 0, 1, 2, 5]),
             "prompt_tokens": chance.choice([None, head + reserve + chance.randrange(600)]),
@@ -105,10 +117,11 @@ def _episode(chance: random.Random, budget: Budget) -> dict[str, Any]:
             return {"game": game, "seed": chance.randrange(99), "budget": made}
 
 
-def _reply(chance: random.Random, prompt: Prompt, *, notes: bool) -> Message:
+def _reply(chance: random.Random, prompt: Prompt) -> Message:
     if prompt.asks_for_summary:
         return {"role": "assistant", "content": chance.choice(WORDS)}
-    names = ["act", "act", "act", "observe", "read_manual", "fly", *([NOTES_TOOL] * notes)]
+    added = [tool.name for tool in prompt.tools if tool.name not in TOOL_NAMES]
+    names = ["act", "act", "act", "observe", "read_manual", "fly", *added]
     calls = [
         {
             "id": chance.choice(["a", "b", ""]),

@@ -130,7 +130,7 @@ def wait_for(what) -> None:
 
 
 def test_what_is_no_answer_is_refused_and_not_played(playing):
-    play, page = playing(budget=sp.Budget(notes_tokens=50))
+    play, page = playing(budget=sp.Budget(notes_tokens=50, recall_tokens=50))
     page.state()
     number = page.number
     for body, sentence in [
@@ -141,6 +141,7 @@ def test_what_is_no_answer_is_refused_and_not_played(playing):
         ({"number": number, "tool": "act", "action": "99"}, "not an action of this game"),
         ({"number": number, "tool": "act", "action": "1", "say": 5}, "lacks say"),
         ({"number": number, "tool": "take_notes"}, "lacks text"),
+        ({"number": number, "tool": "recall", "arguments": "1"}, "lacks arguments, an object, for recall"),
         ([], "a JSON object"),
         (b"{", "a JSON object"),
         (b"[" * 50_000, "a JSON object"),

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.tokens import TokenCounter
@@ -18,8 +18,10 @@ class ToolAnswer:
     """The answer to a call of a strategy's tool."""
 
     text: str
-    data: Mapping[str, str] = field(default_factory=dict)
+    data: Mapping[str, Any] = field(default_factory=dict)
     """What the record holds of the call."""
+    is_cut: bool | None = None
+    """Whether the text was cut to a cap of its own; None if the cap is that of all results."""
     mistake: str | None = None
     """The kind of mistake, if the call is refused; `text` is then the reason."""
 

@@ -8,13 +8,14 @@ from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.brought import Brought, load_strategy, make_strategy, recorded_strategy
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.strategies.notes import Notes
+from smartplay_tools.context.strategies.recall import Recall
 from smartplay_tools.context.strategies.summaries import Summaries
 from smartplay_tools.context.strategies.thoughts import Thoughts
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
-KINDS: tuple[type[BudgetStrategy], ...] = (Ageing, Notes, Summaries, Thoughts, Anchors, Brought)
+KINDS: tuple[type[BudgetStrategy], ...] = (Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Brought)
 """Every strategy, in the order in which they are asked."""
 
 
@@ -31,6 +32,8 @@ class Strategies:
         """What strips old replies of their words; None where they keep them."""
         self.anchors = next((strategy.most for strategy in asked if isinstance(strategy, Anchors)), 0)
         """How many of the first turns stay, as far as they fit."""
+        self.recall = next((strategy for strategy in asked if isinstance(strategy, Recall)), None)
+        """What searches the observations that have left; None where nothing does."""
         self.tools = tuple(tool for strategy in asked for tool in strategy.tools)
         """The tools that they add."""
         self.reserve = sum(strategy.reserve for strategy in asked)

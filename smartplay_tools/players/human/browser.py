@@ -13,6 +13,7 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
+from smartplay_tools.arguments import as_text
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError
 from smartplay_tools.messages import Message
@@ -137,7 +138,14 @@ def _message(prompt: Prompt, given: Mapping[str, Any]) -> Message:
             return call("act", say=say or None, action=_action(prompt, given))
         case "take_notes":
             return call("take_notes", say=say or None, text=_text(given, "text"))
-    return call(str(tool), say=say or None)
+        case "observe" | "read_manual":
+            return call(tool, say=say or None)
+    arguments = given.get("arguments")
+    if not isinstance(arguments, Mapping):
+        raise InvalidArgumentError(f"The answer lacks arguments, an object, for {tool}.")
+    message = call(str(tool), say=say or None)
+    message["tool_calls"][0]["function"]["arguments"] = as_text(dict(arguments))
+    return message
 
 
 def _action(prompt: Prompt, given: Mapping[str, Any]) -> str:

@@ -15,10 +15,11 @@ from typing import Any
 from smartplay_tools.arguments import read
 from smartplay_tools.messages import Message, calls_of, text_of
 from smartplay_tools.players.reading import Reading, call
-from smartplay_tools.types import NOTES_TOOL
+from smartplay_tools.types import NOTES_TOOL, RECALL_TOOL
 
 LINE = re.compile(r"^Notes: (\{.*\})$", re.MULTILINE)
 CAP = re.compile(r"at most (\d+) tokens", re.IGNORECASE)
+RECALLED = re.compile(r"^Step (\d+), after (?:act|observe)\(.*\):$", re.MULTILINE)
 CHARACTERS_A_TOKEN = 2
 """Fewer than any line here has: the player does not know the tokenizer, and notes that are too long are refused."""
 
@@ -75,8 +76,63 @@ def fits(text: str, cap: int) -> bool:
 
 def noted(message: Message, text: str) -> Message:
     """Return a reply that also takes notes, before anything else that it does."""
-    taking = calls_of(call(NOTES_TOOL, text=text))[0]
-    return {**message, "tool_calls": [{**taking, "id": "notes_0"}, *calls_of(message)]}
+    return _with_call(message, NOTES_TOOL, text=text)
+
+
+def offers(reading: Reading, tool: str) -> bool:
+    """Whether a tool is among those of a prompt."""
+    return any(each.name == tool for each in reading.prompt.tools)
+
+
+def with_recalled(reading: Reading) -> tuple[Reading, str]:
+    """Return a prompt with what `recall` has found of earlier steps, and the query for what is missing.
+
+    The query ends with the number of steps played, which the player reads in its next prompt to count on.
+    """
+    steps, visible = _steps_played(reading), _steps_in(reading)
+    earlier = {step: text for step, text in _recalled(reading).items() if step <= steps - visible}
+    missing = next(step for step in range(1, steps + 2) if step not in earlier)
+    at = next((at for at, message in enumerate(reading.prompt.messages) if message["role"] == "assistant"), None)
+    messages = list(reading.prompt.messages)
+    for step in sorted(earlier, reverse=True):
+        result: Message = {"role": "tool", "content": earlier[step], "tool_call_id": "call_0"}
+        messages[at:at] = [call("act"), result]
+    return Reading(replace(reading.prompt, messages=messages)), f"{missing}-{steps}"
+
+
+def searched(message: Message, query: str) -> Message:
+    """Return a reply that also searches what has left, before anything else that it does."""
+    return _with_call(message, RECALL_TOOL, query=query)
+
+
+def _with_call(message: Message, tool: str, **arguments: str) -> Message:
+    (first,) = calls_of(call(tool, **arguments))
+    return {**message, "tool_calls": [{**first, "id": f"{tool}_0"}, *calls_of(message)]}
+
+
+def _recalled(reading: Reading) -> dict[int, str]:
+    """The observations in the visible answers of `recall`, by their steps."""
+    recalled: dict[int, str] = {}
+    for seen in reading.seen:
+        if seen.tool == RECALL_TOOL:
+            _, *parts = RECALLED.split(seen.text)
+            recalled.update(zip(map(int, parts[::2]), map(str.strip, parts[1::2]), strict=True))
+    return recalled
+
+
+def _steps_played(reading: Reading) -> int:
+    """How many steps have been played, counted on from the newest query of the player."""
+    messages = reading.prompt.messages
+    for at in reversed(range(len(messages))):
+        for searching in calls_of(messages[at]):
+            query = (read(searching["function"]["arguments"]).values or {}).get("query", "")
+            if match := re.fullmatch(r"\d+-(\d+)", str(query)):
+                return int(match[1]) + _steps_in(Reading(replace(reading.prompt, messages=messages[at:])))
+    return _steps_in(reading)
+
+
+def _steps_in(reading: Reading) -> int:
+    return sum(seen.tool == "act" and not seen.text.startswith("Error: ") for seen in reading.seen)
 
 
 def _texts(message: Message) -> list[str]:

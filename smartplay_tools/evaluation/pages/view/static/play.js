@@ -56,6 +56,31 @@ function actionButton(name, place) {
   return element("button", { type: "button", onclick: act }, ...keys, ` ${name}`);
 }
 
+const BUTTONS = new Set(["observe", "act", "read_manual", "take_notes"]);
+
+// A tool that the budget adds: a field for each of its arguments, and a button.
+function addedTool({ name, parameters }) {
+  const fields = Object.entries(parameters.properties).map(([key, schema]) => {
+    const input = element("input", { type: "text", "aria-label": `${name}: ${key}`, placeholder: schema.description, autocomplete: "off" });
+    return [key, schema, input];
+  });
+  const call = () => answer({ tool: name, arguments: Object.fromEntries(fields.map(argumentOf)) });
+  const button = element("button", { type: "button", onclick: call }, name);
+  return element("p", { class: "buttons" }, ...fields.map(([, , input]) => input), button);
+}
+
+// What is left empty is null where a schema allows that; what is no text is JSON.
+function argumentOf([key, schema, input]) {
+  const kinds = schema.anyOf ?? [schema];
+  if (!input.value && kinds.some(({ type }) => type === "null")) return [key, null];
+  if (kinds.some(({ type }) => type === "string")) return [key, input.value];
+  try {
+    return [key, JSON.parse(input.value)];
+  } catch {
+    return [key, input.value];
+  }
+}
+
 const QUESTIONS = { call: "Your move", action: "Choose an action", words: "Write what you think" };
 
 function showPrompt(asked) {
@@ -70,6 +95,7 @@ function showPrompt(asked) {
   $("manual").hidden = !calls;
   $("words-beside").hidden = !calls;
   $("notes").hidden = $("take-notes").hidden = !(calls && tools.has("take_notes"));
+  $("added").replaceChildren(...(calls ? asked.tools.filter(({ name }) => !BUTTONS.has(name)).map(addedTool) : []));
   $("picture").hidden = !asked.pictures;
   $("drawn").replaceChildren();
   for (const id of ["text", "say"]) $(id).value = "";

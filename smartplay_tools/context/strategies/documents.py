@@ -1,0 +1,156 @@
+"""Documents: the observations of an episode as texts that can be searched, the first result that showed each.
+
+They are read from the turns when something is looked for, each once, into an index of words. Scores are BM25 over those
+documents that a prompt does not show, so statistics of all are kept, and those of what is shown are subtracted.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from array import array
+from bisect import bisect_left
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from smartplay_tools.context.turns import Turn
+from smartplay_tools.messages import text_of
+
+if TYPE_CHECKING:
+    from smartplay_tools.context.view import View
+
+K1, B = 1.2, 0.75
+"""How soon a word that is repeated stops to count, and how much the length of a document counts."""
+DECIMALS = 9
+"""The decimals to which scores are rounded, so that they order documents alike on every machine."""
+BATCH = 32
+"""How many of the best documents are put into order at first."""
+WORD = re.compile(r"[^\W_]+")
+
+
+class Documents:
+    """The documents of an episode, in the order of their steps."""
+
+    def __init__(self) -> None:
+        self.steps: list[int] = []
+        """The observation that each document shows."""
+        self._texts: list[str] = []
+        self._turns = 0
+        """How many turns have been read."""
+        self._lengths = array("d")
+        self._words_before = [0]
+        """The words of the documents before each."""
+        self._places: dict[str, tuple[array[int], array[float]]] = {}
+        """For each word, the documents that have it, and how often."""
+
+    def read(self, turns: Sequence[Turn]) -> None:
+        """Add what the turns show that have not been read."""
+        for number in range(self._turns, len(turns)):
+            turn = turns[number]
+            for item in turn.items:
+                step = item.observation_step
+                if step is not None and (not self.steps or step > self.steps[-1]):
+                    assert item.position is not None
+                    self._add(step, f"Step {step}, after {_call(turn, item.position)}:\n{text_of(item.message)}")
+        self._turns = len(turns)
+
+    def _add(self, step: int, text: str) -> None:
+        number = len(self.steps)
+        words = [word.lower() for word in WORD.findall(text)]
+        for word, times in Counter(words).items():
+            if word not in self._places:
+                self._places[word] = array("q"), array("d")
+            documents, counts = self._places[word]
+            documents.append(number)
+            counts.append(times)
+        self.steps.append(step)
+        self._texts.append(text)
+        self._lengths.append(len(words))
+        self._words_before.append(self._words_before[-1] + len(words))
+
+    def __getitem__(self, number: int) -> str:
+        return self._texts[number]
+
+    def shown_by(self, view: View) -> list[range]:
+        """Return the documents whose observations a view shows, as ascending ranges."""
+        steps = sorted(_shown_steps(view), key=lambda each: each.start)
+        ranges: list[range] = []
+        for first, stop in ((bisect_left(self.steps, s.start), bisect_left(self.steps, s.stop)) for s in steps):
+            if ranges and first <= ranges[-1].stop:
+                ranges[-1] = range(ranges[-1].start, max(stop, ranges[-1].stop))
+            elif first < stop:
+                ranges.append(range(first, stop))
+        return ranges
+
+    def between(self, first: int, last: int, shown: Sequence[range]) -> Iterator[int]:
+        """Yield the documents of the steps from `first` to `last` that are not among those shown."""
+        for number in range(bisect_left(self.steps, first), bisect_left(self.steps, last + 1)):
+            if not any(number in each for each in shown):
+                yield number
+
+    def best(self, query: str, shown: Sequence[range]) -> Iterator[int]:
+        """Yield the documents with a word of a query that are not among those shown, by their scores, best first.
+
+        Of equal scores, newer documents come first.
+        """
+        import numpy as np  # takes longer to import than everything else here
+
+        total = len(self.steps)
+        left = total - sum(map(len, shown))
+        if not left:
+            return
+        words = self._words_before[-1] - sum(self._words_before[r.stop] - self._words_before[r.start] for r in shown)
+        norm = K1 * (1 - B + B * np.frombuffer(self._lengths) / (words / left))
+        scores = np.zeros(total)
+        for word in dict.fromkeys(word.lower() for word in WORD.findall(query)):
+            if word not in self._places:
+                continue
+            documents, counts = self._places[word]
+            having = len(documents) - sum(
+                bisect_left(documents, r.stop) - bisect_left(documents, r.start) for r in shown
+            )
+            idf = math.log(1 + (left - having + 0.5) / (having + 0.5))
+            at, times = np.frombuffer(documents, np.int64), np.frombuffer(counts)
+            scores[at] += idf * (times * (K1 + 1) / (times + norm[at]))
+        for each in shown:
+            scores[each.start : each.stop] = 0
+        matching = np.flatnonzero(scores)
+        values = np.round(scores[matching], DECIMALS)
+        given, size = 0, BATCH
+        while given < len(matching):
+            numbers, keys = matching, values
+            if size < len(matching):
+                edge = np.partition(values, -size)[-size]
+                above = np.flatnonzero(values > edge)
+                ties = np.flatnonzero(values == edge)[len(above) - size :]
+                chosen = np.concatenate([above, ties])
+                numbers, keys = matching[chosen], values[chosen]
+            ranked = sorted(zip((-keys).tolist(), (-numbers).tolist(), strict=True))
+            yield from (-number for _, number in ranked[given:])
+            given, size = len(ranked), 4 * size
+
+
+def _call(turn: Turn, position: int) -> str:
+    """The call that showed an observation, as it was played."""
+    call = turn.calls[position]
+    if call.name != "act" or call.arguments.values is None:
+        return f"{call.name}()"
+    return f'act("{call.arguments.values["action"].strip()}")'
+
+
+def _shown_steps(view: View) -> Iterator[range]:
+    """The observations that a view shows, in ranges: those of a turn, and those of a run of turns, have no gap."""
+    chosen, turns = view.selection, view.turns
+    for index in chosen.pinned:
+        turn = turns[index]
+        steps = [step for step in turn.shows if step >= chosen.oldest_of(turn)]
+        if steps:
+            yield range(steps[0], steps[-1] + 1)
+    stop = chosen.last + 1
+    first = bisect_left(turns, chosen.oldest, min(chosen.first, stop), stop, key=lambda turn: turn.step)
+    for index in range(first, stop):
+        for step in turns[index].shows:
+            if step >= chosen.oldest:
+                yield range(step, turns[chosen.last].step + 1)
+                return

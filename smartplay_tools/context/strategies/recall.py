@@ -1,0 +1,106 @@
+"""Recall: a tool that searches the observations that have left the agent's view.
+
+What a window drops or masks stays on record, and the agent can ask for it: by words, or by steps. An answer is dated by
+the step of its call, so it leaves as an observation of that step would. `docs/strategies.md` is the exact definition.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from smartplay_tools.arguments import text_parameters
+from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
+from smartplay_tools.context.strategies.documents import Documents
+from smartplay_tools.context.view import View
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.tokens import TokenCounter, truncation
+from smartplay_tools.types import RECALL_TOOL, Budget, ToolSpec
+
+STEPS = re.compile(r"\s*([0-9]{1,6})\s*(?:-\s*([0-9]{1,6})\s*)?")
+"""A query for a step, or for the steps from one to another."""
+NOTHING = "Nothing that has left your view matches."
+
+
+class Recall(BudgetStrategy):
+    """Adds `recall`, which finds observations that the prompt does not show."""
+
+    name = "recall_tokens"
+    option_help = "Cap on an answer of the tool that searches observations that have left; none: no such tool."
+
+    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+        assert budget.recall_tokens is not None
+        self._cap, self._count = budget.recall_tokens, counter.text
+        self._documents = Documents()
+        self.view: View | None = None
+        """What the prompt showed whose reply is being answered; None before the first, and without a conversation."""
+        usage = f'Call {RECALL_TOOL} with {{"query": "..."}}.'
+        self.tools = (StrategyTool(recall_spec(self._cap), "query", usage, self._answer),)
+
+    @classmethod
+    def refusal(cls, budget: Budget, history: int | None) -> str | None:
+        """Return why there is nothing to find: no observation ever leaves."""
+        if budget.prompt_tokens is None and history is None:
+            return "recall_tokens has nothing to find where no observation ever leaves; give prompt_tokens a number."
+        return None
+
+    def check(self, budget: Budget, least: int) -> None:
+        """Raise an `InvalidArgumentError` if a prompt cannot hold an answer beside a result.
+
+        `least` counts what every prompt holds, and what is kept free.
+        """
+        cap, results = budget.prompt_tokens, budget.result_tokens
+        needed = least + self._cap + (results if isinstance(results, int) else 0)
+        if cap is not None and cap < needed:
+            raise InvalidArgumentError(
+                f"recall_tokens={self._cap} needs prompt_tokens of at least {needed}, for an answer beside a result; "
+                "lower it, or raise prompt_tokens well above that."
+            )
+
+    def _answer(self, query: str) -> ToolAnswer:
+        """Answer with the first documents that fit the cap."""
+        view = self.view
+        if view is None:
+            reason = f"{RECALL_TOOL} searches what a prompt does not show, and no prompt was sent."
+            return ToolAnswer(reason, mistake="refused")
+        self._documents.read(view.turns)
+        shown = self._documents.shown_by(view)
+        if (steps := STEPS.fullmatch(query)) is not None:
+            first, last = int(steps[1]), int(steps[2] or steps[1])
+            found = self._documents.between(first, last, shown)
+        else:
+            found = self._documents.best(query, shown)
+        return self._fitted(found)
+
+    def _fitted(self, found: Iterator[int]) -> ToolAnswer:
+        """The longest beginning of a list of documents that fits the cap; at least the beginning of the first."""
+        numbers, texts = list[int](), list[str]()
+
+        def fits(count: int) -> bool:
+            while len(texts) < count and (number := next(found, None)) is not None:
+                numbers.append(number)
+                texts.append(self._documents[number])
+            return len(texts) >= count and self._count("\n\n".join(texts[:count])) <= self._cap
+
+        low, high = 0, 1
+        while fits(high):
+            low, high = high, 2 * high
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if fits(middle) else (low, middle)
+        if low:
+            return self._recalled("\n\n".join(texts[:low]), numbers[:low], is_cut=False)
+        text = texts[0] if texts else NOTHING
+        if self._count(text) <= self._cap:
+            return self._recalled(text, numbers, is_cut=False)
+        return self._recalled(truncation.cut_end(text, self._cap, self._count), numbers[:1], is_cut=True)
+
+    def _recalled(self, text: str, numbers: list[int], *, is_cut: bool) -> ToolAnswer:
+        return ToolAnswer(text, {"recalled": [self._documents.steps[number] for number in numbers]}, is_cut=is_cut)
+
+
+def recall_spec(cap: int) -> ToolSpec:
+    """Return the tool with which an agent searches; an answer has at most `cap` tokens."""
+    description = f"Search the observations that have left your view. An answer has at most {cap} tokens."
+    query = "Words to look for, or steps: 12, or 12-15."
+    return ToolSpec(RECALL_TOOL, description, text_parameters(query=query))

@@ -1,0 +1,231 @@
+"""Recall: what is found, what an answer may take, how long it stays, and what is on record of it."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.records import Record
+from smartplay_tools.types import Budget, EpisodeResult
+from tests import scripts
+from tests.test_conversation import acting, calling
+
+RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
+NOTHING = "Nothing that has left your view matches."
+
+
+def begin(events=None, game=RPS, **budget):
+    asked = {"recall_tokens": 400, "history": 1, "stalled_turns": None, **budget}
+    return sp.Conversation(sp.Episode(game, seed=1, transcript=events, budget=sp.Budget(**asked)))
+
+
+def recalling(query):
+    return "recall", json.dumps({"query": query})
+
+
+def asked(conversation, query):
+    (result,) = conversation.receive(calling(recalling(query)))
+    return result.text
+
+
+def steps_in(text):
+    return [int(line.split()[1].strip(",")) for line in text.splitlines() if line.startswith("Step ")]
+
+
+@pytest.fixture
+def later():
+    """A conversation whose next prompt shows the observations 5 and 6 of six."""
+    conversation = begin()
+    for hand in ("Rock", "Paper", " Scissor ", "1", "Paper.", "Rock"):
+        conversation.receive(calling(("act", json.dumps({"action": hand}))))
+    return conversation
+
+
+@pytest.mark.parametrize(
+    ("query", "steps"),
+    [
+        ("3", [3]),
+        ("2-4", [2, 3, 4]),
+        (" 1 - 999999 ", [1, 2, 3, 4]),
+        ("4-2", []),
+        ("5-6", []),
+        ("0", []),
+        ("lizard", []),
+        ("", []),
+        ("Step-4", [4, 3, 2, 1]),
+        ("SCISSOR after", [3]),
+    ],
+)
+def test_steps_come_in_their_order_and_words_by_what_they_say(later, query, steps):
+    text = asked(later, query)
+    assert steps_in(text)[: len(steps) or 1] == steps
+    assert (text == NOTHING) == (not steps)
+
+
+def test_a_document_says_how_it_came_about(later):
+    assert asked(later, "3-4").startswith('Step 3, after act("Scissor"):\nYou chose Scissor')
+    assert 'Step 4, after act("1"):' in asked(later, "4")
+
+
+def test_the_first_result_that_showed_an_observation_is_the_document():
+    conversation = begin()
+    for _ in range(2):
+        conversation.receive(calling(("observe", "{}")))
+    for _ in range(3):
+        conversation.receive(acting())
+        conversation.receive(calling(("observe", "{}")))
+    assert asked(conversation, "0-9").split("\n")[0] == "Step 0, after observe():"
+    assert steps_in(asked(conversation, "0-9")) == [0, 1]
+    assert "observe" not in asked(conversation, "1")
+
+
+def test_all_calls_of_a_message_have_the_documents_of_its_prompt(later):
+    first, _, second = later.receive(calling(recalling("1-99"), ("act", '{"action": "Rock"}'), recalling("1-99")))
+    assert first.text == second.text
+    assert steps_in(first.text) == [1, 2, 3, 4]
+
+
+def test_an_answer_ages_as_an_observation_of_its_step(later):
+    asked(later, "1")
+    shown = []
+    for _ in range(3):
+        shown.append("Step 1, after" in str(later.prompt().messages))
+        later.receive(acting())
+    assert shown == [True, True, False]
+
+
+def test_where_turns_are_masked_so_is_an_answer():
+    conversation = begin(beyond_history="mask", recall_tokens=60)
+    for _ in range(4):
+        conversation.receive(acting())
+    asked(conversation, "1")
+    conversation.receive(acting())
+    conversation.receive(acting())
+    masked = [m["content"] for m in conversation.prompt().messages if m["role"] == "tool"]
+    assert masked[4] == "[observation left the history window]"
+    assert conversation.view.shown_steps == 2
+
+
+def test_what_does_not_fit_is_left_out_and_a_long_document_is_cut():
+    conversation = begin(recall_tokens=50, stalled_turns=None)
+    for _ in range(9):
+        conversation.receive(acting())
+    count = conversation.episode.counter.text
+    assert steps_in(asked(conversation, "1-9")) == [1]
+    short = begin(recall_tokens=12)
+    for _ in range(9):
+        short.receive(acting())
+    text = asked(short, "2")
+    assert text.startswith("Step 2")
+    assert text.endswith("tokens cut]")
+    assert count(text) <= 12
+    assert short.episode.stats.cut_results == 1
+
+
+def test_the_cap_of_results_is_not_that_of_answers():
+    conversation = begin(result_tokens=10, recall_tokens=100)
+    for _ in range(4):
+        conversation.receive(acting())
+    assert steps_in(asked(conversation, "1-2")) == [1, 2]
+    assert conversation.episode.counter.text(asked(conversation, "x " * 50)) <= 10
+
+
+@pytest.mark.parametrize("arguments", ['{"query": 5}', "{}", '{"query": "1", "more": "2"}', "[]", ""])
+def test_a_query_that_is_no_text_is_malformed(arguments):
+    conversation = begin()
+    (result,) = conversation.receive(calling(("recall", arguments)))
+    assert result.is_error
+    assert 'Call recall with {"query": "..."}.' in result.text
+    assert (conversation.episode.stats.malformed_calls, conversation.episode.stats.recalls) == (1, 0)
+
+
+def test_without_a_prompt_there_is_nothing_to_compare_with():
+    with sp.Episode(RPS, seed=1, budget=sp.Budget(recall_tokens=50)) as episode:
+        result = episode.call("recall", {"query": "1"})
+    assert result.is_error
+    assert "no prompt was sent" in result.text
+    assert (episode.result.recalls, episode.result.refused_calls) == (0, 1)
+
+
+def test_it_is_refused_where_nothing_leaves_or_an_answer_cannot_fit():
+    with pytest.raises(sp.InvalidArgumentError, match="recall_tokens has nothing to find where no observation ever"):
+        begin(history=None)
+    with pytest.raises(
+        sp.InvalidArgumentError, match=r"recall_tokens=400 needs prompt_tokens of at least \d+"
+    ) as refused:
+        begin(prompt_tokens=600, result_tokens=30)
+    needed = int(re.search(r"at least (\d+)", str(refused.value))[1])
+    assert begin(prompt_tokens=needed, result_tokens=30).prompt() is not None
+    with pytest.raises(sp.InvalidArgumentError, match=f"at least {needed}"):
+        begin(prompt_tokens=needed - 1, result_tokens=30)
+    with pytest.raises(sp.InvalidArgumentError, match='recall_tokens needs a window over tool calls, and context="ho'):
+        sp.Episode(RPS, seed=1, context="host", budget=sp.Budget(recall_tokens=50))
+
+
+def test_the_same_question_again_brings_nothing_new(later):
+    stalls = later.episode._stalls
+    asked(later, "1")
+    assert stalls.in_a_row == 0
+    asked(later, "1")
+    assert stalls.in_a_row == 1
+    asked(later, "2")
+    assert stalls.in_a_row == 0
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"beyond_history": "mask", "slack": 0.5},
+        {"notes_tokens": 60, "own_words": 2},
+        {"first_turns": 2},
+        {"summary_tokens": 40, "slack": 0.5},
+    ],
+    ids=lambda more: " and ".join(more) or "alone",
+)
+def test_records_replay_resume_and_add_up(more):
+    events = []
+    budget = sp.Budget(**{"prompt_tokens": 1_200, "recall_tokens": 150, "history": 10, **more})
+    with sp.Episode(BANDIT, seed=3, budget=budget, transcript=events) as episode:
+        result = sp.play(episode, sp.get_player("rule-notes", words=False))
+    assert result.end_reason == "rollout"
+    assert result.deviations["recall_tokens"] == {"paper": None, "played": 150}
+    assert ("notes_tokens" in more) == (result.recalls == 0)
+    scripts.check_record(scripts.as_json(events))
+    recalled = [event["data"]["recalled"] for event in events if event["event"] == "call" and event["name"] == "recall"]
+    assert result.recalls == len(recalled)
+
+
+def test_an_answer_counts_as_observations_in_the_accounts():
+    events = []
+    conversation = begin(events)
+    for _ in range(4):
+        conversation.receive(acting())
+    asked(conversation, "1-2")
+    conversation.episode.close()
+    turn = Record(scripts.as_json(events)).turns[-1]
+    assert (turn.shows, turn.dates, turn.items[0].date) == ((), (4,), 4)
+
+
+def test_a_row_without_recalls_is_that_of_before():
+    with sp.Episode(RPS, seed=1) as episode:
+        result = sp.play(episode, sp.get_player("rule"))
+    assert "recalls" not in result.model_dump()
+    assert EpisodeResult.from_record(result.model_dump()) == result
+    assert Budget(recall_tokens=80).describe() == "recalls <= 80"
+    assert "recall" not in json.dumps(Budget().model_dump())
+
+
+def test_the_rule_player_with_recall_loses_less_of_the_bandit():
+    def score(**budget):
+        scores = []
+        for seed in range(8):
+            with sp.Episode(BANDIT, seed=seed, budget=sp.Budget(history=None, **budget)) as episode:
+                scores.append(sp.play(episode, sp.get_player("rule-notes", words=False)).score)
+        return sum(scores)
+
+    plain, searching, full = score(prompt_tokens=700), score(prompt_tokens=700, recall_tokens=100), score()
+    assert plain < searching <= full
