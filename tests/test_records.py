@@ -12,14 +12,17 @@ from typing import Any, get_args, get_type_hints
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 import smartplay_tools as sp
+from smartplay_tools.cli import app
 from smartplay_tools.context import TurnBuilder
 from smartplay_tools.episode import EpisodeStats
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.players import get_player
 from smartplay_tools.records import Record
 from smartplay_tools.transcript import EVENTS, FORMAT, TranscriptWriter
+from smartplay_tools.types import ToolCall
 from tests import scripts
 
 RPS, HANOI = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
@@ -128,10 +131,31 @@ def replaced(event: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[s
     return event
 
 
+@pytest.fixture(scope="module")
+def called() -> list[dict[str, Any]]:
+    """A record of calls without a conversation, several to a turn."""
+    events: list[dict[str, Any]] = []
+    with sp.Episode(HANOI, seed=2, transcript=events) as episode:
+        episode.call_batch([ToolCall("observe", {}), ToolCall("act", {"action": "1"})])
+        episode.call_batch([ToolCall("act", {"action": "2"}), ToolCall("act", "{")])
+    return [{name: value for name, value in event.items() if name != "chain"} for event in events]
+
+
+@pytest.fixture(scope="module")
+def on_paper() -> list[dict[str, Any]]:
+    """A record of the paper's protocol."""
+    events: list[dict[str, Any]] = []
+    with sp.Episode(RPS, seed=2, transcript=events) as episode:
+        sp.play(episode, get_player("rule"), protocol="paper")
+    return [{name: value for name, value in event.items() if name != "chain"} for event in events]
+
+
 @settings(deadline=None, derandomize=True, database=None)
 @given(st.data())
-def test_whatever_is_done_to_a_record_replay_finds_differences_or_says_one_sentence(recorded, full, data):
-    events = list(data.draw(st.sampled_from([recorded, full])))
+def test_whatever_is_done_to_a_record_replay_finds_differences(recorded, full, called, on_paper, data):
+    """Only a record that does not say which episode it is, and a line that is not an event, are refused."""
+    whole = data.draw(st.sampled_from([recorded, full, called, on_paper]))
+    events = list(whole)
     values = st.sampled_from([None, "", -1, 0, 10**30, 0.5, True, [], {}, [[]], "act", float("nan"), {"event": "call"}])
     for _ in range(data.draw(st.integers(1, 3))):
         at, other = (data.draw(st.integers(0, len(events) - 1)) for _ in range(2))
@@ -147,7 +171,10 @@ def test_whatever_is_done_to_a_record_replay_finds_differences_or_says_one_sente
                 events[at] = replaced(events[at], path, data.draw(values))
             case "delete":
                 events[at] = changed(events[at], data.draw(st.sampled_from(leaves(events[at])[1:])), remove=True)
-    replay_or_sentence(events)
+    if events[0] == whole[0] and all(isinstance(event.get("event"), str) for event in events):
+        sp.replay(events)
+    else:
+        replay_or_sentence(events)
 
 
 def replay_or_sentence(events: list[dict[str, Any]]) -> sp.Replay | str:
@@ -160,7 +187,7 @@ def replay_or_sentence(events: list[dict[str, Any]]) -> sp.Replay | str:
     return sentence
 
 
-def test_a_record_whose_calls_were_played_out_of_order_is_refused(tmp_path):
+def test_a_record_whose_calls_were_played_out_of_order_differs(tmp_path):
     events: list[dict[str, Any]] = []
     with sp.Episode(HANOI, seed=2, transcript=events) as episode:
         conversation = sp.Conversation(episode)
@@ -170,8 +197,16 @@ def test_a_record_whose_calls_were_played_out_of_order_is_refused(tmp_path):
         conversation.receive({"role": "assistant", "content": None, "tool_calls": calls})
     first, second = (at for at, event in enumerate(events) if event["event"] == "call" and event["position"] < 2)
     events[first], events[second] = events[second], events[first]
-    with pytest.raises(TranscriptError, match=r"event 7 \(call\): The call a comes before one that has been answered"):
-        sp.replay(events)
+    replayed = sp.replay(events)
+    assert not replayed.identical
+    assert re.search(r"chain is broken", replayed.differences[0])
+    assert re.search(r"event 7 \(call\): The call a comes before one that has been answered", replayed.differences[-1])
+
+    path = write(tmp_path / "swapped.jsonl", events)
+    ran = CliRunner().invoke(app, ["replay", str(path)])
+    assert ran.exit_code == 1
+    shown = json.loads(CliRunner().invoke(app, ["replay", str(path), "--json"]).output)
+    assert shown["differences"] == replayed.differences
 
 
 def test_a_record_without_its_end_is_incomplete_at_every_length(recorded, tmp_path):
@@ -186,15 +221,12 @@ def test_a_record_without_its_end_is_incomplete_at_every_length(recorded, tmp_pa
     ("kind", "field", "value"),
     [("view", "masked", [1]), ("call", "position", 5), ("message", "turn", 9), ("view", "turns", None)],
 )
-def test_what_makes_no_sense_is_a_transcript_error_that_names_event_and_field(recorded, tmp_path, kind, field, value):
+def test_what_makes_no_sense_is_a_difference_that_names_event_and_field(recorded, tmp_path, kind, field, value):
     events = copy.deepcopy(recorded)
     next(event for event in reversed(events) if event["event"] == kind)[field] = value
-    path = write(tmp_path / "wrong.jsonl", events)
-    try:
-        sentence = " ".join(sp.replay(path).differences)
-    except TranscriptError as error:
-        sentence = str(error)
-    assert f"({kind}" in sentence
+    replayed = sp.replay(write(tmp_path / "wrong.jsonl", events))
+    assert not replayed.identical
+    assert f"({kind}" in " ".join(replayed.differences)
 
 
 def test_counters_and_turns_are_folds_over_the_events(recorded):

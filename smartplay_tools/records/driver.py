@@ -71,11 +71,7 @@ class Driver:
         """Whether a host added messages or tools to a head."""
         self._kind = kind
         self._protocol = config.protocol
-        self._usages = {
-            (event["turn"], concerns_summary(event)): event["provider"]
-            for event in self.recorded
-            if event["event"] == "usage" and "reply" in event
-        }
+        self._usages: dict[tuple[int, bool], Mapping[str, Any]] = {}
 
     def run(self, *, with_end: bool = True) -> None:
         """Feed all events; `with_end` says whether an end from outside the game is taken from the record too.
@@ -83,9 +79,12 @@ class Driver:
         An inconsistent record raises a `TranscriptError` that names the event and the field.
         """
         heads = [event for event in self.recorded if event["event"] == "head"]
-        if not heads:
-            self._run_calls()
         with ErrorLocation() as at:
+            for at.number, at.event in enumerate(self.recorded, start=1):
+                if at.event["event"] == "usage" and "reply" in at.event:
+                    self._usages[at.event["turn"], concerns_summary(at.event)] = at.event["provider"]
+            if not heads:
+                self._run_calls(at)
             for at.number, at.event in enumerate(self.recorded, start=1):
                 if at.event["event"] != "end" or with_end:
                     self._feed(at.event)
@@ -149,11 +148,16 @@ class Driver:
         self.has_host_part = self.has_host_part or bool(messages or foreign)
         return messages, foreign
 
-    def _run_calls(self) -> None:
+    def _run_calls(self, at: ErrorLocation) -> None:
         """Feed a record without a conversation: the calls of a turn are a batch."""
+
+        def calls() -> Iterator[Event]:
+            for at.number, at.event in enumerate(self.recorded, start=1):
+                if at.event["event"] == "call":
+                    yield at.event
+
         self.episode.begin()
-        calls = (event for event in self.recorded if event["event"] == "call")
-        for _, batch in groupby(calls, key=lambda event: event["turn"]):
+        for _, batch in groupby(calls(), key=lambda event: event["turn"]):
             self.episode.call_batch([ToolCall(e["name"], e["arguments"], e.get("call_id")) for e in batch])
 
     def _end(self, result: Mapping[str, Any]) -> None:
@@ -163,9 +167,11 @@ class Driver:
         elif reason in EXTERNAL_ENDS:
             self.episode.end(reason, detail=result.get("detail"))
 
-    def differences(self) -> Iterator[str]:
-        """Yield a sentence for every field in which the two records differ."""
+    def differences(self, *, to_end: bool = True) -> Iterator[str]:
+        """Yield a sentence for every field in which the two records differ; without `to_end`, in what was played."""
         recorded, again = self.recorded, self.record.events
+        if not to_end:
+            recorded = recorded[: len(again)]
         if not recorded or recorded[-1]["event"] != "end":
             # The process died; what it wrote is compared, what the replay adds at its own end is not.
             again = again[: len(recorded)]

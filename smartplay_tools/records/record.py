@@ -157,7 +157,7 @@ class Record:
 
     def _take(self, kind: str, event: Written) -> None:
         match kind:
-            case "start":
+            case "start" if self.start is None:  # an episode begins once; another start is a fault that replay finds
                 self.start = self._parsed(event)
             case "end" | "exception":
                 self.ending = self._parsed(event)

@@ -4,6 +4,10 @@ A replay verifies three things: that no event was changed, lost or moved (the ch
 same results and counts (the play), and that every prompt has its sha256. It writes a record of its own; one of the same
 bytes has all three, and otherwise they are looked at one by one. Versions may differ, because a replay is meant to show
 whether another version plays the same. It cannot verify who wrote the replies.
+
+What is wrong with a record is always a difference, also where the play cannot go on: events that do not have the fields
+of their kind, or come in an order in which nothing can be played. An exception means that there is nothing to compare:
+the file is not a transcript, or the episode that it names cannot be played on this machine.
 """
 
 from __future__ import annotations
@@ -32,7 +36,7 @@ class Replay:
     differences: list[str]
     """One sentence per difference; empty if the play is identical."""
     result: EpisodeResult | None
-    """The result of the replayed episode; None if the transcript is incomplete."""
+    """The result of the replayed episode; None if the transcript is incomplete or cannot be played to its end."""
     resumed: tuple[int, ...] = ()
     """The events, counted from 1, at which the episode was continued from its record."""
     has_host_part: bool = False
@@ -40,7 +44,7 @@ class Replay:
 
     @property
     def complete(self) -> bool:
-        """Whether the record holds the episode to its end."""
+        """Whether the record holds the episode to its end, and could be played to it."""
         return self.result is not None
 
     @property
@@ -50,7 +54,11 @@ class Replay:
 
 
 def replay(source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer | None = None) -> Replay:
-    """Replay a transcript, given as a file or its events; raise a `SmartPlayError` if it cannot be played here.
+    """Replay a transcript, given as a file or its events, and list every difference.
+
+    A record that is broken in any way has `differences`; where its events cannot be played on, the last of them says
+    which event and why. What is not a transcript is a `TranscriptError`, and an episode whose game, engine or
+    tokenizer is not here is the `SmartPlayError` that says so.
 
     `tokenizer` is required if the record was counted with a tokenizer object of yours, or with a file that was moved.
     """
@@ -64,22 +72,40 @@ def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None) -
     recorded, written = record.events, record.written
     if written is None:
         written = b"".join(event_line(event) + b"\n" for event in recorded)
+    driver = _driver(record, tokenizer)
+    differences: list[str] = []
     try:
-        driver = Driver(recorded, tokenizer=tokenizer, config=record.config)
-        with driver.episode:
-            driver.run()
-            # The same bytes are the same events with the same chain, and the prompts that the replay has just made.
-            differences = []
-            if driver.record.written != written:
-                differences = [*_broken(recorded), *driver.differences(), *_tampered(recorded)]
+        stop = _stop(driver)
+        # The same bytes are the same events with the same chain, and the prompts that the replay has just made.
+        if stop is not None:
+            differences = [*_broken(recorded), *driver.differences(to_end=False), stop]
+        elif driver.record.written != written:
+            differences = [*_broken(recorded), *driver.differences(), *_tampered(recorded)]
+    finally:
+        driver.episode.game.close()
+    resumed = tuple(number for number, event in enumerate(recorded, start=1) if event["event"] == "resume")
+    result = driver.episode.result if record.is_complete else None
+    return Replay(len(recorded), differences, result, resumed, driver.has_host_part)
+
+
+def _driver(record: Record, tokenizer: str | Tokenizer | None) -> Driver:
+    """The new episode that a record is fed to; its start event decides whether there is one."""
+    try:
+        return Driver(record.events, tokenizer=tokenizer, config=record.config)
     except SmartPlayError:
         raise
     except SENSELESS as error:
         name = record.path or "The record"
         raise TranscriptError(f"{name} cannot be replayed: {type(error).__name__}: {in_one_line(error)}.") from error
-    resumed = tuple(number for number, event in enumerate(recorded, start=1) if event["event"] == "resume")
-    result = driver.episode.result if record.is_complete else None
-    return Replay(len(recorded), differences, result, resumed, driver.has_host_part)
+
+
+def _stop(driver: Driver) -> str | None:
+    """Feed the record; return the sentence about the event at which it cannot be played on, or None."""
+    try:
+        driver.run()
+    except TranscriptError as error:
+        return str(error)
+    return None
 
 
 def read_events(source: str | Path | Sequence[Event]) -> list[Event]:
@@ -103,6 +129,9 @@ def _broken(recorded: Sequence[Event]) -> Iterator[str]:
 
 
 def _tampered(recorded: Sequence[Event]) -> Iterator[str]:
-    for sent in sent_prompts(recorded):
-        if sent.sha256 != sent.recorded_sha256:
-            yield f"The rebuilt prompt of turn {sent.turn} has a different sha256 than in the record."
+    try:
+        for sent in sent_prompts(recorded):
+            if sent.sha256 != sent.recorded_sha256:
+                yield f"The rebuilt prompt of turn {sent.turn} has a different sha256 than in the record."
+    except SENSELESS as error:
+        yield f"The prompts of the record cannot be rebuilt: {type(error).__name__}: {in_one_line(error)}."

@@ -69,7 +69,9 @@ def _audit(record: Path, row: Row, *, tokenizer: str | None) -> EpisodeAudit:
     try:
         read = Record.read(record)
         replayed = replay_record(read, tokenizer=tokenizer)
-        differences = [*replayed.differences, *_row_differences(read, row)]
+        differences = [*replayed.differences]
+        if replayed.complete or not read.is_complete:
+            differences += _row_differences(read, row)
     except SmartPlayError as error:
         differences = [str(error)]
     return EpisodeAudit(row["key"], row["game"], tuple(differences))

@@ -127,8 +127,9 @@ def _check(job: RecordJob, checked: CheckedRecord) -> Iterator[Finding]:
         yield error("record", difference, key)
     if len(played.differences) > SHOWN_DIFFERENCES:
         yield error("record", f"{len(played.differences) - SHOWN_DIFFERENCES} more differences in this record.", key)
-    if played.result is None:
+    if not record.is_complete:
         yield error("record", "The record breaks off: it does not say how the episode ended.", key)
+    if played.result is None:
         return
     if b"".join(event_line(event) + b"\n" for event in record.events) != record.written:
         yield error("record", "The record is not written as this library writes it.", key)
