@@ -7,6 +7,7 @@ stored and read back (`Budget`, `EpisodeResult`) are pydantic models. Chat messa
 
 from __future__ import annotations
 
+import functools
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -163,7 +164,8 @@ class Budget(Recorded):
         Without `beside` these are the defaults, so the default budget is an empty text.
         """
         beside = beside or Budget()
-        return ", ".join(words for name, words in self.words().items() if getattr(self, name) != getattr(beside, name))
+        differing = (name for name in Budget.model_fields if getattr(self, name) != getattr(beside, name))
+        return ", ".join(_in_words(name, getattr(self, name)) for name in differing)
 
     def words(self) -> dict[str, str]:
         """Return every field in words, the defaults included; tables, messages and pages take them from here."""
@@ -190,6 +192,7 @@ _CAPPED = {
 """What each cap of a budget is a cap on."""
 
 
+@functools.lru_cache(1_000, typed=True)
 def _in_words(name: str, value: Any) -> str:
     match name:
         case "history":

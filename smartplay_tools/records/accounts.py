@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
 from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
@@ -80,20 +82,10 @@ class Accounts:
         strategies = Strategies(self._budget, self._counter)
         self._drops, self._form = strategies.ageing.drops, strategies.summaries
         self._index = TokenIndex(self._counter)
-        self._whole = [[0] * len(PARTS)]
-        self._hidden = [[0] * len(PARTS)]
-        """The parts of the turns before each, unmasked and with every observation masked."""
-        self._spoken = [[0] * len(PARTS)]
-        """What bare replies of the turns before each save."""
-        self._replies: list[Tokens] = []
-        """The parts of each turn's reply."""
         for turn in record.turns:
             self._index.append(turn)
-            self._replies.append(whole := self._parts_of_reply(turn, turn.assistant))
-            bare = self._parts_of_reply(turn, turn.bare) if turn.is_wordy else whole
-            self._spoken.append(_plus(self._spoken[-1], _minus(whole, bare)))
-            self._whole.append(_plus(self._whole[-1], self._parts_of(turn, 0)))
-            self._hidden.append(_plus(self._hidden[-1], self._parts_of(turn, turn.step + 1)))
+        self._replies = [self._parts_of_reply(turn, turn.assistant) for turn in record.turns]
+        """The parts of each turn's reply."""
         self._heads: dict[tuple[int, str | None], tuple[int, int]] = {}
 
     @classmethod
@@ -102,6 +94,23 @@ class Accounts:
         if record.is_paper or not record.views or split_rule(record.config.tokenizer)[0] not in COUNTED_WITH:
             return None
         return cls(record)
+
+    @cached_property
+    def _whole(self) -> list[Tokens]:
+        """The parts of the turns before each, unmasked."""
+        return _sums(self._parts_of(turn, 0) for turn in self._index.turns)
+
+    @cached_property
+    def _hidden(self) -> list[Tokens]:
+        """The parts of the turns before each, with every observation masked."""
+        return _sums(self._parts_of(turn, turn.step + 1) for turn in self._index.turns)
+
+    @cached_property
+    def _spoken(self) -> list[Tokens]:
+        """What bare replies of the turns before each save."""
+        pairs = zip(self._index.turns, self._replies, strict=True)
+        bare = ((whole, self._parts_of_reply(turn, turn.bare) if turn.is_wordy else whole) for turn, whole in pairs)
+        return _sums(_minus(*each) for each in bare)
 
     def sizes(self) -> Iterator[tuple[int, int]]:
         """Yield the tokens of each turn, unmasked and with every observation masked."""
@@ -122,12 +131,14 @@ class Accounts:
             return self._chosen_parts(view, tokens)
         spoken = self._index.first_from(view.get("words", 0))
         for first, last in view["turns"]:
-            tokens = _minus(tokens, _minus(self._spoken[max(first, min(last + 1, spoken))], self._spoken[first]))
+            if spoken > first:
+                tokens = _minus(tokens, _minus(self._spoken[min(last + 1, spoken)], self._spoken[first]))
             if first == last == notes:
                 tokens = _plus(tokens, _minus(self._hidden[last + 1], self._hidden[first]))
                 continue
             edge = min(max(self._index.first_from(oldest), first), last + 1)
-            tokens = _plus(tokens, _minus(self._hidden[edge], self._hidden[first]))
+            if edge > first:
+                tokens = _plus(tokens, _minus(self._hidden[edge], self._hidden[first]))
             if edge <= last:
                 tokens = _plus(tokens, self._parts_of(self._index.turns[edge], oldest))
                 tokens = _plus(tokens, _minus(self._whole[last + 1], self._whole[edge + 1]))
@@ -252,6 +263,11 @@ def _oldest(view: ViewEvent, turns: Sequence[Turn]) -> int:
 def _numbers(ranges: Iterable[Sequence[int]]) -> Iterator[int]:
     for first, last in ranges:
         yield from range(first, last + 1)
+
+
+def _sums(parts: Iterable[Tokens]) -> list[Tokens]:
+    """Return the sums of the parts before each place."""
+    return list(accumulate(parts, _plus, initial=[0] * len(PARTS)))
 
 
 def _plus(tokens: Tokens, more: Tokens) -> Tokens:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.games.base import TextGame
 from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 from smartplay_tools.records.driver import Driver
 from smartplay_tools.records.replays import read_events
 from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event
+
+if TYPE_CHECKING:
+    from smartplay_tools.games.base import TextGame
 
 
 def recorded_pictures(

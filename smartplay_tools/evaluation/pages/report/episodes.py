@@ -6,6 +6,8 @@ which keeps ten thousand steps small.
 
 from __future__ import annotations
 
+import functools
+import json
 import math
 from collections import defaultdict
 from collections.abc import Mapping
@@ -20,7 +22,7 @@ from smartplay_tools.games.specs import GAMES
 from smartplay_tools.messages import text_of
 from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.records.record import Record
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.events import CallEvent, concerns_summary
 from smartplay_tools.types import Budget, ResolvedBudget
 
@@ -47,13 +49,10 @@ def episode_data(key: str, record: Record, facts: Mapping[str, Any]) -> dict[str
     start = record.facts
     head: Mapping[str, Any] = record.heads[0] if record.heads else {}
     spec = GAMES.get(record.game)
-    budget = ResolvedBudget(**record.budget)
-    asking = Strategies(budget, TokenCounter("approximate")).summaries
     return {
         "key": key,
         **{name: start.get(name) for name in FACTS},
-        "limits": budget.words(),
-        "asked": Budget.from_record(start["asked"]).words(),
+        **_budget_facts(json.dumps(record.budget), json.dumps(start["asked"])),
         "family": spec.family if spec else None,
         "rollout": start["setting"]["rollout"],
         "trial": facts.get("trial"),
@@ -61,13 +60,24 @@ def episode_data(key: str, record: Record, facts: Mapping[str, Any]) -> dict[str
         "status": status(record, finished_later=facts.get("finished_later", False)),
         "head": head.get("messages", []),
         "tools": head.get("tools", []),
-        "summary_request": None if asking is None else text_of(asking.question),
         "first_observations": [*head.get("before", []), head.get("observation")],
         **accounts(record, turns(record)),
         "result": record.result_data,
         "error": record.error,
         "traceback": record.traceback,
         "check": check(record),
+    }
+
+
+@functools.lru_cache(64)
+def _budget_facts(numbers: str, asked: str) -> Mapping[str, Any]:
+    """What the page says of a budget, as it was resolved and as it was asked for; a run has few of them."""
+    budget = ResolvedBudget(**json.loads(numbers))
+    asking = Strategies(budget, shared_counter("approximate")).summaries
+    return {
+        "limits": budget.words(),
+        "asked": Budget.from_record(json.loads(asked)).words(),
+        "summary_request": None if asking is None else text_of(asking.question),
     }
 
 
