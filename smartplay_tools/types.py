@@ -24,6 +24,7 @@ __all__ = [
     "TOOL_NAMES",
     "AsyncPlayer",
     "BeyondHistory",
+    "BeyondResult",
     "Budget",
     "Cap",
     "Count",
@@ -55,8 +56,14 @@ NOTES_TOOL: Final = "take_notes"
 RECALL_TOOL: Final = "recall"
 """The tool that an agent has in addition where the budget has `recall_tokens`."""
 
+PAGES_TOOL: Final = "read_result"
+"""The tool that an agent has in addition where the budget has `beyond_result="offload"`."""
+
 BeyondHistory = Literal["drop", "mask"]
 """What becomes of a turn that is older than `history`: it is dropped, or stays with its observations masked."""
+
+BeyondResult = Literal["cut", "offload"]
+"""What becomes of an observation that is over `result_tokens`: its end is cut, or a tool reads on."""
 
 ObservationForm = Literal["text", "picture", "both"]
 """What an observation is: words, a picture that the game makes of itself, or both."""
@@ -104,11 +111,12 @@ STRATEGIES: Mapping[str, Any] = {
     "own_words": None,
     "first_turns": None,
     "recall_tokens": None,
+    "beyond_result": "cut",
     "strategy": None,
 }
 """The fields of a budget that say what becomes of the past, and their defaults: it is dropped."""
 
-WORDS = ("beyond_history", "strategy")
+WORDS = ("beyond_history", "beyond_result", "strategy")
 """Those of them whose values are words; the others are numbers."""
 
 
@@ -149,6 +157,9 @@ class Budget(Recorded):
     """The number of first turns that stay visible when later ones leave, as far as they fit; None: none of them."""
     recall_tokens: Cap | None = None
     """Cap on an answer of the tool `recall`, which searches observations that have left; None: no such tool."""
+    beyond_result: BeyondResult = "cut"
+    """What becomes of observations over `result_tokens`: "cut" loses their end, "offload" shows their beginning and
+    adds the tool `read_result`, which reads on."""
     strategy: Annotated[str, Field(strict=True, min_length=1)] | None = None
     """The strategy that chooses the turns of a prompt: FILE.py:CLASS, or the name of one that an installed package
     declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
@@ -201,6 +212,8 @@ def _in_words(name: str, value: Any) -> str:
             return f"slack {value:g}"
         case "beyond_history":
             return "masking" if value == "mask" else "dropping"
+        case "beyond_result":
+            return "offloading" if value == "offload" else "cutting"
         case "notes_tokens" | "summary_tokens" | "recall_tokens" if value is None:
             return f"no {_CAPPED[name]}"
     if name == "own_words":
@@ -235,7 +248,7 @@ class ResolvedBudget(Budget):
 
 @dataclass(frozen=True, slots=True)
 class ToolSpec:
-    """A tool as it is described to the model; `parameters` is JSON Schema, of the game's tools one for strict modes."""
+    """A tool as it is described to the model; `parameters` is JSON Schema that strict modes accept."""
 
     name: str
     description: str
@@ -460,7 +473,7 @@ class EpisodeResult(Recorded):
     """The result of an episode, a row of `results.jsonl`. It contains no times, so equal play gives equal rows."""
 
     later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
-        ("cut_summaries", "empty_summaries", "recalls", "refused_notes", "summaries", "unusable_usages"), 0
+        ("cut_summaries", "empty_summaries", "pages", "recalls", "refused_notes", "summaries", "unusable_usages"), 0
     )
 
     game: str
@@ -488,6 +501,8 @@ class EpisodeResult(Recorded):
     """Notes that were longer than `notes_tokens`, so that the earlier ones stood."""
     recalls: int = 0
     """Answers of `recall`, empty ones included."""
+    pages: int = 0
+    """Pages of results that were read with `read_result`."""
     summaries: int = 0
     """Summaries that were asked for and answered: one for each time that the window moved."""
     cut_summaries: int = 0

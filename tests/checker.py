@@ -62,7 +62,7 @@ def turns_of(events: Sequence[Json]) -> list[Json]:
                 steps += played and tool == "act"
                 observation = steps if played and tool in ("act", "observe") else None
                 assert event["data"].get("observation_step") == observation
-                date = shown if played and tool == "recall" else observation
+                date = shown if played and tool in ("recall", "read_result") else observation
                 if played and tool == "take_notes":
                     turns[-1].setdefault("notes", []).append(json.loads(event["arguments"])["text"])
                 if played and tool == "read_manual" and event["data"].get("manual"):
@@ -171,11 +171,16 @@ def check_prompt(messages: list[Json], tools: list[Json], judge: Judge, k: int, 
 
 
 def check_episode(
-    events: Sequence[Json], sent: Sequence[Json], n: Count, choices: dict[int, Any] | None = None
+    events: Sequence[Json],
+    sent: Sequence[Json],
+    n: Count,
+    choices: dict[int, Any] | None = None,
+    whole: Sequence[str] | None = None,
 ) -> Judge:
     """Check a whole conversation: every prompt that was sent, every result, every number, and its end.
 
-    `choices` are those of a brought strategy, as it returned them.
+    `choices` are those of a brought strategy, as it returned them; `whole` are the observations that were shown, in
+    their order, as a game without caps shows them.
     """
     budget = events[0]["budget"]
     [head] = [event for event in events if event["event"] == "head"]
@@ -206,6 +211,7 @@ def check_episode(
             k += 1
     check_calls(events, budget, n)
     check_recalls(events, judge, budget)
+    check_pages(events, n, budget, whole)
     check_end(events, judge, spent, len(texts))
     check_stalls(events)
     return judge
@@ -273,6 +279,46 @@ def check_recalls(events: Sequence[Json], judge: Judge, budget: Json) -> None:
         assert event["data"]["recalled"] == [step for step, _ in matching[: max(fitting, default=1)]]
 
 
+def check_pages(events: Sequence[Json], n: Count, budget: Json, whole: Sequence[str] | None) -> None:
+    """Judge every observation that was too long, and every page of it that was read, from their whole texts."""
+    if whole is None or budget.get("beyond_result", "cut") != "offload" or budget["result_tokens"] is None:
+        return
+    left, pages, cut = iter(whole), dict[str, str](), 0
+    for event in events:
+        if event["event"] != "call" or event["is_error"]:
+            continue
+        if event["name"] in ("act", "observe"):
+            rest = next(left)
+            shown = [{"type": "image", **event["data"]["picture"]}] if "picture" in event["data"] else []
+            cap = budget["result_tokens"] - picture_tokens(shown)
+            assert event["cut"] == (n(well_formed(rest)) > cap)
+            if not event["cut"]:
+                assert event["text"] == rest
+                continue
+            cut, page = cut + 1, 1
+            while True:
+                text, rest = page_of(rest, f"r{cut}.{page + 1}", cap, n)
+                pages[f"r{cut}.{page}"] = text
+                if not rest or not text:
+                    break
+                page, cap = page + 1, budget["result_tokens"]
+            assert event["text"] == pages[f"r{cut}.1"]
+        if event["name"] == "read_result":
+            page_read = json.loads(event["arguments"])["page"]
+            assert (event["text"], event["cut"], event["data"]["page"]) == (pages[page_read], False, page_read)
+
+
+def page_of(rest: str, following: str, cap: int, n: Count) -> tuple[str, str]:
+    """The first page of a text, tried at every length, and what follows it; of a tokenizer that counts words."""
+    if n(rest) <= cap:
+        return rest, ""
+    for length in range(len(rest) - 1, 0, -1):
+        page = f'{rest[:length]}\n[{n(rest) - n(rest[:length])} more tokens: read_result("{following}")]'
+        if n(page) <= cap:
+            return page, rest[length:]
+    return "", rest
+
+
 def check_end(events: Sequence[Json], judge: Judge, spent: int, answered: int) -> None:
     """Judge why an episode ended, where a budget is said to be the reason, and what the result counts."""
     for event in events:
@@ -294,6 +340,8 @@ def check_end(events: Sequence[Json], judge: Judge, spent: int, answered: int) -
         assert result.get("refused_notes", 0) == notes
         recalls = [event for event in events if event["event"] == "call" and event["name"] == "recall"]
         assert result.get("recalls", 0) == sum(not event["is_error"] for event in recalls)
+        pages = [event for event in events if event["event"] == "call" and event["name"] == "read_result"]
+        assert result.get("pages", 0) == sum(not event["is_error"] for event in pages)
 
 
 def stalled(events: Sequence[Json]) -> list[int]:

@@ -37,7 +37,7 @@ ODD_REPLIES: list[Any] = [
     {"role": "assistant", "content": None, "extra": object()},
 ]  # fmt: skip
 GAMES = scripts.GAMES
-ADDED = [*scripts.NOTES, *scripts.RECALLS]
+ADDED = [*scripts.NOTES, *scripts.RECALLS, *scripts.PAGES]
 """Calls of the tools that strategies add."""
 ODD = f"{Path(__file__).parent / 'data' / 'odd_strategy.py'}:Odd"
 PICTURE, WORDS_BESIDE = 81, 13
@@ -68,8 +68,11 @@ def strategy(chance: random.Random) -> dict[str, Any]:
 
 def added(chance: random.Random) -> dict[str, Any]:
     """Return the fields of a budget that add a tool."""
-    recall = chance.choice([None, None, 1, 9, 30, 90, 300])
-    return {"notes_tokens": chance.choice([None, 2, 12, 40]), "recall_tokens": recall}
+    return {
+        "notes_tokens": chance.choice([None, 2, 12, 40]),
+        "recall_tokens": chance.choice([None, None, 1, 9, 30, 90, 300]),
+        "beyond_result": chance.choice(["cut", "offload"]),
+    }
 
 
 def budget(chance: random.Random, game: str, head: int | None, least: int = 0) -> sp.Budget:
@@ -202,6 +205,7 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
     options = {"summaries": True, "pictures": True} if kind is sp.AgentSession else {}
     conversation = kind(episode, head=head, foreign_tools=[scripts.NOTE], **options)
     sent: list[Any] = []
+    is_lively = form != "text" or chance.random() < 0.6
     for _ in range(chance.choice([14, 14, 40])):
         prompt = conversation.prompt()
         if prompt is None:
@@ -224,7 +228,7 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
             deface([answer])
             counts["summaries"] += 1
             continue
-        reply = hostile_reply(chance, is_lively=form != "text", offered={tool.name for tool in prompt.tools})
+        reply = hostile_reply(chance, is_lively=is_lively, offered={tool.name for tool in prompt.tools})
         conversation.receive(reply)
         if isinstance(conversation, sp.AgentSession):
             scripts.act_as_host(chance, conversation)
@@ -242,8 +246,11 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
     for event in events:
         if event["event"] == "call" and event["data"].get("recalled"):
             counts["recalls that found something"] += 1
+        if event["event"] == "call" and "page" in event["data"]:
+            counts["pages"] += 1
     choices = None if episode.strategies.brought is None else scripts.choices_of(episode.strategies.brought)
-    checker.check_episode(scripts.as_json(events), sent, tokenizer.count, choices)
+    plain = scripts.as_json(events)
+    checker.check_episode(plain, sent, tokenizer.count, choices, scripts.whole_observations(plain))
     replayed = replay(events, tokenizer=tokenizer)
     assert replayed.identical, replayed.differences
 

@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 import smartplay_tools as sp
 from smartplay_tools.context import View
 from smartplay_tools.context.strategies.notes import notes_spec
+from smartplay_tools.context.strategies.offload import pages_spec
 from smartplay_tools.context.strategies.recall import recall_spec
+from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.records import Record, replay, resume
 from smartplay_tools.records.accounts import Accounts
 from tests import checker
@@ -84,6 +86,11 @@ RECALLS = [
     for query in ("1", "0-3", " 2 - 999999 ", "3-1", "1234567", "Machine 1", "step act Rock reward", "after", "é _", "")
 ]
 RECALLS += [call("recall", '{"query": 5}'), call("recall", "{}"), call("recall", '{"query": "1", "steps": "2"}')]
+PAGES = [
+    call("read_result", json.dumps({"page": page}))
+    for page in ("r1.1", "r1.2", "r1.2", "r1.3", "r2.2", "r3.2", "r5.2", "r1.99", "r01.2", " r1.2", "r0.1", "1.2", "")
+]
+PAGES += [call("read_result", '{"page": 5}'), call("read_result", "{}")]
 ANSWERS: list[dict[str, Any]] = [
     {"content": "The first machine paid twice."},
     {"content": "Known: " + "much, " * 40},
@@ -139,9 +146,23 @@ def _move(words: dict[str, Any], calls: list[tuple[tuple[str, str], str]], after
 moves = st.builds(
     _move,
     st.sampled_from(WORDS),
-    st.lists(st.tuples(st.sampled_from([*CALLS, *NOTES, *RECALLS]), st.sampled_from(["a", "b", "", "c1"])), max_size=4),
+    st.lists(
+        st.tuples(st.sampled_from([*CALLS, *NOTES, *RECALLS, *PAGES]), st.sampled_from(["a", "b", "", "c1"])),
+        max_size=4,
+    ),
     st.sampled_from(AFTER),
 )
+
+
+def lively_script(chance: random.Random, length: int = 25) -> list[Move]:
+    """A script that plays on, and uses the tools of memory at nearly every turn."""
+    tools = [*ACTS, call("observe", "{}"), *RECALLS, *RECALLS[:7], *PAGES]
+    return [
+        _move(chance.choice(WORDS), [(chance.choice(ACTS), "a"), *((chance.choice(tools), "") for _ in range(2))], [])
+        for _ in range(length)
+    ]
+
+
 scripts = st.lists(moves, max_size=9)
 answers = st.lists(st.sampled_from(ANSWERS), min_size=1, max_size=3)
 strategies = st.fixed_dictionaries(
@@ -152,6 +173,7 @@ strategies = st.fixed_dictionaries(
         "own_words": st.sampled_from([None, None, 0, 1, 3]),
         "first_turns": st.sampled_from([None, None, 1, 3]),
         "recall_tokens": st.sampled_from([None, None, 3, 15, 40, 120]),
+        "beyond_result": st.sampled_from(["cut", "offload"]),
     }
 )
 histories = st.sampled_from([0, 1, 2, 3, 5, None])
@@ -240,6 +262,18 @@ def converse(
     return Played(as_json(events), sent, conversation, episode.result)
 
 
+def whole_observations(events: Sequence[dict[str, Any]]) -> list[str]:
+    """The observations of a record as the same play shows them without caps, in their order."""
+    config = EpisodeConfig.from_event(events[0]).model_copy(update={"budget": sp.Budget(), "batch": "all"})
+    calls = [event for event in events if event["event"] == "call" and not event["is_error"]]
+    with sp.Episode.from_config(config, tokenizer=Words()) as episode:
+        return [
+            episode.call(event["name"], event["arguments"]).text
+            for event in calls
+            if event["name"] in ("act", "observe")
+        ]
+
+
 def act_as_host(chance: random.Random, session: sp.AgentSession) -> None:
     """Answer, edit, refuse or forget the calls of a reply, in any order.
 
@@ -287,6 +321,7 @@ def strategy_tokens(budget: dict[str, Any], tokenizer: Any) -> int:
     summary, recall = budget.get("summary_tokens"), budget.get("recall_tokens")
     made = {"notes_tokens": notes_spec, "recall_tokens": recall_spec}
     tools = [as_json(asdict(spec(budget[name]))) for name, spec in made.items() if budget.get(name) is not None]
+    tools += [as_json(asdict(pages_spec()))] if budget.get("beyond_result") == "offload" else []
     added = checker.tools_tokens(tools, tokenizer.count) - 12 if tools else 0
     if summary is not None:
         asking = {"history": None, "prompt_tokens": None, "slack": 0, "summary_tokens": summary}

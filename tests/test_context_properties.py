@@ -49,6 +49,7 @@ def budget_of(drawn: dict[str, Any], head: int, game: str, tokenizer: Any) -> sp
         {"beyond_history": "drop"},
         {"first_turns": None},
         {"recall_tokens": None},
+        {"beyond_result": "cut"},
     ):
         drawn |= change
         if refused_strategy(sp.Budget(**drawn), sp.GAMES[game], context="window") is None:
@@ -73,7 +74,8 @@ conversations = st.fixed_dictionaries(
 def play_and_judge(drawn: dict[str, Any], budget: dict[str, Any], tokenizer: Any) -> scripts.Played:
     head = scripts.head_tokens(drawn["game"], tokenizer, host=drawn["host"], manual=drawn["manual"])
     played = scripts.converse(**drawn, budget=budget_of(budget, head, drawn["game"], tokenizer), tokenizer=tokenizer)
-    checker.check_episode(played.events, played.sent, tokenizer.count)
+    whole = scripts.whole_observations(played.events) if isinstance(tokenizer, scripts.Words) else None
+    checker.check_episode(played.events, played.sent, tokenizer.count, whole=whole)
     return played
 
 

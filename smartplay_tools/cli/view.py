@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,13 +14,9 @@ from smartplay_tools.cli.episode_options import BUDGET, OTHERS, RULES, EpisodeOp
 from smartplay_tools.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from smartplay_tools.evaluation.pages.view import RunList
-    from smartplay_tools.evaluation.runs import BrowserGames, BrowserPlay
+    from smartplay_tools.evaluation.runs import BrowserPlay
 
 _PLAY = "Play in the browser"
-ANY = "any"
-"""In place of a game: the page lets the person choose."""
-
 ONLY_FOR_PLAY = (*BUDGET, *RULES, *OTHERS, "out", "seed", "pictures")
 
 
@@ -36,11 +31,7 @@ def view(
     ] = None,
     play: Annotated[
         str | None,
-        typer.Option(
-            metavar="GAME",
-            help="Play this game in the browser, as a model would; any: choose.",
-            rich_help_panel=_PLAY,
-        ),
+        typer.Option(metavar="GAME", help="Play this game in the browser, as a model would.", rich_help_panel=_PLAY),
     ] = None,
     out: Annotated[
         Path, typer.Option(help="The folder of the run that you play; continued if it is there.", rich_help_panel=_PLAY)
@@ -73,14 +64,15 @@ def view(
 
     Example: smartplay-tools view runs
     """
-    from smartplay_tools.evaluation.pages.view import RunList, ViewServer
+    from smartplay_tools.evaluation.pages.view import RunList, SiteRun, ViewServer
 
     playing = None if play is None else _play(play, out, seed, episode, pictures=pictures)
     if playing is None:
         _check_no_play(context)
         runs = RunList(folders or [Path()])
     else:
-        runs = _runs_with(playing, folders or [])
+        own = playing.folder.path.resolve()
+        runs = RunList(folders or [], always=[SiteRun(own, own.name)])
     server = ViewServer(
         runs,
         host=host,
@@ -93,8 +85,7 @@ def view(
     )
     count = len(runs.current())
     counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet, but new ones appear,"
-    to_play = "games" if play == ANY else play
-    served = counted if playing is None else f"{counted}, and {to_play} to play (recorded in {out}),"
+    served = counted if playing is None else f"{counted}, and {play} to play (its record is in {out}),"
     typer.echo(f"{served} at {server.entry} - Ctrl-C stops.", err=True)
     with playing or nullcontext():
         if open_browser:
@@ -102,34 +93,20 @@ def view(
         server.run()
 
 
-def _runs_with(playing: BrowserPlay | BrowserGames, folders: Sequence[Path]) -> RunList:
-    """The runs of a site in which a person plays, and those of other folders."""
-    from smartplay_tools.evaluation.pages.view import RunList, SiteRun
+def _play(game: str, out: Path, seed: int, episode: EpisodeOptions, *, pictures: bool) -> BrowserPlay:
     from smartplay_tools.evaluation.runs import BrowserPlay
 
-    if isinstance(playing, BrowserPlay):
-        own = playing.folder.path.resolve()
-        return RunList(folders, always=[SiteRun(own, own.name)])
-    playing.folder.mkdir(parents=True, exist_ok=True)
-    return RunList([playing.folder, *folders])
-
-
-def _play(game: str, out: Path, seed: int, episode: EpisodeOptions, *, pictures: bool) -> BrowserPlay | BrowserGames:
-    from smartplay_tools.evaluation.runs import BrowserGames, BrowserPlay
-    from smartplay_tools.games.specs import GAMES
-
-    chosen: dict[str, Any] = {
-        "budget": episode.budget,
-        "seed": seed,
-        "pictures": pictures,
-        "options": episode.options,
-        "engine": episode.engine,
-        "tokenizer": episode.tokenizer,
+    return BrowserPlay(
+        game,
+        out,
+        budget=episode.budget,
+        seed=seed,
+        pictures=pictures,
+        options=episode.options,
+        engine=episode.engine,
+        tokenizer=episode.tokenizer,
         **episode.rules,
-    }
-    if game != ANY:
-        return BrowserPlay(game, out, **chosen)
-    return BrowserGames([name for name in GAMES if GAMES.is_loaded(name)], out, **chosen)
+    )
 
 
 def _check_no_play(context: typer.Context) -> None:

@@ -21,7 +21,7 @@ from smartplay_tools.prompts import MANUAL_IS_ABOVE, OBSERVATION_LEFT
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import message_bytes
 
-BROUGHT_BACK = frozenset({"recalled"})
+BROUGHT_BACK = frozenset({"recalled", "page"})
 """What the record holds of answers that bring observations back; each kind of tool of memory has a name of its own."""
 
 

@@ -181,11 +181,18 @@ class GameSession:
         """Return the answer with the current observation: in words, as a picture, or both; a picture is never cut."""
         shown = prompts.PICTURE_SHOWN if self.observation == "picture" else text
         shown = f"{shown}\n{last_line}" if last_line else shown
+        words, data = self._beginning(shown), {"step": self.steps, "observation_step": self.steps, **data}
         if self.observation == "text":
-            return self._show(shown, observation_step=self.steps, **data)
-        picture, words = self.game.picture(), self._cut(shown, self._cap_on_words, truncation.cut_end)
-        data = {"step": self.steps, "observation_step": self.steps, **data, "picture": picture.facts}
-        return Answer(words, data, cut=words != shown, picture=picture)
+            return Answer(words, data, cut=words != shown)
+        picture = self.game.picture()
+        return Answer(words, {**data, "picture": picture.facts}, cut=words != shown, picture=picture)
+
+    def _beginning(self, observation: str) -> str:
+        """The words of an observation: all of them, cut to their cap, or their first page."""
+        cap, offload, results = self._cap_on_words, self.strategies.offload, self.budget.result_tokens
+        if offload is None or cap is None or results is None:
+            return self._cut(observation, cap, truncation.cut_end)
+        return self._cut(observation, cap, lambda text, cap, count: offload.keep(text, cap, results))
 
     @property
     def _cap_on_words(self) -> int | None:

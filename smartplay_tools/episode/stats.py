@@ -44,6 +44,7 @@ class EpisodeStats:
     cut_results: int = 0
     refused_notes: int = 0
     recalls: int = 0
+    pages: int = 0
     summaries: int = 0
     cut_summaries: int = 0
     empty_summaries: int = 0
@@ -99,6 +100,7 @@ class EpisodeStats:
         self.refused_calls += mistake == "refused" or mistake in UNANSWERED
         self.refused_notes += mistake == "notes"
         self.recalls += "recalled" in data
+        self.pages += "page" in data
         self.cut_results += event["cut"]
         if "reward" in data:
             self.steps += 1

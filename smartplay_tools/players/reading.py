@@ -11,13 +11,16 @@ import functools
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 from smartplay_tools.messages import FunctionCall, Message, MessageToolCall, calls_of, text_of
 from smartplay_tools.prompts import GAME_IS_OVER, MANUAL_IS_ABOVE, NO_MANUAL, OBSERVATION_LEFT
-from smartplay_tools.types import Prompt
+from smartplay_tools.types import PAGES_TOOL, Prompt
+
+NEXT_PAGE = re.compile(rf'\n\[-?\d+ more tokens: {PAGES_TOOL}\("(r\d+\.\d+)"\)\]$')
+"""The last line of an observation that was too long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +31,8 @@ class Seen:
     action: str | None
     """The action in the arguments, for `act`."""
     text: str
+    page: str | None = None
+    """The page in the arguments, for `read_result`."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,7 @@ class Reading:
         answers: dict[int, str] = {}
 
         def settle() -> None:
-            seen.extend(Seen(c.tool, c.action, answers[at]) for at, c in enumerate(unanswered) if at in answers)
+            seen.extend(Seen(c.tool, c.action, answers[at], c.page) for at, c in enumerate(unanswered) if at in answers)
             answers.clear()
 
         for message in self.prompt.messages:
@@ -82,7 +87,20 @@ class Reading:
                 if waiting:
                     answers[waiting[0]] = _unwrapped(text_of(message))
         settle()
-        return tuple(seen)
+        pages = {each.page: each.text for each in seen if each.tool == PAGES_TOOL}
+        return tuple(_whole(each, pages) if pages and each.tool in ("act", "observe") else each for each in seen)
+
+    @cached_property
+    def next_page(self) -> str | None:
+        """The page that the latest answer names as the next one, where it has an observation that was too long."""
+        latest = self._latest_answer
+        match = None if latest is None else NEXT_PAGE.search(latest)
+        return None if match is None else match[1]
+
+    @cached_property
+    def _latest_answer(self) -> str | None:
+        answers = [text_of(message) for message in self.prompt.messages if message["role"] == "tool"]
+        return _unwrapped(answers[-1]) if answers else None
 
     @cached_property
     def observations(self) -> tuple[str, ...]:
@@ -109,15 +127,26 @@ class _Call:
     call_id: str | None
     tool: str
     action: str | None
+    page: str | None
 
 
 def _call(call: MessageToolCall) -> _Call:
     function = call["function"]
     try:
-        action = json.loads(function["arguments"]).get("action")
+        arguments = json.loads(function["arguments"])
+        action, page = arguments.get("action"), arguments.get("page")
     except (ValueError, TypeError, AttributeError, RecursionError):
-        action = None
-    return _Call(call.get("id"), function["name"], action if isinstance(action, str) else None)
+        action = page = None
+    action, page = (value if isinstance(value, str) else None for value in (action, page))
+    return _Call(call.get("id"), function["name"], action, page)
+
+
+def _whole(seen: Seen, pages: Mapping[str | None, str]) -> Seen:
+    """An observation with those of its pages that are visible."""
+    text = seen.text
+    while (match := NEXT_PAGE.search(text)) and match[1] in pages:
+        text = text[: match.start()] + pages[match[1]]
+    return replace(seen, text=text)
 
 
 def _unwrapped(text: str) -> str:

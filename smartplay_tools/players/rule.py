@@ -30,7 +30,7 @@ from smartplay_tools.players.rules.memory import (
     with_recalled,
 )
 from smartplay_tools.prompts import GAME_IS_OVER
-from smartplay_tools.types import RECALL_TOOL, Prompt, Reply
+from smartplay_tools.types import PAGES_TOOL, RECALL_TOOL, Prompt, Reply
 
 NOTHING_TO_PLAY: Message = {"role": "assistant", "content": "I play by tool calls, and there is no tool `act` here."}
 """The reply to a request other than to play, such as a request for a title of the conversation."""
@@ -96,8 +96,9 @@ class RuleNotesPlayer(RulePlayer):
 
     The memory is written where the budget offers a place for it: as notes where there is `take_notes`, as the summary
     where one is asked for. In games in which the order of observations is of no use, the player searches for those that
-    have left where there is `recall`, and writes nothing. `words` says whether the memory is written into the player's
-    own replies where it has no other place.
+    have left where there is `recall`, and writes nothing. What is too long to be shown it reads to its end,
+    where there is `read_result`. `words` says whether the memory is written into the player's own replies where it has
+    no other place.
     """
 
     name = "rule-notes"
@@ -110,6 +111,8 @@ class RuleNotesPlayer(RulePlayer):
         self._words = words
 
     def _decide(self, rules: GameRules, reading: Reading) -> Message:
+        if reading.next_page is not None and offers(reading, PAGES_TOOL):
+            return call(PAGES_TOOL, page=reading.next_page)
         memory = self._memory(reading)
         if memory is None:
             return super()._decide(rules, reading)

@@ -28,6 +28,7 @@ ARGUMENTS = (
     '{"text": "one two"}',
     '{"query": "step 1"}',
     '{"query": "0-9"}',
+    '{"page": "r1.2"}',
 )
 WORDS = (None, "", "Let me see.", "word " * 60, "\ud83d\ude00 é\u0301")
 

@@ -46,6 +46,20 @@ def cut_history(history: Callable[[int], str], steps: int, current: str, cap: in
     return _longest(steps - 1, keep, cap, count, fallback=lambda: _cut_end(current, whole, cap, count))
 
 
+def cut_page(text: str, cap: int, count: Count, line: Callable[[int], str]) -> tuple[str, int]:
+    """Keep the beginning of a text that is over its cap, at least a character, and `line(missing)` below it.
+
+    Return that, and the number of characters kept; without any, the text is empty.
+    """
+
+    def keep(length: int) -> str:
+        return f"{text[:length]}\n{line(count(text) - count(text[:length]))}"
+
+    length = _bisect(1, len(text) - 1, lambda length: count(keep(length)) <= cap)
+    page = keep(length)
+    return (page, length) if text and count(page) <= cap else ("", 0)
+
+
 def _cut_end(text: str, whole: str, cap: int, count: Count) -> str:
     """Keep the beginning of a part of a text; the notice is about the whole."""
     return _longest(len(text), lambda length: _with_notice(text[:length], "", whole, count), cap, count)
@@ -69,12 +83,16 @@ def _longest(
     The token count grows with the text, except for a token or two where pieces meet, so bisection finds the largest
     `n` or one close to it; the last check is exact, and the result always fits.
     """
-    low, high = 0, max(most, 0)
+    kept = keep(_bisect(0, most, lambda number: count(keep(number)) <= cap))
+    return kept if count(kept) <= cap else fallback()
+
+
+def _bisect(low: int, high: int, fits: Callable[[int], bool]) -> int:
+    """Return a number that fits, where the next one does not; `low` if none does."""
     while low < high:
         middle = (low + high + 1) // 2
-        if count(keep(middle)) <= cap:
+        if fits(middle):
             low = middle
         else:
             high = middle - 1
-    kept = keep(low)
-    return kept if count(kept) <= cap else fallback()
+    return low

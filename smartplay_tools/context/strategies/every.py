@@ -8,6 +8,7 @@ from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.brought import Brought, load_strategy, make_strategy, recorded_strategy
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.strategies.notes import Notes
+from smartplay_tools.context.strategies.offload import Offload
 from smartplay_tools.context.strategies.recall import Recall
 from smartplay_tools.context.strategies.summaries import Summaries
 from smartplay_tools.context.strategies.thoughts import Thoughts
@@ -15,7 +16,7 @@ from smartplay_tools.context.turns import Turn
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
-KINDS: tuple[type[BudgetStrategy], ...] = (Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Brought)
+KINDS: tuple[type[BudgetStrategy], ...] = (Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Offload, Brought)
 """Every strategy, in the order in which they are asked."""
 
 
@@ -34,6 +35,8 @@ class Strategies:
         """How many of the first turns stay, as far as they fit."""
         self.recall = next((strategy for strategy in asked if isinstance(strategy, Recall)), None)
         """What searches the observations that have left; None where nothing does."""
+        self.offload = next((strategy for strategy in asked if isinstance(strategy, Offload)), None)
+        """What keeps the rest of observations that are too long; None where it is cut."""
         self.tools = tuple(tool for strategy in asked for tool in strategy.tools)
         """The tools that they add."""
         self.reserve = sum(strategy.reserve for strategy in asked)

@@ -1,0 +1,169 @@
+"""Offload: pages of observations that were too long, their names, their age, and what is on record of them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.players.reading import Reading
+from tests import scripts
+from tests.test_conversation import acting, calling
+
+RPS, CRAFTER = "RockPaperScissorBasic-v0", "Crafter-v0"
+WORDS = scripts.Words()
+
+
+def begin(events=None, game=RPS, **budget):
+    asked = {"beyond_result": "offload", "result_tokens": 20, **budget}
+    return sp.Conversation(
+        sp.Episode(game, seed=1, transcript=events, tokenizer=WORDS, budget=sp.Budget(**asked)), player="script"
+    )
+
+
+def read(conversation, page):
+    (result,) = conversation.receive(calling(("read_result", json.dumps({"page": page}))))
+    return result
+
+
+def whole(game=RPS):
+    with sp.Episode(game, seed=1) as episode:
+        return episode.call("act", {"action": "1"}).text
+
+
+def without_line(text):
+    return text.rpartition("\n[")[0]
+
+
+def test_pages_together_are_the_observation():
+    conversation = begin(result_tokens=17)
+    (result,) = conversation.receive(acting())
+    pages, number = [result.text], 2
+    while "more tokens: read_result" in pages[-1]:
+        pages.append(read(conversation, f"r1.{number}").text)
+        number += 1
+    assert len(pages) > 2
+    assert "".join([*map(without_line, pages[:-1]), pages[-1]]) == whole()
+    assert all(WORDS.count(page) <= 17 for page in pages)
+    assert conversation.episode.stats.pages == len(pages) - 1
+
+
+def test_every_page_is_as_long_as_fits():
+    conversation = begin()
+    (result,) = conversation.receive(acting())
+    text = whole()
+    kept = without_line(result.text)
+    assert text.startswith(kept)
+    longer = text[: len(kept) + 1]
+    assert WORDS.count(f'{longer}\n[9 more tokens: read_result("r1.2")]') > 20
+
+
+def test_results_are_numbered_in_the_order_in_which_they_were_cut():
+    conversation = begin(history=0)
+    conversation.receive(calling(("observe", "{}"), ("act", '{"action": "fly"}'), ("act", '{"action": "1"}')))
+    conversation.receive(acting())
+    assert 'read_result("r2.2")' in conversation.latest_turn.items[0].message["content"]
+    assert read(conversation, "r1.2").text != read(conversation, "r2.2").text
+    assert read(conversation, "r1.1").text.endswith('read_result("r1.2")]')
+
+
+@pytest.mark.parametrize("page", ["r2.1", "r1.9", "r0.1", "r1", "r01.2", " r1.2", "r1.2 ", "", "1.2", "r" + "9" * 5000])
+def test_a_page_that_does_not_exist_is_a_mistake(page):
+    conversation = begin(result_tokens=40)
+    conversation.receive(acting())
+    result = read(conversation, page)
+    assert result.is_error
+    stats = conversation.episode.stats
+    assert (stats.malformed_calls, stats.pages, stats.steps) == (1, 0, 1)
+
+
+def test_what_fits_is_not_offloaded_and_errors_are_cut_as_ever():
+    conversation = begin(result_tokens=60)
+    (result,) = conversation.receive(acting())
+    assert result.text == whole()
+    (mistake,) = conversation.receive(calling(("act", json.dumps({"action": "fly " * 300}))))
+    assert mistake.text.endswith("tokens cut]") or WORDS.count(mistake.text) < 60
+    assert read(conversation, "r1.1").is_error
+
+
+def test_where_not_a_character_fits_the_text_is_empty_and_nothing_follows():
+    conversation = begin(result_tokens=3)
+    (result,) = conversation.receive(acting())
+    assert result.text == ""
+    assert not read(conversation, "r1.1").is_error
+    assert read(conversation, "r1.2").is_error
+
+
+def test_a_page_ages_as_an_observation_of_its_step():
+    conversation = begin(history=1)
+    conversation.receive(acting())
+    text = read(conversation, "r1.2").text
+    shown = []
+    for _ in range(4):
+        shown.append(any(m["content"] == text for m in conversation.prompt().messages))
+        conversation.receive(acting())
+    assert shown == [True, True, False, False]
+
+
+def test_a_page_is_neither_a_step_nor_an_observation():
+    conversation = begin()
+    conversation.receive(acting())
+    read(conversation, "r1.2")
+    turn = conversation.latest_turn
+    assert (turn.shows, turn.dates) == ((), (1,))
+    conversation.prompt()
+    assert conversation.view.shown_steps == 1
+
+
+@pytest.mark.parametrize("budget", [{"result_tokens": None}, {"result_tokens": "auto"}])
+def test_where_nothing_is_cut_it_is_refused(budget):
+    with pytest.raises(sp.InvalidArgumentError, match='beyond_result="offload" has nothing to offload'):
+        begin(**budget)
+    with pytest.raises(sp.InvalidArgumentError, match="beyond_result needs a window over tool calls"):
+        sp.Episode(RPS, seed=1, context="host", budget=sp.Budget(beyond_result="offload", result_tokens=20))
+
+
+def test_the_words_beside_a_picture_have_pages_without_it():
+    events = []
+    budget = sp.Budget(beyond_result="offload", result_tokens=101, prompt_tokens=4_000)
+    episode = sp.Episode(CRAFTER, seed=1, observation="both", tokenizer=WORDS, transcript=events, budget=budget)
+    conversation = sp.AgentSession(episode, pictures=True)
+    for message in (calling(("observe", "{}")), calling(("read_result", '{"page": "r1.2"}'))):
+        conversation.prompt()
+        (call,) = conversation.receive(message)
+        result = conversation.answer(call.id)
+    assert result.picture is None
+    assert not result.is_error
+    episode.close()
+    assert sp.replay(events, tokenizer=WORDS).identical
+
+
+def test_records_hold_the_pages_that_were_read_and_replay():
+    events = []
+    budget = sp.Budget(beyond_result="offload", result_tokens=22, prompt_tokens=1_500)
+    with sp.Episode(RPS, seed=3, budget=budget, transcript=events) as episode:
+        result = sp.play(episode, sp.get_player("rule-notes", words=False))
+    assert result.end_reason == "rollout"
+    assert result.pages > 20
+    assert result.deviations["beyond_result"] == {"paper": "cut", "played": "offload"}
+    scripts.check_record(scripts.as_json(events))
+
+
+def test_the_rule_player_reads_an_observation_to_its_end_before_it_acts():
+    conversation, player = begin(result_tokens=18, history=3), sp.get_player("rule-notes", words=False)
+    seen = []
+    while len(seen) < 12 and (prompt := conversation.prompt()) is not None:
+        reading = Reading(prompt)
+        seen.append((reading.next_page, reading.observations[-1:]))
+        conversation.receive(player.reply(prompt).message)
+    acted = [observations for page, observations in seen if page is None and observations]
+    assert len(acted) > 2
+    assert all(texts[0].endswith("New round begins.") for texts in acted)
+
+
+def test_off_it_changes_nothing():
+    assert "beyond_result" not in json.dumps(sp.Budget().model_dump())
+    assert sp.Budget(beyond_result="offload").describe() == "offloading"
+    with sp.Episode(RPS, seed=1) as episode:
+        assert "pages" not in sp.play(episode, sp.get_player("rule")).model_dump()
