@@ -56,8 +56,12 @@ Kind = Literal["core", "engine", "extra", "model"]
 
 _MEASURE = """
 import json, sys
-from smartplay_local import measure
-print(json.dumps(measure(sys.argv[1])))
+from smartplay_tools.errors import SmartPlayError
+try:
+    from smartplay_local import measure
+    print(json.dumps(measure(sys.argv[1])))
+except SmartPlayError as error:
+    sys.exit(str(error))
 """
 
 
