@@ -27,6 +27,7 @@ __all__ = [
     "BeyondResult",
     "Budget",
     "Cap",
+    "CarriedStore",
     "Count",
     "EndReason",
     "EpisodeResult",
@@ -67,6 +68,9 @@ BeyondResult = Literal["cut", "offload"]
 
 ObservationForm = Literal["text", "picture", "both"]
 """What an observation is: words, a picture that the game makes of itself, or both."""
+
+CarriedStore = Literal["notes"]
+"""What a trial of a run can leave to the next one: the agent's notes."""
 
 Purpose = Literal["play", "summary"]
 """What a prompt asks for: the next reply of the play, or a summary of the turns that are about to leave."""

@@ -7,29 +7,32 @@ from typer.main import get_command
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.cli.episode_options import BUDGET
+from smartplay_tools.cli.episode_options import BUDGET, OF_RUNS
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.evaluation.runs.run_file import read_run_file
 
 HANOI, CRAFTER = "Hanoi3Disk-v0", "Crafter-v0"
-OWN = {"manual": "pinned", "batch": "first_act", "protocol": "paper", "observation": "both"}
-"""A value of every rule that a run can have."""
+OWN = {"manual": "pinned", "batch": "first_act", "protocol": "paper", "observation": "both", "carry": "notes"}
+"""A value of every rule that a run can have; `chain` is a number that belongs to `carry`."""
 SHORT = sp.Budget(tool_calls=3)
+NOTING = sp.Budget(tool_calls=3, notes_tokens=50)
 
 
 @pytest.mark.parametrize("command", ["play", "eval", "sweep"])
 def test_every_rule_and_every_field_of_the_budget_is_an_option(command):
     options = {parameter.name for parameter in get_command(app).commands[command].params}
-    assert set(RULES) - {"context"} <= options
+    rules = set(RULES) - {"context"}
+    assert options & set(RULES) == (rules if command != "play" else rules - set(OF_RUNS))
     assert set(sp.Budget.model_fields) == set(BUDGET) <= options
 
 
 def test_every_rule_is_in_the_record_the_row_and_the_key(tmp_path):
-    assert set(OWN) == set(RULES) - {"context"}, "a run decides the context by itself"
+    assert set(OWN) == set(RULES) - {"context", "chain"}, "a run decides the context by itself"
     keys = set()
     for name, value in [*OWN.items(), ("manual", Rules().manual)]:
         out = tmp_path / f"{name}-{value}"
-        run = sp.evaluate([CRAFTER], ["random"], out=out, trials=1, budgets=SHORT, executor="inline", **{name: value})
+        budget = NOTING if name == "carry" else SHORT
+        run = sp.evaluate([CRAFTER], ["random"], out=out, trials=1, budgets=budget, executor="inline", **{name: value})
         [row] = run.rows
         start = sp.read_transcript(run.transcript(row["key"]))[0]
         assert start["config"].get(name, getattr(Rules(), name)) == row[name] == value

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from smartplay_tools.cli import options, runs
-from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
+from smartplay_tools.cli.episode_options import OF_RUNS, EpisodeOptions, with_episode_options
 from smartplay_tools.cli.serve_window import (
     OnlyGameTools,
     ShowSystem,
@@ -34,7 +34,7 @@ LAST_WORDS = 300
 """Characters of a failed program's output that its error shows."""
 
 
-@with_episode_options(without=("protocol",))
+@with_episode_options(without=("protocol", *OF_RUNS))
 def agent(
     game: options.Game,
     command: Annotated[

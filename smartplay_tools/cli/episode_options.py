@@ -61,8 +61,13 @@ RULES: Mapping[str, tuple[Any, Any]] = {
     "batch": (_option(str, "all or first_act."), "all"),
     "protocol": (_option(str, "tools, or paper: free text, two questions a step."), "tools"),
     "observation": (_option(str, "text, picture or both."), "text"),
+    "carry": (_option(str | None, "What a trial takes over from the one before it: notes."), None),
+    "chain": (_option(int | None, "Trials of a chain, with --carry; all of a cell if not given."), None),
 }
 """The fields of `Rules`; `context` is not among them, since a command decides it."""
+
+OF_RUNS = ("carry", "chain")
+"""Rules that a single episode cannot have."""
 
 OTHERS: Mapping[str, tuple[Any, Any]] = {
     "engine": (_option(str | None, "For games with several engines."), None),
@@ -98,7 +103,7 @@ class EpisodeOptions:
 
 
 def with_episode_options(
-    *, without: Collection[str] = (), vary: Collection[str] = ()
+    *, without: Collection[str] = OF_RUNS, vary: Collection[str] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Add the options of an episode to a command; the command's argument `episode` gets their values.
 

@@ -32,7 +32,7 @@ from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.types import Budget
 
 
-@with_episode_options()
+@with_episode_options(without=())
 @runs.with_run_options(out="run")
 def evaluate(
     context: typer.Context,

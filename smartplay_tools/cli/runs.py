@@ -210,6 +210,8 @@ def conclude(run: Run, *, quiet: bool = False) -> None:
         say(f"A cap of the run is reached: {left}{paused}. The same command with a higher cap continues the run.")
     elif not run.complete:
         say(f"{left}; {run.folder.path / 'attempts'} has their records. The same command retries them.")
+    if run.waiting:
+        say(f"{run.waiting} of them wait for the trial before them in their chain, which has no result yet.")
     warnings = unplayed(run.rows)
     for warning in warnings:
         say(warning)

@@ -11,13 +11,14 @@ from typing import Annotated, Any
 import typer
 
 from smartplay_tools.cli import options
-from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
+from smartplay_tools.cli.episode_options import OF_RUNS, EpisodeOptions, with_episode_options
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import STRATEGIES
 
 NOT_ENFORCED = (
     *("prompt_tokens", "reply_tokens", "episode_tokens", "slack", "batch", "protocol"),
     *STRATEGIES,
+    *OF_RUNS,
 )
 """Options that cannot be enforced where the host decides what the model sees."""
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from smartplay_tools.cli import options
-from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
+from smartplay_tools.cli.episode_options import OF_RUNS, EpisodeOptions, with_episode_options
 
 if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
@@ -30,7 +30,7 @@ ShowSystem = Annotated[
 ]
 
 
-@with_episode_options(without=("protocol",))
+@with_episode_options(without=("protocol", *OF_RUNS))
 def window(
     game: options.Game,
     player: Annotated[str, typer.Option(help="Who plays: openai:MODEL, anthropic:MODEL, rule, ...")] = "rule",

@@ -25,7 +25,7 @@ def _listed(name: str, text: str) -> Any:
     return typer.Option(name, metavar="LIST", help=text, rich_help_panel=GRID)
 
 
-@with_episode_options(vary=AXES)
+@with_episode_options(without=(), vary=AXES)
 @runs.with_run_options(out="sweep")
 def sweep(
     games: Annotated[str, _listed("--games", "Ids of settings.")],

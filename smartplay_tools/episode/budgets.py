@@ -45,20 +45,22 @@ def resolve(asked: Budget, spec: GameSpec, head_tokens: int, picture: int = 0) -
     return ResolvedBudget(**{**dict(asked), **numbers})
 
 
-def check_head(budget: Budget, least: int, strategies: Strategies | None = None) -> None:
+def check_head(budget: Budget, least: int, strategies: Strategies | None = None, *, carried: int = 0) -> None:
     """Raise a ValueError if the smallest prompt is over the cap.
 
-    `least` counts its head, schemas and priming; `strategies` may keep more of it free.
+    `least` counts its head, schemas and priming; `strategies` may keep more of it free, and `carried` is the longest
+    message that a trial takes over from the one before it.
     """
     reserve = 0 if strategies is None else strategies.reserve
-    if budget.prompt_tokens is not None and budget.prompt_tokens < least + reserve:
+    if budget.prompt_tokens is not None and budget.prompt_tokens < least + reserve + carried:
         more = f", and the {reserve} more that {strategies.reserved_for} needs" if strategies and reserve else ""
+        more += f", and up to {carried} for what is carried from the trial before" if carried else ""
         raise InvalidArgumentError(
             f"prompt_tokens={budget.prompt_tokens} cannot hold the head of every prompt and the tool schemas, which "
             f"take {least} tokens{more}; raise it well above that."
         )
     if strategies is not None and strategies.recall is not None:
-        strategies.recall.check(budget, least + reserve)
+        strategies.recall.check(budget, least + reserve + carried)
 
 
 def check_pictures(budget: ResolvedBudget, least: int, picture: int, words: int) -> None:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.episode.budgets import check_strategies
-from smartplay_tools.episode.config import RULES, CellConfig, Setting, read_rules
+from smartplay_tools.episode.carried import check_carry
+from smartplay_tools.episode.config import RULES, CellConfig, Rules, Setting, read_rules
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.tokens.counter import TokenCounter, picture_counter, shared_counter
@@ -45,6 +46,7 @@ def cell_config(
         )
     counter = counter or shared_counter()
     check_strategies(budget or Budget(), spec, context=rules["context"], protocol=rules["protocol"])
+    check_carry(Rules(**rules), budget or Budget())
     engine = engine or next(iter(kind.engines), None)
     if rules["observation"] != "text":
         _check_pictures(spec, kind, engine, options, rules)

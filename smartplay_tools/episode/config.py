@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
@@ -20,7 +20,7 @@ from smartplay_tools import prompts
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one_line
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.transcript.hashing import canonical_json
-from smartplay_tools.types import Budget, ObservationForm, RecordedBudget
+from smartplay_tools.types import Budget, Cap, CarriedStore, ObservationForm, Recorded, RecordedBudget
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -57,10 +57,10 @@ class Setting(BaseModel):
         return cls(history=spec.history, rollout=spec.rollout, kwargs=dict(spec.kwargs))
 
 
-class Rules(BaseModel):
+class Rules(Recorded):
     """The rules of an episode: how calls are played and what a prompt contains, the same in every game."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    later: ClassVar[Mapping[str, Any]] = {"carry": None, "chain": None}
 
     manual: ManualMode = "tool"
     """"tool": the agent may read it; "pinned": it is part of every prompt; "none": it is withheld."""
@@ -72,6 +72,10 @@ class Rules(BaseModel):
     """Tool calls, or the paper's free text."""
     observation: ObservationForm = "text"
     """What an observation is: "text"; "picture", one that the game makes of itself; "both"."""
+    carry: CarriedStore | None = None
+    """What a trial of a run takes over from the one before it in its chain: "notes"; None: nothing."""
+    chain: Cap | None = None
+    """How many trials a chain has, with `carry`; None: all trials of the cell."""
 
 
 RULES = tuple(Rules.model_fields)
@@ -82,8 +86,9 @@ def read_rules(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the rules that a user asks for, with their values checked; `InvalidArgumentError` names a wrong one."""
     for name, value in given.items():
         kind = Rules.model_fields[name].annotation
-        if get_origin(kind) is Literal:
-            check_choice(name, value, get_args(kind))
+        kinds = (kind, *get_args(kind)) if value is not None else (kind,)
+        for choices in (get_args(each) for each in kinds if get_origin(each) is Literal):
+            check_choice(name, value, choices)
     try:
         return dict(Rules(**given))
     except ValidationError as error:
@@ -116,6 +121,12 @@ class CellConfig(Rules):
     """The player's name; None if it was not given."""
     player_options: PlainData = Field(default_factory=dict)
     """The options with which the player was created."""
+
+    def chain_of(self, trial: int) -> int:
+        """Return the number of a trial's chain; without `carry` every trial is a chain of its own."""
+        if self.carry is None:
+            return trial
+        return 0 if self.chain is None else trial // self.chain
 
     def with_seed(self, seed: int, repeat: int = 0) -> EpisodeConfig:
         """Return the config of one episode."""

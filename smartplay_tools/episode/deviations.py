@@ -49,6 +49,8 @@ def _of_protocol(config: EpisodeConfig) -> Deviations:
         differences["manual"] = differs("pinned", config.manual)
     if config.observation != "text":
         differences["observation"] = differs("text", config.observation)
+    if config.carry is not None:
+        differences["carry"] = differs(None, config.carry)
     if config.batch != "first_act":
         differences["batch"] = differs("one action a prompt", config.batch)
     # The options of a player that change what counts as a call.

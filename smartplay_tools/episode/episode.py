@@ -20,6 +20,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, get_args
 
 from smartplay_tools.arguments import Arguments, as_text, read
+from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.cells import cell_config, sha256_of
 from smartplay_tools.episode.config import (
     BatchPolicy,
@@ -98,6 +99,8 @@ class Episode:
             raise InvalidArgumentError(
                 'The protocol is not an argument of Episode; `play` takes it (protocol="paper").'
             )
+        if "carry" in options or "chain" in options:
+            raise InvalidArgumentError("carry and chain are rules of a run of several trials; `evaluate` takes them.")
         spec, counter = get_spec(game), shared_counter(tokenizer)
         cell = cell_config(
             spec, budget=budget, engine=engine, manual=manual, batch=batch, context=context, counter=counter, **options
@@ -113,11 +116,15 @@ class Episode:
         tokenizer: str | Tokenizer | None = None,
         transcript: Sink | None = None,
         is_recorded: bool = False,
+        carried: Carried | None = None,
     ) -> Self:
         """Return the episode of a config; `tokenizer` is required if the config names a tokenizer object of yours.
 
-        A config that `is_recorded` does not decide what is imported: see `recorded_strategy`.
+        A config that `is_recorded` does not decide what is imported: see `recorded_strategy`. `carried` is what the
+        episode takes over from the trial before it, where its rules have `carry`.
         """
+        if carried is not None and config.carry is None:
+            raise InvalidArgumentError("An episode whose rules do not have carry takes nothing over from another one.")
         if tokenizer is not None and (rule := split_rule(config.tokenizer)[1]) is not None:
             tokenizer = with_pictures(get_tokenizer(tokenizer), rule)
         counter = shared_counter(config.tokenizer if tokenizer is None else tokenizer)
@@ -131,7 +138,7 @@ class Episode:
                 f"not with {counter.tokenizer.name!r} ({given})."
             )
         episode = cls.__new__(cls)
-        episode._open(config, config.spec, counter, transcript, is_recorded=is_recorded)
+        episode._open(config, config.spec, counter, transcript, is_recorded=is_recorded, carried=carried)
         return episode
 
     def _open(
@@ -142,17 +149,18 @@ class Episode:
         transcript: Sink | None,
         *,
         is_recorded: bool = False,
+        carried: Carried | None = None,
     ) -> None:
         self.config = config
-        """Everything that determines this episode."""
+        """Everything that determines this episode, but for what it takes over from another one."""
+        self.carried = carried
+        """What it takes over from the trial before it in its chain; None for nothing."""
         self.spec, self.counter = spec, counter
         began = time.perf_counter()
         self.game = config.make_game(spec)
         try:
             self.game.reset(seed=config.seed)
-            self._session = GameSession(
-                spec, self.game, config.budget, counter, config.manual, config.context, config.observation
-            )
+            self._session = GameSession(spec, self.game, config, counter, carried)
             self._session.strategies.bring(config.strategy_sha256, is_recorded=is_recorded)
             self._transcript = None if transcript is None else TranscriptWriter(transcript)
         except BaseException:
@@ -301,16 +309,15 @@ class Episode:
         update = {"player": self.config.player or player, "protocol": protocol}
         self.config = self.config.model_copy(update=update)
         cut = self.config.manual == "pinned" and self._session.manual_is_cut
-        self.record(
-            {
-                "event": "start",
-                "format": FORMAT,
-                "config": self.config.to_json(),
-                "budget": self.budget.model_dump(),
-                "cut_results": int(cut),
-                "versions": self.versions(),
-            }
-        )
+        start = {
+            "event": "start",
+            "format": FORMAT,
+            "config": self.config.to_json(),
+            "budget": self.budget.model_dump(),
+            "cut_results": int(cut),
+            "versions": self.versions(),
+        }
+        self.record(start if self.carried is None else {**start, "carried": self.carried.model_dump()})
 
     def answer(
         self,

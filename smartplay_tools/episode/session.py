@@ -16,12 +16,13 @@ from smartplay_tools import prompts
 from smartplay_tools.arguments import Arguments
 from smartplay_tools.context.strategies import Strategies, StrategyTool
 from smartplay_tools.episode import budgets
-from smartplay_tools.episode.config import ContextOwner, ManualMode
+from smartplay_tools.episode.carried import Carried, check_carry, longest_message
+from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.episode.tools import MistakeError, ParsedCall, Tools
 from smartplay_tools.games.specs import GameSpec
 from smartplay_tools.pictures.picture import Picture
 from smartplay_tools.tokens import TokenCounter, truncation
-from smartplay_tools.types import Budget, EndReason, ObservationForm, ResolvedBudget
+from smartplay_tools.types import EndReason, ResolvedBudget
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -47,16 +48,17 @@ class GameSession:
         self,
         spec: GameSpec,
         game: TextGame,
-        asked: Budget,
+        config: CellConfig,
         counter: TokenCounter,
-        manual: ManualMode,
-        context: ContextOwner,
-        observation: ObservationForm = "text",
+        carried: Carried | None = None,
     ) -> None:
+        """`carried` is what the episode takes over from the trial before it."""
+        asked, manual, context, observation = config.budget, config.manual, config.context, config.observation
         self.observation = observation
         self.spec, self.game, self.counter = spec, game, counter
         self.manual, self.context = manual, context
         budgets.check_strategies(asked, spec, context=context)
+        check_carry(config, asked)
         self.strategies = Strategies(asked, counter)
         self.tools = Tools(game, self.strategies.tools)
         self.steps = self.tool_calls = 0
@@ -77,10 +79,14 @@ class GameSession:
         least = 0
         if asked.prompt_tokens is not None and context == "window":
             least = counter.prompt(self.head, self.tools.specs)
-            budgets.check_head(self.budget, least, self.strategies)
+            longest = 0 if config.carry is None else longest_message(self.budget, counter)
+            budgets.check_head(self.budget, least, self.strategies, carried=longest)
         if observation != "text":
             words = counter.text(f"{prompts.PICTURE_SHOWN}\n{prompts.GAME_IS_OVER}")
             budgets.check_pictures(self.budget, least, self._picture_tokens, words)
+        if carried is not None:
+            cap = None if asked.prompt_tokens is None else longest_message(self.budget, counter)
+            self.head = [*self.head, carried.message(counter, cap)]
 
     def end(self, reason: EndReason, error: BaseException | None = None, detail: str | None = None) -> None:
         """End the play, unless it has ended already."""

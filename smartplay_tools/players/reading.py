@@ -17,6 +17,7 @@ from typing import Any
 
 from smartplay_tools.messages import FunctionCall, Message, MessageToolCall, calls_of, text_of
 from smartplay_tools.prompts import GAME_IS_OVER, MANUAL_IS_ABOVE, NO_MANUAL, OBSERVATION_LEFT
+from smartplay_tools.prompts import text as text_of_prompts
 from smartplay_tools.types import PAGES_TOOL, Prompt
 
 NEXT_PAGE = re.compile(rf'\n\[-?\d+ more tokens: {PAGES_TOOL}\("(r\d+\.\d+)"\)\]$')
@@ -112,6 +113,11 @@ class Reading:
     def is_start(self) -> bool:
         """Whether no reply of the player is visible."""
         return not any(message["role"] == "assistant" for message in self.prompt.messages)
+
+
+def is_carried(message: Message) -> bool:
+    """Whether a message tells of the game that was played before this one, in another world."""
+    return message["role"] == "user" and text_of(message).startswith(text_of_prompts("carried"))
 
 
 @functools.lru_cache(64)

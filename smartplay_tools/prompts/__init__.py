@@ -53,7 +53,7 @@ GAME_IS_OVER = "The game is over."
 
 @functools.cache
 def text(name: str) -> str:
-    """Return one of the texts: "system", "window", "task", "idle", "summary_request" or "summary"."""
+    """Return one of the texts, by the name of its file: "system", "window", "task", "idle", "summary", "carried" ..."""
     file = resources.files(__package__).joinpath(VERSION, f"{name}.txt")
     return file.read_text(encoding="utf-8").removesuffix("\n")
 

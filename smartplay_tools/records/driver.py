@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.conversation.session import AgentSession, Conversation
+from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.json_text import canonical_text
@@ -64,7 +65,10 @@ class Driver:
         self.record = MemoryRecord()
         """The new record."""
         config = config or EpisodeConfig.from_event(recorded[0])
-        self.episode = Episode.from_config(config, tokenizer=tokenizer, transcript=self.record, is_recorded=True)
+        carried = Carried.of(recorded[0])
+        self.episode = Episode.from_config(
+            config, tokenizer=tokenizer, transcript=self.record, is_recorded=True, carried=carried
+        )
         self.episode.on_step(on_step)
         self.conversation: Driven | None = None
         self.has_host_part = False

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationInfo, field_validator
@@ -35,12 +36,13 @@ def player_seed(seed: int, repeat: int) -> int:
     return int.from_bytes(hashlib.sha256(f"{seed} {repeat}".encode()).digest()[:4], "big") % 2**31
 
 
-def shard_of(digest: str, trial: int, count: int) -> int:
-    """Return the number (from 1) of the shard, of `count`, that plays a trial of the cell with this digest.
+def shard_of(digest: str, chain: int, count: int) -> int:
+    """Return the number (from 1) of the shard, of `count`, that plays a chain of the cell with this digest.
 
-    It depends only on the cell and the trial, so an episode stays in its shard when a run is extended.
+    Without `carry` every trial is a chain of its own (`CellConfig.chain_of`). The shard depends only on the cell and
+    the chain, so an episode stays in its shard when a run is extended.
     """
-    return (int(digest, 16) + trial) % count + 1
+    return (int(digest, 16) + chain) % count + 1
 
 
 def _price(value: Any) -> Price:
@@ -115,8 +117,25 @@ class Manifest(BaseModel):
         if self.shard is None:
             return self.episodes
         number, count = self.shard
-        digests = [cell.digest for cell in self.cells]
-        return tuple(e for e in self.episodes if shard_of(digests[e.cell], e.trial, count) == number)
+        digests, cells = [cell.digest for cell in self.cells], self.cells
+        return tuple(
+            e for e in self.episodes if shard_of(digests[e.cell], cells[e.cell].chain_of(e.trial), count) == number
+        )
+
+    @cached_property
+    def predecessors(self) -> dict[str, str]:
+        """The key of the trial before it, by the key of every episode that takes something over (`Rules.carry`)."""
+        carrying = [cell.carry is not None for cell in self.cells]
+        if not any(carrying):
+            return {}
+        chained = [episode for episode in self.episodes if carrying[episode.cell]]
+        keys = {(episode.cell, episode.trial): episode.key for episode in chained}
+        before: dict[str, str] = {}
+        for episode in chained:
+            cell, earlier = self.cells[episode.cell], (episode.cell, episode.trial - 1)
+            if earlier in keys and cell.chain_of(episode.trial - 1) == cell.chain_of(episode.trial):
+                before[episode.key] = keys[earlier]
+        return before
 
     def to_json(self) -> dict[str, Any]:
         """Return the manifest as plain data; what there is not is left out."""

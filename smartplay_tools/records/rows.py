@@ -10,6 +10,7 @@ is not a result: it is in no mean, and the episode is continued or played again.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
-from smartplay_tools.episode.config import RULES
+from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
@@ -36,9 +37,22 @@ LATER = frozenset({"peak_prompt_tokens", "observation"})
 
 def row_of(record: Record, trial: int) -> Row:
     """Return the row of a finished episode, from its record."""
-    copied = {name: record.facts[name] for name in COPIED}
+    copied = {name: record.facts[name] for name in COPIED if name not in Rules.later or record.facts[name] is not None}
     counted = {"peak_prompt_tokens": record.peak_prompt_tokens, "cost": record.cost}
     return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted}
+
+
+def unit_of(*rows: Row) -> int:
+    """Return the independent unit of statistics that a row, or a pair of rows of one trial, belongs to.
+
+    It is the world or, where trials carry something over (`Rules.carry`), the chain; with chains of different lengths
+    on the two sides, as many trials as both divide.
+    """
+    chains = [row.get("chain") for row in rows if row.get("carry") is not None]
+    if not chains:
+        return int(rows[0]["seed"])
+    lengths = [length for length in chains if length is not None]
+    return rows[0]["trial"] // math.lcm(*lengths) if len(lengths) == len(chains) else 0
 
 
 class _Row(EpisodeResult):

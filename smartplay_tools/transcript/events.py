@@ -31,6 +31,8 @@ class StartEvent(TypedDict):
     cut_results: int
     """1 if the manual was pinned and cut to its cap, else 0."""
     versions: dict[str, str]
+    carried: NotRequired[dict[str, Any]]
+    """What the episode takes over from the trial before it: `record`, the digest of its record, `result`, `notes`."""
 
 
 class HeadEvent(TypedDict):

@@ -60,6 +60,10 @@ class _Curve:
     name: str
     cells: dict[int | None, list[Row]]
 
+    @property
+    def carries(self) -> bool:
+        return any(row.get("carry") is not None for rows in self.cells.values() for row in rows)
+
     def scores(self, cap: int | None) -> dict[int, float]:
         return {row["seed"]: row["score"] for row in self.cells.get(cap, [])}
 
@@ -114,8 +118,9 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float]) -> 
     for curve in curves:
         infeasible = tuple(cap for cap in caps if cap not in curve.cells)
         facts = (game, curve.name, grid, infeasible, _is_cut(curve), len(seeds))
-        if lacking is not None:
-            curve_areas.append(Area(*facts, reason=lacking))
+        reason = "trials carry something over, so seeds are not independent" if curve.carries else lacking
+        if reason is not None:
+            curve_areas.append(Area(*facts, reason=reason))
             continue
         chance = np.array([random[seed] for seed in seeds], dtype=float)
         played = [curve.scores(cap) if cap in curve.cells else random for cap in grid]

@@ -5,7 +5,8 @@ pays, what the opponent prefers, where the cows are) is therefore the same on bo
 out, so that far fewer episodes are needed to show whether a smaller window costs anything.
 
 The interval of a mean difference is computed by `intervals`, with the differences as the sample. An episode whose
-counterpart is missing (it failed, or was not played yet) is in no pair.
+counterpart is missing (it failed, or was not played yet) is in no pair. Where trials carry something over, on either
+side of a pair, the sample is that of the means of chains: `records.rows.unit_of`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dataclasses import replace
 
 from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Sample, mean_estimate
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import Row, unit_of
 
 Measure = Callable[[Row], float | None]
 """A value of one episode; None if it has none."""
@@ -85,20 +86,20 @@ def reward(row: Row) -> float:
 
 
 def sample(rows: Sequence[Row], measure: Measure) -> Sample:
-    """Return a measure of the episodes of a cell, or of its worlds if they were played several times."""
-    measured = [(row["seed"], value) for row in rows if (value := measure(row)) is not None]
-    return _of_worlds(measured, bounds_of(measure, rows[0]["game"]) if rows else None)
+    """Return a measure of the episodes of a cell, or of its worlds or chains if these have several episodes."""
+    measured = [(unit_of(row), value) for row in rows if (value := measure(row)) is not None]
+    return _of_units(measured, bounds_of(measure, rows[0]["game"]) if rows else None)
 
 
-def _of_worlds(measured: Sequence[tuple[int, float]], bounds: Bounds | None) -> Sample:
-    """Repeats of one world are not independent, so the worlds' means are the sample."""
-    worlds: dict[int, list[float]] = {}
-    for seed, value in measured:
-        worlds.setdefault(seed, []).append(value)
-    if len(worlds) == len(measured):
+def _of_units(measured: Sequence[tuple[int, float]], bounds: Bounds | None) -> Sample:
+    """Repeats of a world, or trials of a chain, are not independent, so the means of worlds or chains are used."""
+    units: dict[int, list[float]] = {}
+    for unit, value in measured:
+        units.setdefault(unit, []).append(value)
+    if len(units) == len(measured):
         return Sample([value for _, value in measured], bounds)
     bounds = None if bounds is None else replace(bounds, two_valued=False)
-    return Sample([math.fsum(repeats) / len(repeats) for repeats in worlds.values()], bounds)
+    return Sample([math.fsum(members) / len(members) for members in units.values()], bounds)
 
 
 def samples(rows: Sequence[Row]) -> dict[str, Sample]:
@@ -119,12 +120,12 @@ def pairs(rows: Iterable[Row], reference: Iterable[Row]) -> list[Pair]:
 
 def difference_sample(paired: Sequence[Pair], measure: Measure) -> Sample:
     """Return measure(row) - measure(its counterpart) of the pairs that have it."""
-    measured = ((row["seed"], measure(row), measure(counterpart)) for row, counterpart in paired)
-    seed_differences = [
-        (seed, value - other) for seed, value, other in measured if value is not None and other is not None
+    measured = ((unit_of(row, counterpart), measure(row), measure(counterpart)) for row, counterpart in paired)
+    unit_differences = [
+        (unit, value - other) for unit, value, other in measured if value is not None and other is not None
     ]
     bounds = bounds_of(measure, paired[0][0]["game"]) if paired else None
-    return _of_worlds(seed_differences, None if bounds is None else bounds.of_differences)
+    return _of_units(unit_differences, None if bounds is None else bounds.of_differences)
 
 
 def difference_samples(paired: Sequence[Pair]) -> dict[str, Sample]:

@@ -22,7 +22,7 @@ from smartplay_tools.records.rows import LATER as ROWS_LATER
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES, WORDS, Budget, EpisodeResult, Tokens, Usage
 
-_STRINGS = ("key", "game", "engine", "player", *RULES, "tokenizer", "prompts")
+_STRINGS = ("key", "game", "engine", "player", *(name for name in RULES if name != "chain"), "tokenizer", "prompts")
 _TOKENS = ("prompt", "reply", "prefix")
 _PROVIDER = ("prompt", "reply", "cached", "written", "reasoning")
 _CAPS = (
@@ -39,7 +39,7 @@ _CAPS = (
 COLUMNS: dict[str, tuple[str, str]] = {
     "run": ("run", "string"),
     **{name: (name, "string") for name in _STRINGS},
-    **{name: (name, "int64") for name in ("trial", "seed")},
+    **{name: (name, "int64") for name in ("chain", "trial", "seed")},
     **{name: (name, "float64") for name in ("score", "normalized_score", "reward")},
     "completed": ("completed", "bool"),
     **{name: (name, "int64") for name in COUNTS},
@@ -66,6 +66,7 @@ LATER: Mapping[str, Any] = {
     **Tokens.later,
     **Usage.later,
     "observation": Rules().observation,
+    **Rules.later,
 }
 """Values that a row leaves out, and what they then are."""
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, AsyncExitStack, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -22,8 +22,9 @@ from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conversation, play
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.conversation.session import AgentSession, Conversation
+from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import DiskFullError, SmartPlayError, is_disk_full
+from smartplay_tools.errors import DiskFullError, SmartPlayError, TranscriptError, is_disk_full
 from smartplay_tools.evaluation.runs.agents import Agent, Held
 from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
@@ -59,6 +60,8 @@ class Task:
     previous: Path | None = None
     """The record of an earlier attempt, from which the episode is continued if possible."""
     price: Price | None = None
+    carried: Carried | None = None
+    """What the episode takes over from the trial before it in its chain."""
 
 
 @dataclass(frozen=True)
@@ -101,15 +104,19 @@ def continued(task: Task, player: Player | AsyncPlayer) -> AnyConversation | Non
 
 def begun(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
     """Return the conversation of an attempt that starts a new episode."""
-    cell = task.planned.cell
-    episode = Episode.from_config(cell.with_seed(task.planned.seed, task.planned.repeat), transcript=task.record)
-    return new_conversation(episode, player.name, cell.protocol)
+    return new_conversation(_episode(task), player.name, task.planned.cell.protocol)
+
+
+def _episode(task: Task) -> Episode:
+    config = task.planned.cell.with_seed(task.planned.seed, task.planned.repeat)
+    return Episode.from_config(config, transcript=task.record, carried=task.carried)
 
 
 def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
     assert task.previous is not None
     _load_strategy(task)
     events = read_transcript(task.previous)
+    _check_carried(task, events)
     if not remembers_nothing(player):
         _ask_again(player, events)
     resumed = resume(events, transcript=task.record)
@@ -118,6 +125,12 @@ def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
         resumed.episode.close()
         raise _DifferentReplyError("The record has no conversation that could go on.")
     return conversation
+
+
+def _check_carried(task: Task, events: Sequence[Event]) -> None:
+    """Refuse an earlier attempt that began with something else than what the trial before has left."""
+    if Carried.of(events[0]) != task.carried:
+        raise TranscriptError("The earlier attempt was played after another record of the trial before it.")
 
 
 def _load_strategy(task: Task) -> None:
@@ -193,13 +206,13 @@ def _held(task: Task, agent: Agent, stop: StopFlag) -> Held:
     if task.previous is not None and agent.goes_on:
         try:
             _load_strategy(task)
+            _check_carried(task, read_transcript(task.previous))
             resumed = resume(task.previous, transcript=task.record, session=True)
             session = resumed.conversation if isinstance(resumed.conversation, AgentSession) else None
             return Held(key, resumed.episode, session, stop)
         except SmartPlayError:
             delete_record(task.record)
-    config = task.planned.cell.with_seed(task.planned.seed, task.planned.repeat)
-    episode = Episode.from_config(config, transcript=task.record)
+    episode = _episode(task)
     episode.begin()
     return Held(key, episode, None, stop)
 

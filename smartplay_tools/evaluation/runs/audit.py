@@ -1,7 +1,8 @@
 """The audit of a run: every episode is replayed, and every row compared with its record.
 
 A replay that is identical bit for bit shows that the record follows from the game, the budget and the replies. The
-audit also checks that the row agrees with the record, and that the record is of the planned episode.
+audit also checks that the row agrees with the record, that the record is of the planned episode, and that a trial which
+takes something over began with what the trial before it left.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 
 from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.records.chains import chain_fault
 from smartplay_tools.records.parallel import parallel_map, worth
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
@@ -48,8 +50,13 @@ def audit(
     name of their strategy, if that is in a file. Rows are read from the folder unless they are given.
     """
     rows = folder.rows() if rows is None else rows
-    records = [(folder.transcript(row["key"]), row) for row in rows]
-    processes = worth(workers, (record for record, _ in records), WORTH_A_PROCESS)
+    before = folder.manifest().predecessors
+    paths = [(folder.transcript(row["key"]), before.get(row["key"])) for row in rows]
+    records = [
+        (record, None if key is None else folder.transcript(key), row)
+        for (record, key), row in zip(paths, rows, strict=True)
+    ]
+    processes = worth(workers, (record for record, _ in paths), WORTH_A_PROCESS)
     with parallel_map(
         functools.partial(_audit_all, tokenizer=tokenizer, strategy=strategy), records, processes
     ) as results:
@@ -58,20 +65,22 @@ def audit(
 
 
 def _audit_all(
-    records: Sequence[tuple[Path, Row]], *, tokenizer: str | None, strategy: str | None
+    records: Sequence[tuple[Path, Path | None, Row]], *, tokenizer: str | None, strategy: str | None
 ) -> list[EpisodeAudit]:
     if strategy is not None:
         load_strategy(strategy)
-    return [_audit(record, row, tokenizer=tokenizer) for record, row in records]
+    return [_audit(record, before, row, tokenizer=tokenizer) for record, before, row in records]
 
 
-def _audit(record: Path, row: Row, *, tokenizer: str | None) -> EpisodeAudit:
+def _audit(record: Path, before: Path | None, row: Row, *, tokenizer: str | None) -> EpisodeAudit:
     try:
         read = Record.read(record)
         replayed = replay_record(read, tokenizer=tokenizer)
         differences = [*replayed.differences]
         if replayed.complete or not read.is_complete:
             differences += _row_differences(read, row)
+        if fault := chain_fault(read, before):
+            differences.append(fault)
     except SmartPlayError as error:
         differences = [str(error)]
     return EpisodeAudit(row["key"], row["game"], tuple(differences))

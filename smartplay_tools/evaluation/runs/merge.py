@@ -7,11 +7,13 @@ like any other: the same command, without the shard, plays the episodes that no 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
+from smartplay_tools.records.chains import chain_fault
+from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.records.run_follower import run_snapshot
@@ -23,7 +25,8 @@ SHARED = ("seed", "cells", "episodes")
 def merge(parts: Sequence[str | Path], out: str | Path) -> RunFolder:
     """Merge the parts of a run into a new folder, and return it.
 
-    Parts of different runs, or with different results of the same episode, raise an `InvalidArgumentError`.
+    Parts of different runs, with different results of the same episode, or with a part of a chain of trials only, raise
+    an `InvalidArgumentError`.
     """
     folders, whole = [RunFolder(part) for part in parts], RunWriter(out)
     if not folders:
@@ -35,6 +38,8 @@ def merge(parts: Sequence[str | Path], out: str | Path) -> RunFolder:
         if any(getattr(manifest, name) != getattr(manifests[0], name) for name in SHARED):
             raise InvalidArgumentError(f"{folder.path} and {folders[0].path} are not parts of the same run.")
     rows = _all_rows(folders)
+    for folder in folders:
+        _check_chains(folder, manifests[0].predecessors)
     with whole.writing():
         prices = {player: price for manifest in manifests for player, price in manifest.prices.items()}
         merged = manifests[0].model_copy(update={"shard": None, "prices": prices})
@@ -59,6 +64,14 @@ def _all_rows(folders: Sequence[RunFolder]) -> dict[str, Row]:
                     "leave one of the folders out."
                 )
     return rows
+
+
+def _check_chains(folder: RunFolder, predecessors: Mapping[str, str]) -> None:
+    """Refuse a part in which a trial did not begin with what the trial before it in its chain left."""
+    for key in sorted(folder.finished() & predecessors.keys()):
+        record = Record.head(folder.transcript(key))
+        if fault := chain_fault(record, folder.transcript(predecessors[key])):
+            raise InvalidArgumentError(f"Episode {key} of {folder.path} does not follow in its chain. {fault}")
 
 
 def _copy_records(folder: RunFolder, whole: RunWriter) -> None:

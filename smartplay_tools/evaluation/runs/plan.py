@@ -41,6 +41,8 @@ class PlannedEpisode:
     seed: int
     repeat: int = 0
     """Which time its world is played."""
+    after: str | None = None
+    """The key of the trial whose result it waits for, since it takes something over from it (`Rules.carry`)."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +71,15 @@ class Plan:
         """Return the part that shard `number` of `count` plays, counting from 1: every count-th trial of each cell.
 
         Every shard therefore gets its share of long and short episodes. The shard of an episode depends only on its
-        cell and trial, so it does not change when trials, games or players are added.
+        cell and trial, so it does not change when trials, games or players are added. A chain of trials (`Rules.carry`)
+        is not divided.
         """
         if not 1 <= number <= count:
             raise InvalidArgumentError(
                 f"There is no shard {number} of {count}; the shards are 1/{count} to {count}/{count}."
             )
         digests = [cell.digest for cell in self.cells]
-        mine = (e for e in self.episodes if shard_of(digests[e.place], e.trial, count) == number)
+        mine = (e for e in self.episodes if shard_of(digests[e.place], e.cell.chain_of(e.trial), count) == number)
         return replace(self, episodes=tuple(mine))
 
 
@@ -152,17 +155,20 @@ def plan_suite(
 def check_playable(cell: CellConfig) -> None:
     """Check the options of the game, its engine and the budget by creating them, without making a world."""
     with closing(cell.make_game(cell.spec)) as game:
-        GameSession(
-            cell.spec, game, cell.budget, shared_counter(cell.tokenizer), cell.manual, cell.context, cell.observation
-        )
+        GameSession(cell.spec, game, cell, shared_counter(cell.tokenizer))
 
 
 def _trials(cell: CellConfig, place: int, worlds: int, seed: int, repeats: int) -> Iterator[PlannedEpisode]:
+    if repeats > 1 and cell.carry is not None:
+        raise InvalidArgumentError(f"carry={cell.carry} plays every world once; leave out repeats={repeats}.")
+    before: str | None = None
     for world in range(worlds):
         own = trial_seed(seed, cell.game, world)
         for repeat in range(repeats):
-            key = cell.with_seed(own, repeat).key
-            yield PlannedEpisode(key, cell, place, world * repeats + repeat, own, repeat)
+            key, trial = cell.with_seed(own, repeat).key, world * repeats + repeat
+            follows = trial > 0 and cell.chain_of(trial) == cell.chain_of(trial - 1)
+            yield PlannedEpisode(key, cell, place, trial, own, repeat, before if follows else None)
+            before = key
 
 
 def make_cells(

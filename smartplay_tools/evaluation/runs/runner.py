@@ -69,6 +69,8 @@ class Run(InNotebook):
     """What a run that stops when it is decided has shown."""
     refused: str | None = None
     """Why the run was ended early: a model's server refuses every request."""
+    waiting: int = 0
+    """Planned episodes that wait for the trial before them in their chain, which has no result."""
 
     @property
     def complete(self) -> bool:
@@ -204,6 +206,7 @@ def run_plan(
         scheduler.spared,
         tuple(scheduler.decisions),
         scheduler.refused,
+        scheduler.waiting,
     )
 
 
@@ -333,6 +336,11 @@ def _manifest(
 def _comparisons(manifest: Manifest) -> Comparisons | None:
     if manifest.until is None:
         return None
+    if any(cell.carry is not None for cell in manifest.cells):
+        raise InvalidArgumentError(
+            "Trials that carry something over depend on each other, so no pair of them can decide a comparison early; "
+            "leave out --until or carry."
+        )
     from smartplay_tools.evaluation.analysis.stopping import Comparisons
 
     return Comparisons(manifest)

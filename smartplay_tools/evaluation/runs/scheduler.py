@@ -3,7 +3,8 @@
 Only the scheduler writes into the run's folder while the run is played. An outcome says only that an attempt is over;
 its record is then moved to its final place, and its row is added.
 
-An episode may have to wait for three reasons. Caps of the run: it begins only if its expected use fits under the caps
+An episode may have to wait for four reasons. Its chain: a trial that takes something over (`Rules.carry`) begins when
+the trial before it has a result. Caps of the run: it begins only if its expected use fits under the caps
 together with the running episodes. Its player: at most `concurrency` episodes of it run at a time. A model that has not
 played an action yet in this run: one episode begins, and the others wait for its first step, so that a wrong key, or a
 server that does not pass tool calls on, costs one episode instead of a hundred.
@@ -25,6 +26,7 @@ from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_ke
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelRefusedError
+from smartplay_tools.records.chains import left_by
 from smartplay_tools.records.prices import Price, check_known
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, row_of
@@ -116,21 +118,27 @@ class Scheduler:
         return self._spent.tokens + self._spent.unknown_tokens, (self._spent.cost or 0.0) + self._spent.unknown_cost
 
     def play(self, executor: Executor, episodes: Sequence[PlannedEpisode]) -> None:
-        """Play those of the episodes that are not finished; failed ones are retried up to `RETRIES` times.
+        """Play those of the episodes that are not finished; failed ones are retried up to `RETRIES` times each.
 
         When an episode has reached a cap of the run, no further one begins. If a provider has counted tokens
         without a known price under a cap on cost, an `InvalidArgumentError` is raised.
         """
         self._capped, self._executor = False, executor
-        for _ in range(1 + RETRIES):
+        attempts: Counter[str] = Counter()
+        while True:
             left = [episode for episode in episodes if episode.key not in self._rows and self._is_needed(episode)]
+            left = [episode for episode in left if attempts[episode.key] <= RETRIES]
             if self._setup.comparisons is not None:
                 left.sort(key=lambda episode: (episode.trial, episode.place))
             self._queue = deque(self._tryouts_first(left))
             if not self._queue or self._is_over():
                 break
+            before = attempts.total()
             for outcome in executor.run(self.take, self.again):
+                attempts[outcome.task.planned.key] += 1
                 self._settle(outcome)
+            if attempts.total() == before:  # those that are left wait for an episode that has no result
+                break
         self.cap_reached = self.cap_reached or self._capped
         if self._unpriced:
             self.finish()
@@ -143,7 +151,7 @@ class Scheduler:
         busy = Counter(self._who[task.planned.place] for task in self._running.values())
         for place, episode in enumerate(self._queue):
             player = self._who[episode.place]
-            if player in self._silent or not self._is_needed(episode):
+            if player in self._silent or not self._is_needed(episode) or self._waits(episode):
                 continue
             room = self._setup.players[player].concurrency
             if (room is not None and busy[player] >= room) or (busy[player] and not self._has_acted(player)):
@@ -164,6 +172,14 @@ class Scheduler:
     def spared(self) -> int:
         """How many planned episodes were not needed."""
         return sum(e.key not in self._rows and not self._is_needed(e) for e in self._plan.episodes)
+
+    @property
+    def waiting(self) -> int:
+        """How many episodes wait for the trial before them in their chain, which has no result."""
+        return sum(e.key not in self._rows and self._waits(e) for e in self._plan.episodes)
+
+    def _waits(self, episode: PlannedEpisode) -> bool:
+        return episode.after is not None and episode.after not in self._rows
 
     def _is_needed(self, episode: PlannedEpisode) -> bool:
         if self._setup.comparisons is None:
@@ -228,7 +244,8 @@ class Scheduler:
         cell = episode.cell
         config = self._setup.players[self._who[episode.place]]
         record, previous = self._folder.new_record(episode.key), self._folder.latest_attempt(episode.key)
-        task = Task(episode, config, record, previous, self._setup.prices.get(player_of(cell)))
+        carried = None if episode.after is None else left_by(self._folder.transcript(episode.after))
+        task = Task(episode, config, record, previous, self._setup.prices.get(player_of(cell)), carried)
         self._running[episode.key] = task
         return task
 

@@ -2,15 +2,21 @@
 
 One imagined win and one imagined loss are added to the visible results of each machine, so that a good machine that
 loses its first pull is tried again.
+
+What can be known from the games before is how often a better and a worse machine win, not which is which: they are put
+in random order. With that carried over, the machine is pulled that is more probably the better one.
 """
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Mapping
+from typing import Any
 
 from smartplay_tools.messages import Message
 from smartplay_tools.players.reading import Reading, call
-from smartplay_tools.players.rules.memory import line, recall
+from smartplay_tools.players.rules.memory import earlier, line, recall
 
 PULL = re.compile(r"You pulled slot machine (\d+), you received reward (-?\d+)\.")
 
@@ -34,8 +40,41 @@ def remember(reading: Reading, cap: int | None) -> tuple[Message, str]:
     memory = recall(reading)
     kept = {int(machine): tuple(counts) for machine, counts in (memory.facts or {}).get("machines", {}).items()}
     machines = count_pulls(memory.since, kept)
-    facts = {"clock": sum(pulls for pulls, _ in machines.values()), "machines": machines}
-    return pull(reading, machines), line(facts)
+    facts: dict[str, Any] = {"clock": sum(pulls for pulls, _ in machines.values()), "machines": machines}
+    if (ranks := _ranks(reading)) is None:
+        return pull(reading, machines), line(facts)
+    return _pull_likely(reading, machines, ranks), line({**facts, "ranks": ranks})
+
+
+Ranks = list[list[int]]
+"""Pulls and the sum of their rewards of the better machines of the games before, and of the worse ones."""
+
+
+def _ranks(reading: Reading) -> Ranks | None:
+    """Return what is known from the games before, None for nothing: the last one is added to what it knew itself."""
+    if (before := earlier(reading)) is None:
+        return None
+    counts = [list(counts) for counts in before.facts.get("machines", {}).values()]
+    if (match := PULL.search(before.told)) and int(match[1]) <= len(counts):  # its notes were older than its last pull
+        counts[int(match[1]) - 1][0] += 1
+        counts[int(match[1]) - 1][1] += int(match[2])
+    known: Ranks = before.facts.get("ranks", [[0, 0], [0, 0]])
+    if len(counts) != len(known) or not all(pulls for pulls, _ in counts):
+        return known
+    best_first = sorted(counts, reverse=True)  # the one that was pulled more was found to be the better one
+    return [[own[at] + rank[at] for at in range(2)] for own, rank in zip(best_first, known, strict=True)]
+
+
+def _pull_likely(reading: Reading, counts: Mapping[int, tuple[int, int]], ranks: Ranks) -> Message:
+    """Pull the machine that is more probably the better one, by how often such machines have won before."""
+    better, worse = ((pulls + reward + 2) / (2 * pulls + 4) for pulls, reward in ranks)
+
+    def evidence(machine: int) -> float:
+        pulls, reward = counts[machine]
+        wins = (pulls + reward) / 2
+        return wins * math.log(better / worse) + (pulls - wins) * math.log((1 - better) / (1 - worse))
+
+    return call("act", action=reading.actions[max(counts, key=evidence) - 1])
 
 
 def count_pulls(reading: Reading, earlier: Pulls) -> Pulls:

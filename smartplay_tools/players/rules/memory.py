@@ -14,7 +14,7 @@ from typing import Any
 
 from smartplay_tools.arguments import read
 from smartplay_tools.messages import Message, calls_of, text_of
-from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.reading import Reading, call, is_carried
 from smartplay_tools.types import NOTES_TOOL, RECALL_TOOL
 
 LINE = re.compile(r"^Notes: (\{.*\})$", re.MULTILINE)
@@ -46,6 +46,23 @@ def recall(reading: Reading) -> Memory:
         return Memory(None, reading)
     _, at, facts = newest
     return Memory(facts, Reading(replace(reading.prompt, messages=messages[at:])))
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """What a prompt says of the game that was played before this one, in another world."""
+
+    facts: dict[str, Any]
+    """What was kept there."""
+    told: str
+    """The whole message, which has the last result."""
+
+
+def earlier(reading: Reading) -> Earlier | None:
+    """Return what was carried over from the game before; None if nothing was, or nothing was kept there."""
+    told = next((text_of(message) for message in reading.prompt.messages if is_carried(message)), None)
+    facts = None if told is None else _facts(told)
+    return None if told is None or facts is None else Earlier(facts, told)
 
 
 def line(facts: dict[str, Any]) -> str:
@@ -136,9 +153,9 @@ def _steps_in(reading: Reading) -> int:
 
 
 def _texts(message: Message) -> list[str]:
-    """The texts of a message in which a memory may stand."""
+    """The texts of a message in which a memory of this world may stand."""
     if message["role"] == "user":
-        return [text_of(message)]
+        return [] if is_carried(message) else [text_of(message)]
     if message["role"] != "assistant":
         return []
     taken = (read(tool_call["function"]["arguments"]).values for tool_call in calls_of(message))

@@ -1,6 +1,7 @@
 """Figures of a run. They need the extra `evaluation`; `save_figure` writes PNG, SVG and PDF."""
 
 from smartplay_tools.evaluation.analysis.figures.capability_dots import capability_dots
+from smartplay_tools.evaluation.analysis.figures.chains import score_against_trial
 from smartplay_tools.evaluation.analysis.figures.curves import (
     effects_of_slack,
     score_against_history,
@@ -22,6 +23,7 @@ __all__ = [
     "save_figure",
     "score_against_history",
     "score_against_prompt_tokens",
+    "score_against_trial",
     "score_over_steps",
     "tokens_by_part",
     "write_figures",

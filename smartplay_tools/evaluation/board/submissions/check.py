@@ -291,6 +291,7 @@ class _Check:
                         rows.get(episode.key),
                         plan.prices.get(config.player or ""),
                         tuple(attempts.get(episode.key, ())),
+                        self._before(plan, episode.key),
                         self._allowed.tokenizer,
                         standard=submission is not None and submission.submission_type == "standard",
                     )
@@ -299,6 +300,10 @@ class _Check:
         for job in jobs:
             self._add(job, answers[job.record])
         self._remark_on_records([answer for answer in answers.values() if isinstance(answer, CheckedRecord)])
+
+    def _before(self, plan: SubmittedPlan, key: str) -> Path | None:
+        before = plan.predecessors.get(key)
+        return None if before is None else self._folder / "episodes" / f"{before}.jsonl"
 
     def _add(self, job: RecordJob, answer: CheckedRecord | Lost) -> None:
         checked = self._checked

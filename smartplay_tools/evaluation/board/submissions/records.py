@@ -23,6 +23,7 @@ from smartplay_tools.evaluation.board.submissions.findings import Finding, error
 from smartplay_tools.evaluation.board.submissions.metadata import Name
 from smartplay_tools.json_text import canonical_text
 from smartplay_tools.messages import Message, calls_of
+from smartplay_tools.records.chains import chain_fault
 from smartplay_tools.records.driver import EXTERNAL_ENDS
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import EXCEPTION, INTERRUPTED, Record
@@ -63,6 +64,8 @@ class RecordJob:
     price: Price | None
     attempts: tuple[Path, ...]
     """Records of earlier attempts at the same episode."""
+    before: Path | None
+    """The record of the trial that it takes something over from."""
     tokenizer: str | None
     standard: bool
     """Whether prompts have to be the library's own."""
@@ -133,6 +136,8 @@ def _check(job: RecordJob, checked: CheckedRecord) -> Iterator[Finding]:
         return
     if b"".join(event_line(event) + b"\n" for event in record.events) != record.written:
         yield error("record", "The record is not written as this library writes it.", key)
+    if fault := chain_fault(record, job.before):
+        yield error("record", fault, key)
     say = error if job.standard else remark
     yield from _check_host(record, key, say, has_host_part=played.has_host_part)
     yield from _check_budget(record, key)

@@ -1,0 +1,128 @@
+"""Carried stores: what a trial of a run takes over from the trial before it in its chain.
+
+With `Rules.carry` the trials of a cell form chains. What a trial leaves follows from its record, however it ended: its
+last result, and the store that `carry` names, such as the newest notes that were accepted. The next trial of the
+chain is told both in one message at the end of its head, which stays for the whole trial. The last result is told
+because no prompt followed it: in MESSENGER it is the only reward.
+
+The start event holds what was carried and the digest of the record that it comes from. `check_head` reserves the
+longest form of the message from the first trial on, so that no later trial is refused. A store is a function of the
+`call` events: to add one, add a class to `STORES` and its name to `types.CarriedStore`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Protocol, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from smartplay_tools import prompts
+from smartplay_tools.arguments import read
+from smartplay_tools.episode.config import Rules
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one_line
+from smartplay_tools.messages import Message
+from smartplay_tools.tokens import TokenCounter, truncation
+from smartplay_tools.transcript.events import CallEvent, Event
+from smartplay_tools.types import NOTES_TOOL, Budget, CarriedStore, ResolvedBudget
+
+
+class StoreKind(Protocol):
+    """What an agent keeps with a tool, and a trial can leave to the next one."""
+
+    field: str
+    """The field of the budget that offers the tool."""
+
+    def after(self, calls: Iterable[CallEvent], before: str | None) -> str | None:
+        """Return what the store holds after these calls; `before` is what it held at the start, None for nothing."""
+        ...
+
+
+class NotesStore:
+    """The newest notes that were accepted."""
+
+    field = "notes_tokens"
+
+    def after(self, calls: Iterable[CallEvent], before: str | None) -> str | None:
+        """Return the newest notes; those of before if none were taken, None if the newest call cleared them."""
+        for call in calls:
+            if call["name"] == NOTES_TOOL and (done := call["data"].get("notes")) is not None:
+                before = str((read(call["arguments"]).values or {})["text"]) if done == "kept" else None
+        return before
+
+
+STORES: Mapping[CarriedStore, StoreKind] = {"notes": NotesStore()}
+"""The stores by the value of `Rules.carry`."""
+
+
+class Carried(BaseModel):
+    """What a trial takes over from the one before it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    record: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
+    """The digest of the record that it comes from: the `chain` of its last event."""
+    result: str | None = None
+    """The last result of that trial, as it was given; None if it made no call."""
+    notes: str | None = None
+    """The notes at its end; None if there were none."""
+
+    @classmethod
+    def of(cls, start: Event) -> Self | None:
+        """Return what a start event holds, None for nothing; `TranscriptError` if it is not valid."""
+        if (carried := start.get("carried")) is None:
+            return None
+        try:
+            return cls.model_validate(carried)
+        except ValidationError as error:
+            raise TranscriptError(f"The record's start event carries nothing valid: {in_one_line(error)}.") from None
+
+    def message(self, counter: TokenCounter, longest: int | None) -> Message:
+        """Return the message that ends the head of the trial; `longest` is what `longest_message` gives for it.
+
+        Tokens of joined texts do not add up. Should the whole be longer than its parts, the end of the result is cut.
+        """
+        whole = _message(self.result, self.notes)
+        if longest is None or self.result is None or counter.message(whole) <= longest:
+            return whole
+
+        def count(result: str) -> int:
+            return counter.message(_message(result, self.notes))
+
+        return _message(truncation.cut_end(self.result, longest, count), self.notes)
+
+
+def longest_message(budget: ResolvedBudget, counter: TokenCounter) -> int:
+    """Return the tokens of the longest message that a trial can find in its head, under a cap on prompts."""
+    results = (budget.result_tokens, budget.manual_tokens, budget.recall_tokens)
+    longest = max((cap for cap in results if cap is not None), default=0)
+    return counter.message(_message("", "")) + longest + (budget.notes_tokens or 0)
+
+
+def check_carry(rules: Rules, budget: Budget) -> None:
+    """Raise an `InvalidArgumentError` if what a run asks to carry is not kept, or cannot be shown."""
+    if rules.carry is None:
+        if rules.chain is not None:
+            raise InvalidArgumentError(f'chain={rules.chain} needs something to carry; ask for carry="notes".')
+        return
+    field = STORES[rules.carry].field
+    if getattr(budget, field) is None:
+        raise InvalidArgumentError(f'carry="{rules.carry}" carries what {field} keeps; give {field} a number.')
+    if rules.observation != "text":
+        raise InvalidArgumentError(
+            f'carry="{rules.carry}" shows the last result in words; leave observation at "text", '
+            f'not "{rules.observation}".'
+        )
+    if budget.prompt_tokens is not None and budget.result_tokens is None:
+        raise InvalidArgumentError(
+            f'carry="{rules.carry}" under prompt_tokens={budget.prompt_tokens} keeps room for the longest result; '
+            'give result_tokens a number, or leave it at "auto".'
+        )
+
+
+def _message(result: str | None, notes: str | None) -> Message:
+    parts: list[str] = [prompts.text("carried")]
+    for name, text in (("carried_result", result), ("carried_notes", notes)):
+        if text is not None:
+            parts.append(f"{prompts.text(name)}\n{text}")
+    return {"role": "user", "content": "\n\n".join(parts)}
