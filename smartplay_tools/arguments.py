@@ -14,7 +14,7 @@ from typing import Any
 
 from smartplay_tools.json_text import encoder
 
-__all__ = ["DEEPEST", "Arguments", "as_text", "canonical", "read"]
+__all__ = ["DEEPEST", "Arguments", "as_text", "canonical", "is_strict", "read"]
 
 LONGEST = 10_000
 """Longer text is malformed and is not parsed: no game needs it, and parsing takes time."""
@@ -173,3 +173,26 @@ def text_parameters(**descriptions: str) -> Mapping[str, Any]:
         "required": list(descriptions),
         "additionalProperties": False,
     }
+
+
+STRICT = frozenset({"type", "title", "description", "enum", "properties", "required", "additionalProperties", "items"})
+"""The keywords with which a schema is taken for strict; strict modes know some more, and refuse the rest."""
+
+
+def is_strict(schema: Any) -> bool:
+    """Whether strict modes accept JSON Schema as it is: each object in it is closed, and requires all its properties.
+
+    A provider refuses a request that calls another schema strict, whatever the agent that brought the tool wants.
+    """
+    if not isinstance(schema, Mapping) or not schema.keys() <= STRICT or not isinstance(schema.get("type"), str):
+        return False
+    if schema["type"] == "array":
+        return is_strict(schema.get("items"))
+    if schema["type"] != "object":
+        return True
+    properties, required = schema.get("properties"), schema.get("required")
+    if not isinstance(properties, Mapping) or not isinstance(required, list | tuple):
+        return False
+    closed = schema.get("additionalProperties") is False
+    requires_all = len(required) == len(properties) and all(name in required for name in properties)
+    return closed and requires_all and all(map(is_strict, properties.values()))

@@ -252,7 +252,7 @@ class ResolvedBudget(Budget):
 
 @dataclass(frozen=True, slots=True)
 class ToolSpec:
-    """A tool as it is described to the model; `parameters` is JSON Schema that strict modes accept."""
+    """A tool as it is described to the model; `parameters` is JSON Schema, of the game's tools one for strict modes."""
 
     name: str
     description: str

@@ -379,6 +379,33 @@ def test_schemas_in_every_form(episode):
         sp.schema(act, "xml")
 
 
+CLOSED = {"type": "object", "additionalProperties": False}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "strict"),
+    [
+        ({**CLOSED, "properties": {}, "required": []}, True),
+        ({**CLOSED, "properties": {"n": {"type": "integer", "description": "How many."}}, "required": ["n"]}, True),
+        ({**CLOSED, "properties": {"n": {"type": "integer"}}, "required": []}, False),
+        ({**CLOSED, "properties": {"n": {"type": "integer"}}, "required": ["n"], "additionalProperties": True}, False),
+        ({"type": "object"}, False),
+        ({**CLOSED, "properties": {"any": True}, "required": ["any"]}, False),
+        ({**CLOSED, "properties": {"any": {}}, "required": ["any"]}, False),
+        ({**CLOSED, "properties": {"in": {"type": "object"}}, "required": ["in"]}, False),
+        ({**CLOSED, "properties": {"l": {"type": "array", "items": {"type": "string"}}}, "required": ["l"]}, True),
+        ({**CLOSED, "properties": {"l": {"type": "array"}}, "required": ["l"]}, False),
+        ({**CLOSED, "properties": {"a": {"$ref": "#"}}, "required": ["a"]}, False),
+        ({**CLOSED, "properties": {"a": {"type": "string"}}, "required": None}, False),
+    ],
+)
+def test_a_tool_is_sent_as_strict_only_if_its_schema_is(parameters, strict):
+    """OpenAI refuses a request with a strict tool whose schema is not, and agents bring such tools of their own."""
+    tool = sp.ToolSpec("search", "Search files.", parameters)
+    assert sp.schema(tool, "openai")["function"]["strict"] is strict
+    assert sp.schema(tool, "responses")["strict"] is strict
+
+
 @pytest.mark.parametrize("text", ['{"action": "Rock"}', '{"action": ["Rock"]}'])
 def test_arguments_that_a_host_has_changed_are_read_as_sent_the_next_time(text):
     changed = read(text).values

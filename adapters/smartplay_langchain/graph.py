@@ -78,7 +78,7 @@ class GraphSession(CallPlayer):
     ) -> None:
         super().__init__(HostChat(episode, player=player, not_run=NOT_RUN))
         self._only_game_tools, self._is_told = only_game_tools, False
-        self._longest = 0
+        self._before: Sequence[BaseMessage] = ()
         """The most messages that the state has had."""
         self.prompt_settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
         self._other_tools = list(foreign_tools)
@@ -156,14 +156,17 @@ class GraphSession(CallPlayer):
 
     def _tell_of_removed(self, messages: Sequence[BaseMessage]) -> None:
         """Log once that something else shortens the state, which changes no prompt and may cost model calls."""
-        removed, self._longest = self._longest - len(messages), max(self._longest, len(messages))
-        if removed > 0 and not self._is_told:
+        before, self._before = self._before, messages
+        there = {message.id for message in messages}
+        gone = [message for message in before if message.id not in there]
+        if gone and not self._is_told:
             self._is_told = True
             log.warning(
-                "At least %d messages are gone from the state: a SummarizationMiddleware, perhaps, shortens it. The "
-                "model still sees the window, and the model calls for such summaries are paid for beside the "
-                "budget, which does not count them. Leave it out.",
-                removed,
+                "%d messages with %d tokens of text are gone from the state: a SummarizationMiddleware, perhaps, "
+                "shortens it. The model still sees the window. A model call for each such summary, with at least these "
+                "tokens, is paid for beside the budget, which does not count it. Leave it out.",
+                len(gone),
+                sum(self.episode.counter.text(message.text) for message in gone),
             )
 
     def prepare(

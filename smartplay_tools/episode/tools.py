@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from smartplay_tools.arguments import Arguments, as_text, text_parameters
+from smartplay_tools.arguments import Arguments, as_text, is_strict, text_parameters
 from smartplay_tools.context.strategies import StrategyTool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
@@ -151,14 +151,18 @@ def tool_specs(game: str | GameSpec, **options: Any) -> tuple[ToolSpec, ...]:
 
 
 def schema(tool: ToolSpec, form: SchemaFormat) -> dict[str, Any]:
-    """Return a tool in the format of an interface: OpenAI chat, OpenAI Responses, Anthropic or JSON Schema."""
+    """Return a tool in the format of an interface: OpenAI chat, OpenAI Responses, Anthropic or JSON Schema.
+
+    For OpenAI the game's tools are strict; an agent's own tool is, if its schema fits.
+    """
     parameters = dict(tool.parameters)
     function = {"name": tool.name, "description": tool.description}
+    strict = is_strict(parameters)
     match form:
         case "openai":
-            return {"type": "function", "function": {**function, "parameters": parameters, "strict": True}}
+            return {"type": "function", "function": {**function, "parameters": parameters, "strict": strict}}
         case "responses":
-            return {"type": "function", **function, "parameters": parameters, "strict": True}
+            return {"type": "function", **function, "parameters": parameters, "strict": strict}
         case "anthropic":
             return {**function, "input_schema": parameters}
         case "json":

@@ -131,13 +131,15 @@ BROKEN: Script = [
 FOREIGN: Script = [calling(("weather", '{"city":')), calling(*map(act, WAY))]
 """A call of the agent's own tool whose arguments are not JSON, alone in its message."""
 
-CITY = {
+PLACE = {
+    "$defs": {"place": {"type": "object", "properties": {"near": {"$ref": "#/$defs/place"}}}},
     "type": "object",
-    "properties": {"city": {"type": "string"}},
+    "properties": {"city": {"type": "string"}, "near": {"$ref": "#/$defs/place"}, "when": True},
     "required": ["city"],
     "additionalProperties": False,
 }
-WEATHER = sp.ToolSpec("weather", "Tell the weather.", CITY)
+"""A schema as MCP servers write them: one part allows any value, another is recursive."""
+WEATHER = sp.ToolSpec("weather", "Tell the weather.", PLACE)
 """A tool of the agent's own."""
 
 BUDGETS = {
@@ -230,12 +232,17 @@ def judge_caps(row: Window) -> None:
 
 
 def judge_broken_foreign_call(row: Window) -> None:
-    """A call of the agent's own tool with broken arguments is answered, by its framework or by us, and play goes on."""
+    """The agent's own tool reaches the model as it is; a broken call of it is answered, by its framework or by us."""
     episode, events = fresh()
     with episode:
         sent = row.hold(episode, FOREIGN, own_tool=True)  # type: ignore[call-arg]  # as `has_tools` says
     assert episode.result is not None
     assert (episode.result.end_reason, episode.result.turns, len(sent)) == ("terminated", 2, 2)
+    for prompt in sent:  # LangChain puts what a schema refers to in its place, as far as that goes
+        ((description, parameters),) = [tool[1:] for tool in prompt.tools if tool[0] == WEATHER.name]
+        assert description == WEATHER.description
+        assert parameters["properties"]["when"] is True
+        assert parameters["required"] == PLACE["required"]
     (answer,) = [message for message in sent[1].messages if message["role"] == "tool"]
     assert "error" in str(answer["content"]).lower()
     assert sp.replay(events).identical

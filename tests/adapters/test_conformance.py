@@ -7,15 +7,17 @@ import os
 import sys
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import httpx2
 import pytest
-from agents import Agent, ModelSettings, Runner, function_tool, set_tracing_disabled
+from agents import Agent, FunctionTool, ModelSettings, Runner, function_tool, set_tracing_disabled
 from langchain.agents import create_agent
 from langchain_core.messages import AIMessage, ToolMessage
+from langchain_core.tools import StructuredTool
 from langgraph.graph import START, MessagesState, StateGraph
 from langgraph.prebuilt import ToolNode
 from mcp import Client, StdioServerParameters, stdio_client
@@ -71,9 +73,20 @@ def weather(city: str = "") -> str:
     raise AssertionError("its arguments are not JSON")
 
 
+def of_langchain() -> StructuredTool:
+    return StructuredTool(
+        name=WEATHER.name, description=WEATHER.description, args_schema=dict(WEATHER.parameters), func=weather
+    )
+
+
+def of_agents_sdk() -> FunctionTool:
+    tool = function_tool(weather, name_override=WEATHER.name, strict_mode=False)
+    return replace(tool, description=WEATHER.description, params_json_schema=dict(WEATHER.parameters))
+
+
 def langchain_agent(episode: sp.Episode, script: Script, *, own_cap: int | None = None, own_tool: bool = False) -> Sent:
     model = ScriptedModel(script, own_cap)
-    create_agent(model, [weather] * own_tool, middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
+    create_agent(model, [of_langchain()] * own_tool, middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
     return model.received
 
 
@@ -81,7 +94,7 @@ def langchain_agent_async(
     episode: sp.Episode, script: Script, *, own_cap: int | None = None, own_tool: bool = False
 ) -> Sent:
     model = ScriptedModel(script, own_cap)
-    agent = create_agent(model, [weather] * own_tool, middleware=[SmartPlayMiddleware(episode)])
+    agent = create_agent(model, [of_langchain()] * own_tool, middleware=[SmartPlayMiddleware(episode)])
     asyncio.run(agent.ainvoke({"messages": []}))
     return model.received
 
@@ -114,7 +127,7 @@ def agents_sdk(
 ) -> Sent:
     inner = ReadingModel(script)
     model = SmartPlayModel(inner, episode)
-    tools = [*model.tools, *[function_tool(weather)] * own_tool]
+    tools = [*model.tools, *[of_agents_sdk()] * own_tool]
     agent = Agent("player", model=model, tools=tools, model_settings=ModelSettings(max_tokens=own_cap))
 
     async def run() -> None:

@@ -12,7 +12,7 @@ pytest.importorskip("pydantic_ai", reason="needs smartplay-tools[pydantic-ai]; `
 
 from anthropic import AsyncAnthropic
 from openai import AsyncOpenAI
-from pydantic_ai import Agent, UsageLimitExceeded
+from pydantic_ai import Agent, Tool, UsageLimitExceeded
 from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ThinkingPart, ToolCallPart, ToolReturnPart
 from pydantic_ai.models.anthropic import AnthropicModel
 from pydantic_ai.models.function import AgentInfo, FunctionModel
@@ -32,6 +32,7 @@ from tests.adapters.conformance import (
     BUDGETS,
     IDLE,
     WAY,
+    WEATHER,
     Received,
     Sent,
     Turns,
@@ -72,13 +73,17 @@ def weather(city: str = "") -> str:
     raise AssertionError("it is not called, or its arguments are not JSON")
 
 
+def of_pydantic_ai() -> Tool[Any]:
+    return Tool.from_schema(weather, WEATHER.name, WEATHER.description, dict(WEATHER.parameters))
+
+
 def hold(
     episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, own_tool: bool = False
 ) -> Sent:
     model = Scripted(script)
     own = None if own_cap is None else ModelSettings(max_tokens=own_cap)
     agent = Agent(
-        model.model, capabilities=[SmartPlay(episode)], model_settings=own, tools=[weather] if own_tool else []
+        model.model, capabilities=[SmartPlay(episode)], model_settings=own, tools=[of_pydantic_ai()] * own_tool
     )
     result = agent.run_sync("", usage_limits=NO_LIMIT)
     assert result.output == THE_END
