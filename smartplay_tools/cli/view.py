@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,9 +15,13 @@ from smartplay_tools.cli.episode_options import BUDGET, OTHERS, RULES, EpisodeOp
 from smartplay_tools.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from smartplay_tools.evaluation.runs import BrowserPlay
+    from smartplay_tools.evaluation.pages.view import RunList
+    from smartplay_tools.evaluation.runs import BrowserGames, BrowserPlay
 
 _PLAY = "Play in the browser"
+ANY = "any"
+"""In place of a game: the page lets the person choose."""
+
 ONLY_FOR_PLAY = (*BUDGET, *RULES, *OTHERS, "out", "seed", "pictures")
 
 
@@ -31,7 +36,11 @@ def view(
     ] = None,
     play: Annotated[
         str | None,
-        typer.Option(metavar="GAME", help="Play this game in the browser, as a model would.", rich_help_panel=_PLAY),
+        typer.Option(
+            metavar="GAME",
+            help="Play this game in the browser, as a model would; any: choose.",
+            rich_help_panel=_PLAY,
+        ),
     ] = None,
     out: Annotated[
         Path, typer.Option(help="The folder of the run that you play; continued if it is there.", rich_help_panel=_PLAY)
@@ -64,15 +73,14 @@ def view(
 
     Example: smartplay-tools view runs
     """
-    from smartplay_tools.evaluation.pages.view import RunList, SiteRun, ViewServer
+    from smartplay_tools.evaluation.pages.view import RunList, ViewServer
 
     playing = None if play is None else _play(play, out, seed, episode, pictures=pictures)
     if playing is None:
         _check_no_play(context)
         runs = RunList(folders or [Path()])
     else:
-        own = playing.folder.path.resolve()
-        runs = RunList(folders or [], always=[SiteRun(own, own.name)])
+        runs = _runs_with(playing, folders or [])
     server = ViewServer(
         runs,
         host=host,
@@ -85,7 +93,8 @@ def view(
     )
     count = len(runs.current())
     counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet, but new ones appear,"
-    served = counted if playing is None else f"{counted}, and {play} to play (its record is in {out}),"
+    to_play = "games" if play == ANY else play
+    served = counted if playing is None else f"{counted}, and {to_play} to play (recorded in {out}),"
     typer.echo(f"{served} at {server.entry} - Ctrl-C stops.", err=True)
     with playing or nullcontext():
         if open_browser:
@@ -93,20 +102,34 @@ def view(
         server.run()
 
 
-def _play(game: str, out: Path, seed: int, episode: EpisodeOptions, *, pictures: bool) -> BrowserPlay:
+def _runs_with(playing: BrowserPlay | BrowserGames, folders: Sequence[Path]) -> RunList:
+    """The runs of a site in which a person plays, and those of other folders."""
+    from smartplay_tools.evaluation.pages.view import RunList, SiteRun
     from smartplay_tools.evaluation.runs import BrowserPlay
 
-    return BrowserPlay(
-        game,
-        out,
-        budget=episode.budget,
-        seed=seed,
-        pictures=pictures,
-        options=episode.options,
-        engine=episode.engine,
-        tokenizer=episode.tokenizer,
+    if isinstance(playing, BrowserPlay):
+        own = playing.folder.path.resolve()
+        return RunList(folders, always=[SiteRun(own, own.name)])
+    playing.folder.mkdir(parents=True, exist_ok=True)
+    return RunList([playing.folder, *folders])
+
+
+def _play(game: str, out: Path, seed: int, episode: EpisodeOptions, *, pictures: bool) -> BrowserPlay | BrowserGames:
+    from smartplay_tools.evaluation.runs import BrowserGames, BrowserPlay
+    from smartplay_tools.games.specs import GAMES
+
+    chosen: dict[str, Any] = {
+        "budget": episode.budget,
+        "seed": seed,
+        "pictures": pictures,
+        "options": episode.options,
+        "engine": episode.engine,
+        "tokenizer": episode.tokenizer,
         **episode.rules,
-    )
+    }
+    if game != ANY:
+        return BrowserPlay(game, out, **chosen)
+    return BrowserGames([name for name in GAMES if GAMES.is_loaded(name)], out, **chosen)
 
 
 def _check_no_play(context: typer.Context) -> None:

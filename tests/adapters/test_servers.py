@@ -96,11 +96,11 @@ def view_and_play(stack: ExitStack, folder: Path, **address: Any) -> Case:
     stack.enter_context(play)
     stack.enter_context(server)
     token = {"Authorization": "Bearer token"}
-    key = re.search('data-key="([^"]+)"', ask(Case(server, "/play", None), method="GET", headers=token)[1])
-    state = json.loads(ask(Case(server, "/api/play?after=0", None), method="GET", headers=token)[1])
+    key = re.search('data-key="([^"]+)"', ask(Case(server, f"/play/{GAME}", None), method="GET", headers=token)[1])
+    state = json.loads(ask(Case(server, f"/api/play/{GAME}?after=0", None), method="GET", headers=token)[1])
     assert key is not None
     body = {"number": state["number"], "tool": "read_manual"}
-    return Case(server, "/api/play/reply", body, {"X-SmartPlay-Key": key[1]})
+    return Case(server, f"/api/play/{GAME}/reply", body, {"X-SmartPlay-Key": key[1]})
 
 
 def serve_openenv(stack: ExitStack, folder: Path, **address: Any) -> Case:

@@ -15,7 +15,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.board import build_board
 from smartplay_tools.evaluation.pages.report import write_excerpt, write_report
-from smartplay_tools.evaluation.runs import BrowserPlay
+from smartplay_tools.evaluation.runs import BrowserGames
 from smartplay_tools.records.run_folder import RunFolder
 from tests.evaluation import bundles
 from tests.evaluation.report_runs import BANDIT, HANOI, RPS
@@ -99,9 +99,13 @@ def test_a_page_to_send(opened, runs, tmp_path):
 
 
 def test_playing_in_the_browser(opened, tmp_path):
-    play = BrowserPlay(HANOI, tmp_path / "human", budget=sp.Budget(prompt_tokens=900, notes_tokens=50, tool_calls=2))
-    with play, view.ViewServer([view.SiteRun(play.folder.path, "human")], play=play) as server:
+    budget = sp.Budget(prompt_tokens=900, notes_tokens=50, tool_calls=2)
+    play = BrowserGames([game for game in sp.GAMES if sp.GAMES.is_loaded(game)], tmp_path / "human", budget=budget)
+    with play, view.ViewServer(view.RunList([play.folder]), play=play) as server:
         page = opened(f"{server.url}play")
+        assert_accessible(page)
+        assert page.locator(".game svg").count() == 6
+        page.get_by_role("link", name=HANOI).click()
         page.locator("#actions button").first.wait_for()
         assert_accessible(page)
         for number in (1, 2):

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.runs import BrowserPlay, audit
+from smartplay_tools.evaluation.runs import BrowserGames, BrowserPlay, audit
 from smartplay_tools.records import replay
 from smartplay_tools.records.run_folder import RunFolder
 
@@ -27,11 +27,12 @@ BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 class Page:
     """What the script of the page does: it reads the key, asks what is to be shown, and sends answers."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, game: str) -> None:
         self._parts = urlsplit(url)
         self.origin = url.rstrip("/")
         self.number = 0
-        self.key = re.search(r'data-key="([^"]+)"', self.request("GET", "/play")[1])[1]  # type: ignore[index]
+        self.key = re.search(r'data-key="([^"]+)"', self.request("GET", f"/play/{game}")[1])[1]  # type: ignore[index]
+        self.api = f"/api/play/{game}"
 
     def request(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, str]:
         connection = HTTPConnection(self._parts.hostname or "", self._parts.port, timeout=60)
@@ -46,12 +47,12 @@ class Page:
         return self.request("POST", path, body, **{"X-SmartPlay-Key": self.key, "Origin": self.origin, **headers})
 
     def state(self) -> dict[str, Any]:
-        state: dict[str, Any] = json.loads(self.request("GET", f"/api/play?after={self.number}")[1])
+        state: dict[str, Any] = json.loads(self.request("GET", f"{self.api}?after={self.number}")[1])
         self.number = state["number"]
         return state
 
     def answer(self, **given: Any) -> dict[str, Any]:
-        status, text = self.post("/api/play/reply", {"number": self.number, **given})
+        status, text = self.post(f"{self.api}/reply", {"number": self.number, **given})
         assert status == 200, text
         return self.state()
 
@@ -65,7 +66,7 @@ def playing(tmp_path):
         play = BrowserPlay(game, tmp_path / "human", **options)
         server = view.ViewServer([view.SiteRun(play.folder.path, "human")], play=play)
         started.extend([play.__enter__(), server.__enter__()])
-        return play, Page(server.url)
+        return play, Page(server.url, game)
 
     yield start
     for one in reversed(started):
@@ -104,7 +105,7 @@ def test_another_episode_is_another_trial_of_the_run(playing):
     play, page = playing(budget=sp.Budget(tool_calls=1))
     page.state()
     assert page.answer(tool="observe")["state"] == "over"
-    assert page.post("/api/play/next", {})[0] == 200
+    assert page.post(f"{page.api}/next", {})[0] == 200
     assert page.state()["state"] == "asking"
     page.answer(tool="observe")
     rows = play.folder.rows()
@@ -146,14 +147,14 @@ def test_what_is_no_answer_is_refused_and_not_played(playing):
         (b"{", "a JSON object"),
         (b"[" * 50_000, "a JSON object"),
     ]:
-        status, text = page.post("/api/play/reply", body)
+        status, text = page.post(f"{page.api}/reply", body)
         assert (status in (400, 409), sentence in text) == (True, True), (body, text)
-    assert page.post("/api/play/picture", {"number": number}) == (
+    assert page.post(f"{page.api}/picture", {"number": number}) == (
         400,
         f'{HANOI} draws itself only with render_mode="rgb_array".',
     )
     assert page.answer(tool="take_notes", text="b is next")["state"] == "asking"
-    assert page.post("/api/play/reply", {"number": number, "tool": "observe"})[0] == 409
+    assert page.post(f"{page.api}/reply", {"number": number, "tool": "observe"})[0] == 409
     record = play.folder.running()[0]
     assert [event["name"] for event in sp.read_transcript(record) if event["event"] == "call"] == ["take_notes"]
 
@@ -173,17 +174,17 @@ def test_only_the_page_of_the_play_may_answer(playing):
         ({"Sec-Fetch-Site": "same-site"}, 403),
         ({"Host": "evil.example"}, 421),
     ]:
-        for path in ("/api/play/reply", "/api/play/picture", "/api/play/next"):
+        for path in (f"{page.api}/reply", f"{page.api}/picture", f"{page.api}/next"):
             assert page.post(path, body, **headers)[0] == status, (path, headers)
-    assert page.request("GET", "/api/play/reply")[0] == 405
-    assert page.post("/api/play/reply", body, **{"Sec-Fetch-Site": "same-origin"})[0] == 200
+    assert page.request("GET", f"{page.api}/reply")[0] == 405
+    assert page.post(f"{page.api}/reply", body, **{"Sec-Fetch-Site": "same-origin"})[0] == 200
 
 
 def test_a_token_is_needed_to_play_for_others(tmp_path):
     with BrowserPlay(HANOI, tmp_path / "human") as play:
         runs = [view.SiteRun(play.folder.path, "human")]
         with view.ViewServer(runs, play=play, token="secret") as server, pytest.raises(TypeError):
-            Page(server.url)  # there is no page, and so no key
+            Page(server.url, HANOI)  # there is no page, and so no key
 
 
 def test_free_text_is_asked_for_as_such(playing):
@@ -203,7 +204,7 @@ def test_pictures_are_on_the_record(playing):
     play, page = playing("Crafter-v0", pictures=True, budget=sp.Budget(tool_calls=2))
     assert page.state()["asked"]["pictures"]
     for action in ("Noop", "Sleep"):
-        status, text = page.post("/api/play/picture", {"number": page.number})
+        status, text = page.post(f"{page.api}/picture", {"number": page.number})
         assert (status, json.loads(text)["image"][:22]) == (200, "data:image/png;base64,")
         over = page.answer(tool="act", action=action)["over"]
     assert over["pictures"]
@@ -230,7 +231,7 @@ def test_the_end_has_the_scores_of_others_and_a_challenge(playing):
     page.answer(tool="act", action="1")
     over = page.answer(tool="act", action="2")
     assert over["state"] == "over"
-    scores = json.loads(page.request("GET", "/api/play/beside")[1])
+    scores = json.loads(page.request("GET", f"{page.api}/beside")[1])
     assert {"rule", "random", "GPT-4-0613"} <= scores["scores"].keys()
     (row,) = RunFolder(play.folder.path).rows()
     with sp.Episode(BANDIT, seed=row["seed"], budget=budget) as episode:
@@ -238,3 +239,22 @@ def test_the_end_has_the_scores_of_others_and_a_challenge(playing):
     assert scores["scores"]["rule"] == rule.normalized_score
     command = f"smartplay-tools view --play {BANDIT} --seed 0 --prompt-tokens 900 --tool-calls 2 --open"
     assert scores["challenge"] == command
+    assert (scores["gone"], scores["turns"]) == (0, 1)
+
+
+def test_a_game_is_chosen_and_each_has_a_run_of_its_own(tmp_path):
+    games = BrowserGames([HANOI, BANDIT], tmp_path / "human", budget=sp.Budget(tool_calls=1))
+    with games, view.ViewServer(view.RunList([games.folder]), play=games) as server:
+        page = Page(server.url, HANOI)
+        chooser = page.request("GET", "/play")[1]
+        assert re.findall(r'href="/play/([^"]+)"', chooser) == [BANDIT, HANOI]
+        assert chooser.count("<svg") == 2
+        for game in (HANOI, BANDIT):
+            page = Page(server.url, game)
+            page.state()
+            over = page.answer(tool="observe")["over"]
+            assert page.request("GET", over["replay"])[0] == 200
+            assert [row["game"] for row in RunFolder(tmp_path / "human" / game).rows()] == [game]
+        assert page.request("GET", "/play/Chess-v0")[0] == 404
+    with pytest.raises(sp.InvalidArgumentError, match="the run of one game"):
+        BrowserGames([BANDIT], tmp_path / "human" / HANOI)

@@ -22,7 +22,7 @@ browser_play  the episodes that a person plays in the browser
 from smartplay_tools.episode.cells import most_calls
 from smartplay_tools.evaluation.runs.agents import Agent, AgentFailedError, Held
 from smartplay_tools.evaluation.runs.audit import audit
-from smartplay_tools.evaluation.runs.browser_play import BrowserPlay
+from smartplay_tools.evaluation.runs.browser_play import BrowserGames, BrowserPlay
 from smartplay_tools.evaluation.runs.estimate import Estimate, estimate
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.merge import merge
@@ -44,6 +44,7 @@ from smartplay_tools.evaluation.suites import suite_games
 __all__ = [
     "Agent",
     "AgentFailedError",
+    "BrowserGames",
     "BrowserPlay",
     "Caps",
     "Estimate",

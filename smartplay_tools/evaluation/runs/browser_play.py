@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import shlex
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from smartplay_tools.conversation.loop import play
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
@@ -24,6 +25,7 @@ from smartplay_tools.evaluation.runs.scheduler import RunProgress
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players import get_player
 from smartplay_tools.players.human.browser import PICTURES, BrowserPlayer
+from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.types import Budget
@@ -60,8 +62,8 @@ class BrowserPlay:
         **rules: Any,
     ) -> None:
         self.game, self.folder, self.player = game, RunFolder(out), BrowserPlayer()
-        draws_itself = PICTURES in get_spec(game).load().metadata["render_modes"]
-        own = {"render_mode": PICTURES} if pictures and draws_itself else {}
+        draws_itself = pictures and PICTURES in get_spec(game).load().metadata["render_modes"]
+        own = {"render_mode": PICTURES} if draws_itself else {}
         self._cells = make_cells([game], ["human"], [budget or Budget()], options={**(options or {}), **own}, **rules)
         self._seed = seed
         self._row: Row | None = None
@@ -77,6 +79,17 @@ class BrowserPlay:
     def __exit__(self, *_: object) -> None:
         self.player.leave()
         self._thread.join()
+
+    @property
+    def games(self) -> tuple[str, ...]:
+        """The one game; a `BrowserGames` has more."""
+        return (self.game,)
+
+    def run_of(self, game: str) -> BrowserPlay:
+        """Return the run of a game."""
+        if game != self.game:
+            raise InvalidArgumentError(f"{self.game} is played here, and not {game!r}.")
+        return self
 
     @property
     def number(self) -> int:
@@ -114,6 +127,12 @@ class BrowserPlay:
         for name, value in ((name, value) for name, value in cell.budget if value != usual[name]):
             words += [f"--{name.replace('_', '-')}", "none" if value is None else str(value)]
         return shlex.join([*words, "--open"])
+
+    def gone(self) -> tuple[int, int]:
+        """Return how many turns the last prompt of the latest episode did not show, of how many before it."""
+        row = self._row
+        views = [] if row is None else Record.read(self.folder.transcript(row["key"])).views
+        return (views[-1]["dropped_turns"], views[-1]["turn"]) if views else (0, 0)
 
     def next(self) -> None:
         """Begin another episode, once one is over."""
@@ -156,6 +175,42 @@ class BrowserPlay:
             left = any(episode.key not in finished for episode in planned)
             trials = max((episode.trial for episode in planned), default=-1) + (1 if left else 2)
         return plan_episodes(self._cells, trials=trials, seed=self._seed)
+
+
+class BrowserGames:
+    """Games to choose from; each has a run of its own, which begins when the game is first chosen.
+
+    Arguments:
+        games: the ids of the settings.
+        out: the folder of the runs; each is in a folder with the name of its game.
+        options: those of `BrowserPlay`, the same for all games.
+    """
+
+    def __init__(self, games: Sequence[str], out: str | Path, **options: Any) -> None:
+        self.games, self.folder = tuple(games), Path(out)
+        if (self.folder / "manifest.json").exists():
+            raise InvalidArgumentError(f"{out} holds the run of one game; name another folder for several (--out).")
+        self._options = options
+        self._runs: dict[str, BrowserPlay] = {}
+        self._begun = ExitStack()
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> BrowserGames:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._begun.close()
+
+    def run_of(self, game: str) -> BrowserPlay:
+        """Return the run of a game, which begins now if it has not yet."""
+        if game not in self.games:
+            raise InvalidArgumentError(f"There is no game {game!r} to play here; /play has the list.")
+        with self._lock:
+            if game not in self._runs:
+                run = BrowserPlay(game, self.folder / game, **self._options)
+                self._runs[game] = self._begun.enter_context(run)
+            return self._runs[game]
 
 
 def _played(config: EpisodeConfig, name: str) -> float | None:

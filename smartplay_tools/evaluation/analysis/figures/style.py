@@ -89,7 +89,8 @@ def panels(count: int, *, columns: int = 2, size: tuple[float, float] = (4.6, 3.
 
     columns = min(columns, count)
     rows = -(-count // columns)
-    drawn = Figure(figsize=(size[0] * columns, size[1] * rows + 0.5), layout="constrained")
+    drawn = Figure(figsize=(size[0] * columns, size[1] * rows + 0.5))
+    drawn.set_layout_engine("constrained", h_pad=0.1)  # inches: a title keeps off the axis above it
     axes = list(drawn.subplots(rows, columns, squeeze=False).flat)
     for spare in axes[count:]:
         spare.remove()

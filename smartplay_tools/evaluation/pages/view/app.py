@@ -39,7 +39,7 @@ from smartplay_tools.evaluation.pages.view.answers import HEADERS, missing, page
 from smartplay_tools.evaluation.pages.view.playing import (
     LONGEST_WAIT,
     LOOK_SECONDS,
-    PlayedRun,
+    PlayedGames,
     json_body,
     play_routes,
 )
@@ -69,7 +69,7 @@ def view_app(
     *,
     token: str | None = None,
     hosts: Sequence[str] = (),
-    play: PlayedRun | None = None,
+    play: PlayedGames | None = None,
     plugins: bool = False,
     annotate: bool = False,
     is_stopping: Callable[[], bool] = lambda: False,
@@ -80,7 +80,7 @@ def view_app(
         runs: the runs that it shows; a `RunList` finds new ones while the site is served.
         token: what a request has to carry; with None, everybody who reaches the server may read.
         hosts: the names under which the server is reached, beside this machine's own.
-        play: what a person plays in the browser; its run is the first of `runs`.
+        play: the games that a person plays in the browser; their runs are among `runs`.
         plugins: whether games of installed packages that records name are imported, to draw them.
         annotate: whether visitors may write notes about turns, which are kept beside the records.
         is_stopping: asked by streams, which would not end by themselves.
@@ -89,7 +89,7 @@ def view_app(
     listed = runs if isinstance(runs, RunList) else RunList(always=runs)
     site = _Site(listed, is_stopping, plugins=plugins, key=key if annotate else None)
     routes = [
-        Route("/", page("index.html.j2", game=None if play is None else play.game)),
+        Route("/", page("index.html.j2", games=() if play is None else play.games)),
         Route("/compare", site.compare),
         Route("/watch/{rest:path}", _moved),
         Route("/episode/{run:path}/{kind}/{stem}", site.episode),

@@ -1,29 +1,31 @@
 """The routes of the site by which a person plays; the only ones that change anything.
 
-/play                             the page
-/api/play?after=N                 what is to be shown, as soon as it is something else than number N
-/api/play/reply                   POST: the answer to a prompt
-/api/play/picture                 POST: a picture of the game, which the record notes
-/api/play/next                    POST: another episode
-/api/play/beside                  what others score: the paper's models, and players of ours in the same world
+/play                             the games to choose from; the page of the game, if there is one only
+/play/GAME                        the page of a game
+/api/play/GAME?after=N            what is to be shown, as soon as it is something else than number N
+/api/play/GAME/reply              POST: the answer to a prompt
+/api/play/GAME/picture            POST: a picture of the game, which the record notes
+/api/play/GAME/next               POST: another episode
+/api/play/GAME/beside             what others score: the paper's models, and players of ours in the same world
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Protocol
 from urllib.parse import quote
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.evaluation.pages.view.answers import HEADERS, page
+from smartplay_tools.evaluation.pages.view.answers import HEADERS, missing, page_now
 from smartplay_tools.games.paper import PAPER_RESULTS
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.players.human.browser import BrowserPlayer, PassedError
 from smartplay_tools.records.run_folder import RunFolder
 
@@ -31,6 +33,17 @@ LONGEST_WAIT = 15.0
 """Seconds after which a page that waits is answered in any case."""
 
 LOOK_SECONDS = 0.05
+
+
+FAMILIES: Mapping[str, tuple[str, str]] = {
+    "bandit": ("Two-armed bandit", "Find the machine that pays."),
+    "rock_paper_scissors": ("Rock Paper Scissors", "Exploit an opponent who has a habit."),
+    "hanoi": ("Tower of Hanoi", "Plan seven or fifteen moves ahead."),
+    "messenger": ("MESSENGER", "Read the manual, meet the right one, flee the others."),
+    "crafter": ("Crafter", "Survive, and unlock 22 achievements."),
+    "minecraft": ("Minecraft", "Find a biome in a 3D world."),
+}
+"""The name of each family of games, and its task in a sentence."""
 
 
 class PlayedRun(Protocol):
@@ -61,70 +74,121 @@ class PlayedRun(Protocol):
         """Return the command that plays the same worlds."""
         ...
 
+    def gone(self) -> tuple[int, int]:
+        """Return how many turns the latest prompt did not show, of how many."""
+        ...
 
-def play_routes(play: PlayedRun, key: str, is_stopping: Callable[[], bool]) -> list[Route]:
+
+class PlayedGames(Protocol):
+    """The games that a person may play: a `BrowserPlay`, or `BrowserGames` to choose from."""
+
+    @property
+    def games(self) -> Sequence[str]:
+        """The ids of their settings."""
+        ...
+
+    def run_of(self, game: str) -> PlayedRun:
+        """Return the run of a game; `InvalidArgumentError` if it is not to be played here."""
+        ...
+
+
+def play_routes(play: PlayedGames, key: str, is_stopping: Callable[[], bool]) -> list[Route]:
     """Return the routes; the page carries the `key` that its requests have to show."""
-    site = _Playing(play, is_stopping)
+    site = _Playing(play, key, is_stopping)
+    api = "/api/play/{game}"
     return [
-        Route("/play", page("play.html.j2", game=play.game, key=key)),
-        Route("/api/play", site.state),
-        Route("/api/play/reply", site.reply, methods=["POST"]),
-        Route("/api/play/picture", site.picture, methods=["POST"]),
-        Route("/api/play/next", site.next, methods=["POST"]),
-        Route("/api/play/beside", site.beside),
+        Route("/play", site.games),
+        Route("/play/{game}", site.of_run(site.page)),
+        Route(api, site.of_run(site.state)),
+        Route(f"{api}/reply", site.of_run(site.reply), methods=["POST"]),
+        Route(f"{api}/picture", site.of_run(site.picture), methods=["POST"]),
+        Route(f"{api}/next", site.of_run(site.next), methods=["POST"]),
+        Route(f"{api}/beside", site.of_run(site.beside)),
     ]
 
 
 class _Playing:
-    def __init__(self, play: PlayedRun, is_stopping: Callable[[], bool]) -> None:
-        self._play, self._is_stopping = play, is_stopping
+    def __init__(self, play: PlayedGames, key: str, is_stopping: Callable[[], bool]) -> None:
+        self._play, self._key, self._is_stopping = play, key, is_stopping
 
-    async def state(self, request: Request) -> Response:
+    async def games(self, request: Request) -> Response:
+        """Answer with the games to choose from; the page of the game, if there is one only."""
+        if len(self._play.games) == 1:
+            return RedirectResponse(f"/play/{quote(self._play.games[0])}", 303, HEADERS)
+        families: dict[str, list[str]] = {family: [] for family in FAMILIES}
+        for game in self._play.games:
+            families.setdefault(GAMES[game].family, []).append(game)
+        shown = [(family, *FAMILIES.get(family, (family, "")), games) for family, games in families.items() if games]
+        return page_now("games.html.j2", families=shown)
+
+    def of_run(
+        self, answer: Callable[[Request, PlayedRun], Awaitable[Response]]
+    ) -> Callable[[Request], Awaitable[Response]]:
+        """Return a route that answers about the run of the game in its address."""
+
+        async def route(request: Request) -> Response:
+            try:
+                run = await run_in_threadpool(self._play.run_of, request.path_params["game"])
+            except SmartPlayError as error:
+                return missing(str(error))
+            return await answer(request, run)
+
+        return route
+
+    async def page(self, request: Request, run: PlayedRun) -> Response:
+        """Answer with the page of a game."""
+        return page_now("play.html.j2", game=run.game, key=self._key, several=len(self._play.games) > 1)
+
+    async def state(self, request: Request, run: PlayedRun) -> Response:
         """Answer with what is to be shown, when it has changed."""
         shown, waited = request.query_params.get("after", ""), 0.0
-        while shown == str(self._play.number) and waited < LONGEST_WAIT and not self._is_stopping():
+        while shown == str(run.number) and waited < LONGEST_WAIT and not self._is_stopping():
             await asyncio.sleep(LOOK_SECONDS)
             waited += LOOK_SECONDS
-        state = await run_in_threadpool(self._play.state)
-        return JSONResponse({**state, "over": self._over(state["over"])}, headers=HEADERS)
+        state = await run_in_threadpool(run.state)
+        return JSONResponse({**state, "over": _over(state["over"], run)}, headers=HEADERS)
 
-    async def beside(self, request: Request) -> Response:
+    async def beside(self, request: Request, run: PlayedRun) -> Response:
         """Answer with the scores of others: the paper's people and models, and ours in the same world."""
-        ours = await run_in_threadpool(self._play.beside)
-        paper = {result.player: result.normalized.get(self._play.game) for result in PAPER_RESULTS}
+        ours = await run_in_threadpool(run.beside)
+        paper = {result.player: result.normalized.get(run.game) for result in PAPER_RESULTS}
         scores = {name: score for name, score in {**paper, **ours}.items() if score is not None}
-        return JSONResponse({"scores": scores, "challenge": self._play.challenge()}, headers=HEADERS)
+        gone, turns = await run_in_threadpool(run.gone)
+        answer = {"scores": scores, "challenge": run.challenge(), "gone": gone, "turns": turns}
+        return JSONResponse(answer, headers=HEADERS)
 
-    async def reply(self, request: Request) -> Response:
+    async def reply(self, request: Request, run: PlayedRun) -> Response:
         """Take the answer to a prompt."""
-        return await self._take(request, lambda given: self._play.player.answer(given))
+        return await _take(request, run.player.answer)
 
-    async def picture(self, request: Request) -> Response:
+    async def picture(self, request: Request, run: PlayedRun) -> Response:
         """Answer with a picture of the game."""
-        return await self._take(request, lambda given: {"image": self._play.player.picture(given)})
+        return await _take(request, lambda given: {"image": run.player.picture(given)})
 
-    async def next(self, request: Request) -> Response:
+    async def next(self, request: Request, run: PlayedRun) -> Response:
         """Begin another episode."""
-        return await self._take(request, lambda given: self._play.next())
+        return await _take(request, lambda given: run.next())
 
-    async def _take(self, request: Request, do: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Response:
-        try:
-            given = await json_body(request)
-            return JSONResponse(await run_in_threadpool(do, given) or {}, headers=HEADERS)
-        except PassedError as error:
-            return PlainTextResponse(str(error), 409, HEADERS)
-        except SmartPlayError as error:
-            return PlainTextResponse(str(error), 400, HEADERS)
 
-    def _over(self, row: dict[str, Any] | None) -> dict[str, Any] | None:
-        if row is None:
-            return None
-        facts = {name: row[name] for name in ("score", "normalized_score", "steps", "end_reason")}
-        return {
-            **facts,
-            "pictures": "pictures" in row["deviations"],
-            "replay": f"/episode/{quote(self._play.folder.path.resolve().name)}/episodes/{row['key']}",
-        }
+async def _take(request: Request, do: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Response:
+    try:
+        given = await json_body(request)
+        return JSONResponse(await run_in_threadpool(do, given) or {}, headers=HEADERS)
+    except PassedError as error:
+        return PlainTextResponse(str(error), 409, HEADERS)
+    except SmartPlayError as error:
+        return PlainTextResponse(str(error), 400, HEADERS)
+
+
+def _over(row: dict[str, Any] | None, run: PlayedRun) -> dict[str, Any] | None:
+    if row is None:
+        return None
+    facts = {name: row[name] for name in ("score", "normalized_score", "steps", "end_reason")}
+    return {
+        **facts,
+        "pictures": "pictures" in row["deviations"],
+        "replay": f"/episode/{quote(run.folder.path.resolve().name)}/episodes/{row['key']}",
+    }
 
 
 async def json_body(request: Request) -> dict[str, Any]:

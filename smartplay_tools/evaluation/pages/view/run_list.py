@@ -43,8 +43,13 @@ class RunList:
             return self._listed
 
     def named(self, name: str) -> ViewedRun | None:
-        """Return the run of a name; None if there is none now."""
-        return next((run for run in self.current() if run.name == name), None)
+        """Return the run of a name; None if there is none now. One that has just begun is looked for."""
+        for _ in range(2):
+            run = next((run for run in self.current() if run.name == name), None)
+            if run is not None:
+                return run
+            self._looked = float("-inf")
+        return None
 
     def _look(self) -> list[SiteRun]:
         hidden = {run.path.resolve() for run in self._always}

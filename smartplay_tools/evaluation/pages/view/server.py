@@ -6,7 +6,7 @@ import secrets
 from collections.abc import Sequence
 
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
-from smartplay_tools.evaluation.pages.view.playing import PlayedRun
+from smartplay_tools.evaluation.pages.view.playing import PlayedGames
 from smartplay_tools.evaluation.pages.view.run_list import RunList
 from smartplay_tools.evaluation.pages.view.runs import ViewedRun
 from smartplay_tools.web import is_loopback
@@ -29,7 +29,7 @@ class ViewServer(Server):
         port: int = 0,
         token: str | None = None,
         hosts: Sequence[str] = (),
-        play: PlayedRun | None = None,
+        play: PlayedGames | None = None,
         plugins: bool = False,
         annotate: bool = False,
     ) -> None:

@@ -4,6 +4,8 @@
 
 const play = { number: 0, asked: null, busy: false };
 
+const PLAYED = `/api/play/${encodeURIComponent(document.body.dataset.game)}`;
+
 async function send(path, body = {}) {
   const headers = { "Content-Type": "application/json", "X-SmartPlay-Key": document.body.dataset.key };
   const answer = await fetch(path, { method: "POST", headers, body: JSON.stringify(body) });
@@ -20,10 +22,14 @@ function textOf(message) {
   return typeof content === "string" ? content : (content ?? []).map((part) => part.text ?? "").join("");
 }
 
+// A call as one would say it: act("Move West").
+function callIn({ function: { name, arguments: sent } }) {
+  const values = Object.values(JSON.parse(sent || "{}")).map((value) => JSON.stringify(value));
+  return element("p", { class: "call" }, element("b", {}, name), `(${values.join(", ")})`);
+}
+
 function messageCard(message) {
-  const calls = (message.tool_calls ?? []).map(({ function: { name, arguments: sent } }) =>
-    element("p", { class: "call" }, element("b", {}, name), ` ${sent}`),
-  );
+  const calls = (message.tool_calls ?? []).map(callIn);
   const text = textOf(message);
   const title = element("p", { class: "who" }, NAMES[message.role] ?? message.role);
   return element("article", { class: `message ${message.role}` }, title, text ? element("pre", {}, text) : null, ...calls);
@@ -124,21 +130,26 @@ function showEnd(over) {
 
 // The score on a line beside those of the paper's people and models, and of players of ours in the same world.
 async function showBeside(over) {
-  const found = await fetch("/api/play/beside");
+  const found = await fetch(`${PLAYED}/beside`);
   if (!found.ok) return;
-  const { scores, challenge } = await found.json();
+  const { scores, challenge, gone, turns } = await found.json();
   $("challenge").value = challenge;
+  $("gone").textContent = gone
+    ? `When you made your last move, ${plural(gone, "turn")} of ${number(turns)} had left your window.`
+    : "When you made your last move, all that you had done was still in your window.";
   const own = over.normalized_score ?? over.score;
   const all = [...Object.entries(scores), ["you", own]].sort(([, a], [, b]) => b - a);
   const [low, high] = [Math.min(0, ...all.map(([, score]) => score)), Math.max(1, ...all.map(([, score]) => score))];
   const rows = all.map(([name, score]) => {
-    const x = 4 + (292 * (score - low)) / (high - low);
+    // In per cent, so that a dot keeps its size on every screen.
+    const x = `${2 + (96 * (score - low)) / (high - low)}%`;
     const dot = shape("circle", { class: name === "you" ? "ours" : "model", cx: x, cy: 8, r: name === "you" ? 6 : 4 });
-    const line = picture(300, 16, `${name}: ${number(score)}`, shape("line", { class: "axis", x1: 4, x2: 296, y1: 8, y2: 8 }), dot);
+    const line = picture(300, 16, `${name}: ${number(score)}`, shape("line", { class: "axis", x1: "2%", x2: "98%", y1: 8, y2: 8 }), dot);
+    line.removeAttribute("viewBox");
     line.setAttribute("class", "strip");
     return element("tr", { class: name === "you" ? "you" : "" }, element("th", { scope: "row" }, name), element("td", {}, line), element("td", { class: "number" }, over.normalized_score === null ? number(score) : percent(score)));
   });
-  const head = element("caption", {}, over.normalized_score === null ? "scores" : "of a human’s score; rule and random in the same world, the others as the paper has them");
+  const head = element("caption", {}, over.normalized_score === null ? "Scores." : "Shares of a human’s score. rule and random played the same world; the others are the paper’s.");
   $("beside").replaceChildren(element("table", {}, head, element("tbody", {}, ...rows)));
 }
 
@@ -162,12 +173,12 @@ async function answer(given) {
   if (play.busy || !play.asked) return;
   play.busy = true;
   const say = $("words-beside").hidden ? "" : $("say").value.trim();
-  const sent = await send("/api/play/reply", { number: play.number, ...given, ...(say ? { say } : {}) });
+  const sent = await send(`${PLAYED}/reply`, { number: play.number, ...given, ...(say ? { say } : {}) });
   if (!sent) play.busy = false;
 }
 
 async function showPicture() {
-  const picture = await send("/api/play/picture", { number: play.number });
+  const picture = await send(`${PLAYED}/picture`, { number: play.number });
   if (!picture) return;
   const note = element("span", { class: "small" }, "The record says that you have seen this picture.");
   $("drawn").replaceChildren(element("img", { src: picture.image, alt: "The game, drawn by itself", class: "pixels" }), note);
@@ -206,7 +217,7 @@ const KEYS = {
 async function follow() {
   for (;;) {
     try {
-      const response = await fetch(`/api/play?after=${play.number}`);
+      const response = await fetch(`${PLAYED}?after=${play.number}`);
       if (!response.ok) throw new Error(await response.text());
       const state = await response.json();
       if (state.number !== play.number) show(state);
@@ -231,5 +242,5 @@ $("copy-challenge").addEventListener("click", async () => {
   await navigator.clipboard.writeText($("challenge").value).catch(() => $("challenge").select());
   $("copy-challenge").textContent = "copied";
 });
-$("next").addEventListener("click", () => send("/api/play/next"));
+$("next").addEventListener("click", () => send(`${PLAYED}/next`));
 follow();
