@@ -269,3 +269,27 @@ def test_a_note_is_written_with_a_key_and_is_in_the_list(show, runs, tmp_path):
         page.wait_for_selector("body[data-ready] #rows > div")
         page.select_option("#only", "notes")
         assert page.locator("#count").inner_text() == "1 episode"
+
+
+def test_the_picture_of_a_turn_is_copied_or_saved(show, site, tmp_path):
+    """A PNG as wide as the page: on the clipboard, or, where a page may not write there, as a file."""
+    copied = {"permissions": ["clipboard-read", "clipboard-write"]}
+    page = show(site, "#run=one&find=bandit", **copied)
+    page.locator("#rows a").first.click()
+    page.wait_for_selector("body[data-ready] #player:not([hidden])")
+    button = page.locator("#copy-picture")
+    button.click()
+    sync_api.expect(button).to_have_text("copied", timeout=30_000)
+    kinds = page.evaluate("navigator.clipboard.read().then(([item]) => item.types)")
+    assert kinds == ["image/png"]
+    page.evaluate("Object.defineProperty(navigator, 'clipboard', { value: undefined })")
+    sync_api.expect(button).to_have_text("copy picture", timeout=30_000)
+    with page.expect_download() as download:
+        button.click()
+    download.value.save_as(tmp_path / "turn.png")
+    assert download.value.suggested_filename == f"{BANDIT}-turn-0.png"
+    from PIL import Image
+
+    with Image.open(tmp_path / "turn.png") as picture:
+        assert picture.width > 2 * 1000
+        assert len(picture.convert("RGB").getcolors(1 << 20) or []) > 100, "text and colours, not an empty sheet"

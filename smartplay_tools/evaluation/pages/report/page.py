@@ -56,7 +56,18 @@ if TYPE_CHECKING:
 
 SCRIPTS = (
     *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "worlds.js", "drawings.js"),
-    *("live.js", "episode.js", "turn.js", "why.js", "search.js", "notes.js", "player.js", "compare.js", "page.js"),
+    *(
+        "live.js",
+        "episode.js",
+        "turn.js",
+        "snapshot.js",
+        "why.js",
+        "search.js",
+        "notes.js",
+        "player.js",
+        "compare.js",
+        "page.js",
+    ),
 )
 """The page's scripts, in the order of their dependencies."""
 

@@ -75,6 +75,7 @@ function connect() {
     "episode-after": () => goToEpisode(1),
     "copy-link": () => copy($("copy-link"), location.href),
     "copy-turn": () => copy($("copy-turn"), turnAsMarkdown(shown)),
+    "copy-picture": () => copyPicture($("copy-picture")),
     theme: toggleTheme,
     help: () => $("keys").showModal(),
     "close-keys": () => $("keys").close(),
