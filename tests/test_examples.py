@@ -11,11 +11,17 @@ import pytest
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
 BRIEF = {"01_play_under_a_budget"}
+ELSEWHERE = {"20_train_a_tiny_agent"}
+"""Examples that need an extra with an environment of its own in `.ci/run`, which runs them (`test_tiny_agent.py`)."""
 
 
 @pytest.mark.parametrize(
     "path",
-    [path if path.stem in BRIEF else pytest.param(path, marks=pytest.mark.slow) for path in EXAMPLES],
+    [
+        path if path.stem in BRIEF else pytest.param(path, marks=pytest.mark.slow)
+        for path in EXAMPLES
+        if path.stem not in ELSEWHERE
+    ],
     ids=lambda path: path.stem,
 )
 def test_it_runs(path, tmp_path):
@@ -28,4 +34,4 @@ def test_it_runs(path, tmp_path):
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_it_is_short(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) < 60
+    assert len(path.read_text(encoding="utf-8").splitlines()) < 80

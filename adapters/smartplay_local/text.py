@@ -76,8 +76,9 @@ def grammar_of(tools: Sequence[ToolSpec]) -> str:
         }
         for tool in tools
     ]
-    # White space between the parts of a JSON object would be the model's to choose, and to pay for.
-    schema = {"x-guidance": {"whitespace_flexible": False}, "anyOf": calls}
+    # White space would be the model's to choose, and to pay for; this is how its earlier calls are shown to it.
+    spaces = {"whitespace_flexible": False, "item_separator": ", ", "key_separator": ": "}
+    schema = {"x-guidance": spaces, "anyOf": calls}
     try:
         return str(xllamacpp.json_schema_to_grammar(json.dumps(schema)))
     except (RuntimeError, ValueError, TypeError) as error:
