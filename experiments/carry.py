@@ -1,0 +1,106 @@
+"""What notes are worth from trial to trial: score against the number of the trial, with `carry` and without.
+
+    python experiments/carry.py                          # scripted players: no key, no network, minutes
+    python experiments/carry.py --player openai:MODEL    # the same question to a model
+
+`rule-notes` can use what it carries at the bandit, where it learns how often better and worse machines win. MESSENGER
+is the control: all that this player notes there is about its own world, so it has to play as if nothing was carried.
+The same command continues where it stopped; `--publish` puts table and figure into the documentation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis import MEASURES, MeanEstimate, by_cell
+from smartplay_tools.evaluation.analysis.figures import save_figure, score_against_trial
+from smartplay_tools.evaluation.analysis.intervals import mean_estimates
+from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample
+from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.records.rows import Row
+
+DOCS = Path(__file__).parents[1] / "docs"
+GAMES = ("BanditTwoArmedHighLowFixed-v0", "BanditTwoArmedHighHighFixed-v0", "MessengerL2-v0")
+CHAIN = 10
+SEED = 4711
+"""Of the run: its worlds are in no other table."""
+BUDGET = sp.Budget(notes_tokens=200)
+
+
+def main() -> None:
+    """Play both runs, print the table, and write it."""
+    asked = _arguments()
+    rows: list[Row] = []
+    for carry in (None, "notes"):
+        done = sp.evaluate(
+            GAMES,
+            asked.player or ["rule-notes"],
+            budgets=BUDGET,
+            trials=CHAIN * asked.chains,
+            seed=SEED,
+            out=asked.out / (carry or "nothing"),
+            options={"split": "train", "sentences": "grammar"},
+            workers=asked.workers,
+            **({} if carry is None else {"carry": "notes", "chain": CHAIN}),
+        )
+        if not done.complete:
+            left = done.planned - len(done.rows)
+            sys.exit(f"{left} episodes of {done.folder.path} are not finished; run the command again.")
+        rows += done.rows
+    written = "\n".join(table(rows))
+    print(written)
+    if asked.publish:
+        publish(written)
+        save_figure(score_against_trial(rows), DOCS / "figures" / "carry-score-against-trial", formats=["svg"])
+
+
+def table(rows: Sequence[Row]) -> Iterator[str]:
+    """What carrying adds to the score at every game, in Markdown; the unit is the chain; intervals hold together."""
+    cells = by_cell(rows)
+    without = {(cell.game, cell.player): members for cell, members in cells if cell.rules["carry"] is None}
+    carrying = [(cell, members) for cell, members in cells if cell.rules["carry"] is not None]
+    later = [[row for row in members if row["trial"] % CHAIN] for _, members in carrying]
+    paired = [
+        pairs(members, without[cell.game, cell.player]) for (cell, _), members in zip(carrying, later, strict=True)
+    ]
+    measure = MEASURES["score"]
+    differences = mean_estimates([difference_sample(each, measure) for each in paired], jointly(len(paired)))
+    yield "| game | player | chains | score without | score with | with less without [95 %, all together] |"
+    yield "| --- | --- | --- | --- | --- | --- |"
+    for (cell, _), own, difference in zip(carrying, paired, differences, strict=True):
+        means = mean_estimates([sample(side, measure) for side in ([b for _, b in own], [a for a, _ in own])])
+        shown = " | ".join(f"{mean.mean:.2f}" for mean in means)
+        yield f"| `{cell.game}` | {cell.player} | {difference.episodes} | {shown} | {_interval(difference)} |"
+
+
+def _interval(estimate: MeanEstimate) -> str:
+    if estimate.low is None or estimate.high is None:
+        return f"{estimate.mean:+.2f} (all {estimate.episodes} equal)"
+    return f"{estimate.mean:+.2f} [{estimate.low:+.2f}, {estimate.high:+.2f}]"
+
+
+def publish(written: str) -> None:
+    """Write the table between its marks in the page."""
+    page = DOCS / "experiments.md"
+    text = page.read_text(encoding="utf-8")
+    marked = re.compile(r"(<!-- table: carry -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
+    page.write_text(marked.sub(lambda match: f"{match[1]}\n{written}\n\n{match[3]}", text), encoding="utf-8")
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="What notes are worth from trial to trial.")
+    parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
+    parser.add_argument("--chains", type=int, default=40, help="chains of every game")
+    parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
+    parser.add_argument("--out", type=Path, default=Path("runs/carry"), help="the folder of the runs")
+    parser.add_argument("--publish", action="store_true", help="put table and figure into the documentation")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
