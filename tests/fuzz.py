@@ -248,7 +248,7 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
             counts["recalls that found something"] += 1
         if event["event"] == "call" and "page" in event["data"]:
             counts["pages"] += 1
-    choices = None if episode.strategies.brought is None else scripts.choices_of(episode.strategies.brought)
+    choices = None if episode._strategies.brought is None else scripts.choices_of(episode._strategies.brought)
     plain = scripts.as_json(events)
     checker.check_episode(plain, sent, tokenizer.count, choices, scripts.whole_observations(plain))
     replayed = replay(events, tokenizer=tokenizer)

@@ -27,7 +27,7 @@ def test_episodes_differ_in_their_seeds_and_are_recorded_and_rewarded(tmp_path):
 def test_without_a_folder_nothing_is_recorded():
     factory = EpisodeFactory(GAME, reward="return")
     with factory.episode(7) as episode:
-        assert not episode.recording
+        assert not episode._recording
         assert [tool.name for tool in episode.tools] == [tool.name for tool in factory.tools]
 
 

@@ -105,7 +105,7 @@ class BaseConversation(ABC):
     def _record_head(self, head: Sequence[Message], tools: Sequence[ToolSpec], **facts: Any) -> None:
         self._ids.reserve(call["id"] for message in head for call in calls_of(message))
         schemas = [{"name": t.name, "description": t.description, "parameters": t.parameters} for t in tools]
-        self.episode.record({"event": "head", "messages": list(head), "tools": schemas, **facts})
+        self.episode._record({"event": "head", "messages": list(head), "tools": schemas, **facts})
 
     @abstractmethod
     def _next_view(self) -> View:
@@ -169,7 +169,7 @@ class BaseConversation(ABC):
         if self._pending is None and episode.result is None:
             self._complete_turn()
             self._pending = None if episode.done else self._next_prompt()
-        episode.finish_if_over()
+        episode._finish_if_over()
         return None if episode.done else self._pending
 
     async def aprompt(self) -> Prompt | None:
@@ -206,7 +206,7 @@ class BaseConversation(ABC):
     def spend(self, usage: Usage) -> None:
         """Count what the provider charged for attempts at a reply that never came."""
         provider = checked_usage(usage)
-        self.episode.record({"event": "usage", "turn": self.episode.stats.turns, "provider": provider})
+        self.episode._record({"event": "usage", "turn": self.episode.stats.turns, "provider": provider})
 
     def _open_turn(self, reply: CheckedReply, pending: Pending | None) -> tuple[Call, ...]:
         """Record and charge the reply to a prompt, and return its calls; nothing is played."""
@@ -216,7 +216,7 @@ class BaseConversation(ABC):
         sent = [call["id"] for call in calls_of(reply.message)]
         ids = self._ids.take(sent, number)
         calls = read_calls(reply.message, ids)
-        self.episode.record(*self._reply_events(number, reply, sent, ids, calls, pending))
+        self.episode._record(*self._reply_events(number, reply, sent, ids, calls, pending))
         self._pending, self.episode.if_closed = None, None
         self._builder.open(number, reply.message, calls)
         return calls
@@ -252,7 +252,7 @@ class BaseConversation(ABC):
             self.episode.end("episode_tokens")
             return None
         self._view = view
-        if self.episode.recording:
+        if self.episode._recording:
             self._record_view(view, max_tokens)
         # The first place that differs, found without a line of Python for each of many messages.
         differs = compress(count(), map(is_not, view.shown, self._shown_before))
@@ -292,7 +292,7 @@ class BaseConversation(ABC):
         return left if budget.reply_tokens is None else min(left, budget.reply_tokens)
 
     def _record_view(self, view: View, max_tokens: int | None) -> None:
-        self.episode.record(
+        self.episode._record(
             {
                 "event": "view",
                 "turn": self.episode.stats.turns,
@@ -313,7 +313,7 @@ class BaseConversation(ABC):
         """
         if self._is_warm and not self.episode.game.is_slow:
             return function()
-        result = await self.episode.queue.run_to_end(function)
+        result = await self.episode._queue.run_to_end(function)
         self._is_warm = True
         return result
 

@@ -79,6 +79,7 @@ class Episode:
         options: the game's own keyword arguments (`TextGame.options`), and rules (`Rules`) that have no argument here.
 
     An episode is thread-safe and shares no state with other episodes. `with` closes it at the end of the block.
+    Members that begin with an underscore are this package's own: conversations and the readers of records use them.
     """
 
     def __init__(
@@ -171,7 +172,7 @@ class Episode:
         """The budget in numbers."""
         self.head = self._session.head
         """The first messages of every prompt: system and task."""
-        self.strategies = self._session.strategies
+        self._strategies = self._session.strategies
         """What becomes of the past: the strategies that the budget asks for."""
         self.stats = EpisodeStats()
         """What has been counted so far."""
@@ -182,7 +183,7 @@ class Episode:
         """Reason, error and detail of the end if the episode is closed now: why its host has stopped, if it said."""
         self.lock = threading.RLock()
         """Held while a call or a reply is processed."""
-        self.queue = SerialQueue(is_slow=self.game.is_slow)
+        self._queue = SerialQueue(is_slow=self.game.is_slow)
         """Runs the calls of asynchronous callers one after the other."""
         self._answered: OrderedDict[str, tuple[tuple[str, str], ToolResult]] = OrderedDict()
         self._on_step: Callable[[TextGame], None] | None = None
@@ -216,17 +217,17 @@ class Episode:
                 result = self._recall(key, name, arguments)
                 if result is None:
                     may_act = not acted or self.config.batch == "all"
-                    result = self.answer(turn, position, name, arguments, may_act=may_act, key=key)
+                    result = self._answer(turn, position, name, arguments, may_act=may_act, key=key)
                 acted = acted or name == "act"
                 results.append(result)
-            self.complete_turn()
+            self._complete_turn()
             if results and self.done:
                 results[-1] = replace(results[-1], done=True)
             return results
 
     async def acall(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
         """Answer one call in a shared thread; the calls of an episode are answered in the order of their arrival."""
-        return await self.queue.run(lambda: self.call(name, arguments, call_id))
+        return await self._queue.run(lambda: self.call(name, arguments, call_id))
 
     def functions(self) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
         """Return the game's tools as plain annotated, documented functions: observe, act, read_manual."""
@@ -258,7 +259,7 @@ class Episode:
         return Progress(score, normalized, self.stats.reward, self.stats.steps, self.end_reason)
 
     @property
-    def recording(self) -> bool:
+    def _recording(self) -> bool:
         """Whether there is a transcript, or a listener to the events of one."""
         return self._transcript is not None or bool(self._listeners)
 
@@ -277,7 +278,7 @@ class Episode:
             self.begin()
             if not self._is_privileged:
                 self._is_privileged = True
-                self.record({"event": "reveal"})
+                self._record({"event": "reveal"})
             return self.game
 
     def picture(self) -> Any:
@@ -290,7 +291,7 @@ class Episode:
                 raise InvalidArgumentError(f'{self.spec.id} draws itself only with render_mode="rgb_array".')
             self.begin()
             self._has_shown_pictures = True
-            self.record({"event": "picture", "turn": self.stats.turns, "step": self.stats.steps})
+            self._record({"event": "picture", "turn": self.stats.turns, "step": self.stats.steps})
             return self.game.render()
 
     def refuse_pictures(self, host: str) -> None:
@@ -315,11 +316,11 @@ class Episode:
             "config": self.config.to_json(),
             "budget": self.budget.model_dump(),
             "cut_results": int(cut),
-            "versions": self.versions(),
+            "versions": self._versions(),
         }
-        self.record(start if self.carried is None else {**start, "carried": self.carried.model_dump()})
+        self._record(start if self.carried is None else {**start, "carried": self.carried.model_dump()})
 
-    def answer(
+    def _answer(
         self,
         turn: int,
         position: int,
@@ -331,7 +332,7 @@ class Episode:
         host: Literal["edited", "refused"] | None = None,
         refusal: str = "",
     ) -> ToolResult:
-        """Answer one call of a turn and record it; a conversation calls `complete_turn` after the last one.
+        """Answer one call of a turn and record it; a conversation calls `_complete_turn` after the last one.
 
         `host` says what the host did to the call: changed its arguments, or refused it with the text `refusal`.
         """
@@ -349,7 +350,7 @@ class Episode:
                 event["refusal"] = refusal
             if key:
                 event["call_id"] = key  # a transport's keys outlive this process
-            self.record(event)
+            self._record(event)
             self._step_is_unrecorded = False
             if key:
                 self._remember(key, name, arguments, result)
@@ -357,7 +358,7 @@ class Episode:
                 self._on_step(self.game)
             return result
 
-    def record(self, *events: Mapping[str, Any]) -> None:
+    def _record(self, *events: Mapping[str, Any]) -> None:
         """Write events to the transcript, if there is one, and count them. After the end nothing is recorded."""
         if self.result is None:
             if self._transcript is not None:
@@ -377,7 +378,7 @@ class Episode:
         with self.lock:
             self.begin()
             self._session.end(reason, error, detail)
-            self.finish_if_over()
+            self._finish_if_over()
 
     def close(self) -> None:
         """End the episode if it is still running, and release its resources. May be called twice.
@@ -418,14 +419,14 @@ class Episode:
             "`Episode.from_config`, or continue its record with `resume`."
         )
 
-    def complete_turn(self) -> None:
+    def _complete_turn(self) -> None:
         """End the episode if too many turns in a row have brought nothing; a conversation says that one is complete."""
         cap = self.budget.stalled_turns
         if cap is not None and self._stalls.in_a_row >= cap:
             self._session.end("stalled_turns")
-        self.finish_if_over()
+        self._finish_if_over()
 
-    def finish_if_over(self) -> None:
+    def _finish_if_over(self) -> None:
         """Create the result and end the record, if the episode is over."""
         reason = self.end_reason
         if reason is None or self.result is not None:
@@ -444,21 +445,21 @@ class Episode:
             state_hash="" if reason == "game_error" else self.game.state_hash(),
             context=self.config.context,
             deviations=self._deviations(),
-            versions=self.versions(),
+            versions=self._versions(),
             **self.stats.counts(),
         )
         try:
             # If a step was interrupted before it was recorded, the record does not lead to this result.
             if not self._step_is_unrecorded:
-                self.record({"event": "end", "result": result.model_dump(), "traceback": self._session.traceback})
+                self._record({"event": "end", "result": result.model_dump(), "traceback": self._session.traceback})
         finally:
             self.result = result
 
-    def versions(self) -> dict[str, str]:
+    def _versions(self) -> dict[str, str]:
         """Return the versions of the programs that can change how this episode runs or is counted."""
         return {**versions(), **self.game.versions()}
 
-    def continue_in(self, writer: TranscriptWriter) -> None:
+    def _continue_in(self, writer: TranscriptWriter) -> None:
         """Write all further events to another record, which contains every event so far."""
         self._transcript = writer
 

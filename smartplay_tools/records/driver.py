@@ -126,7 +126,7 @@ class Driver:
             case "end":
                 if not self.episode.done:
                     self._end(event["result"])
-                self.episode.finish_if_over()  # the host may have left calls of the last reply open
+                self.episode._finish_if_over()  # the host may have left calls of the last reply open
 
     def _open(self, event: Event, *, is_summary: bool) -> None:
         usage = self._usages.get((event["turn"], is_summary))

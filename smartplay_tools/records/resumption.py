@@ -107,5 +107,5 @@ def _continue_record(
     else:
         writer = TranscriptWriter(transcript)
         writer.append(*map(unchained, before))
-    writer.append({"event": "resume", "versions": episode.versions()}, *map(unchained, beyond))
-    episode.continue_in(writer)
+    writer.append({"event": "resume", "versions": episode._versions()}, *map(unchained, beyond))
+    episode._continue_in(writer)

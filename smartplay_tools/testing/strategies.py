@@ -99,9 +99,9 @@ def check_reading(budget: Budget) -> None:
     limits = {"prompt_tokens": 900, "tool_calls": None, "stalled_turns": None}
     long = budget.model_copy(update=limits)
     with Episode("RockPaperScissorBasic-v0", seed=1, budget=long) as episode:
-        brought = episode.strategies.brought
+        brought = episode._strategies.brought
         assert brought is not None
-        episode.strategies.brought = counting = _Reads(brought)
+        episode._strategies.brought = counting = _Reads(brought)
         conversation = Conversation(episode)
         while episode.result is None and len(counting.counts) <= LATE:
             conversation.receive(call("observe"))
