@@ -6,6 +6,7 @@ prompts         every prompt rebuilt from a record and verified
 driver, replays a record played again on a new game and compared
 resumption      an episode continued from its record
 accounts        where the tokens of prompts went, and why turns left them
+shown           how a prompt showed each turn before it
 rows            the results of episodes as plain data
 prices          what tokens cost
 manifest        what a run plays, and its seeds and shards

@@ -13,6 +13,8 @@ from smartplay_tools.evaluation.analysis import figures
 from smartplay_tools.evaluation.analysis.figures.progress import walk_of
 from smartplay_tools.evaluation.analysis.figures.style import COLOURS, LINES, MARKERS, RULES, Series
 from smartplay_tools.evaluation.analysis.windows import compare_windows
+from smartplay_tools.records.record import Record
+from smartplay_tools.records.shown import shown_turns
 from tests.evaluation.window_rows import row
 
 BANDIT, RPS = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0"
@@ -255,3 +257,22 @@ def test_the_words_of_an_svg_can_be_text(tmp_path):
     (text,) = figures.save_figure(drawn, tmp_path / "text", formats=["svg"], svg_text=True)
     assert "<text" not in paths.read_text()
     assert "tokens an episode</text>" in text.read_text()
+
+
+def test_a_row_of_cells_says_what_a_prompt_shows():
+    """A cell for each turn: whole, masked, or gone, as the record of its prompt says."""
+    budget = sp.Budget(history=2, beyond_history="mask", prompt_tokens=700)
+    with sp.Episode("RockPaperScissorBasic-v0", seed=3, budget=budget, transcript=(events := [])) as episode:
+        sp.play(episode, sp.get_player("rule"))
+    record = Record(events)
+    view = next(view for view in record.views if view["turn"] == 12)
+    kinds = shown_turns(record, view)
+    assert kinds.count("gone") == view["dropped_turns"]
+    assert kinds.count("whole") == 3
+    assert kinds.count("masked") == 12 - view["dropped_turns"] - 3 > 0
+    axes = figures.prompt_rows([("one", record, 12), ("two", record, 12)]).axes[0]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["one", "two"]
+    words = [text.get_text() for text in axes.texts]
+    assert words == ["head", *map(str, range(12)), f"{view['tokens']} of 700 tokens"] * 2
+    with pytest.raises(sp.InvalidArgumentError, match="no prompt of turn 99"):
+        figures.prompt_rows([("one", record, 99)])

@@ -2,7 +2,7 @@
 
 A game that draws itself, as Crafter does, is shown as it draws itself, from its verified record played again; of any
 other game the picture has the text that the player read. Below is the context band, a cell for each turn so far: blue
-where the prompt of the turn showed it, orange where an observation of it was left out, grey where it was gone.
+where the prompt of the turn showed it, orange where a part of it was left out, grey where it was gone.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.record import Record
+from smartplay_tools.records.shown import ShownAs, shown_turns
 from smartplay_tools.transcript.events import CallEvent, ViewEvent, concerns_summary
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ TEXT_HEIGHT = 335
 
 PAPER, INK, SOFT = "#f4f5f7", "#1b2230", "#5a6474"
 SEEN, MARKED, GONE = "#3b7dd8", "#e08a1e", "#d3d8e0"
+COLOURS: Mapping[ShownAs, str] = {"whole": SEEN, "bare": MARKED, "masked": MARKED, "notes": MARKED, "gone": GONE}
 PICTURES = "rgb_array"
 
 
@@ -53,8 +55,8 @@ class _Shot:
     step: int
     image: Any
     """The game's picture of itself after the turn; None if it makes none."""
-    observed: Mapping[int, Sequence[int]]
-    """The observations that the results of each turn show."""
+    shown: Sequence[ShownAs]
+    """How its prompt showed each turn before it."""
 
 
 def write_card(record: str | Path, out: str | Path, *, turn: int | None = None) -> Path:
@@ -99,10 +101,6 @@ def _shots(record: Record) -> Iterator[_Shot]:
     calls: dict[int, list[CallEvent]] = {}
     for call in record.calls:
         calls.setdefault(call["turn"], []).append(call)
-    observed = {
-        turn: [call["data"]["observation_step"] for call in own if call["data"].get("observation_step") is not None]
-        for turn, own in calls.items()
-    }
     score, step, answer, images = 0.0, 0, "", _images(record)
     image = next(images, None)
     for turn, view in sorted(views.items()):
@@ -113,7 +111,7 @@ def _shots(record: Record) -> Iterator[_Shot]:
             if call["data"].get("legal") is True:
                 score, step = call["data"]["score"], call["data"]["step"]
                 image = next(images, image)
-        yield _Shot(turn, view, ", ".join(texts), answer, score, step, image, observed)
+        yield _Shot(turn, view, ", ".join(texts), answer, score, step, image, shown_turns(record, view))
 
 
 def _images(record: Record) -> Iterator[Any]:
@@ -182,31 +180,17 @@ def _fitting(text: Sequence[str], wide: int) -> tuple[int, list[str]]:
     return size, lines[: int(TEXT_HEIGHT / (1.22 * size))]
 
 
-def _states(shot: _Shot) -> list[str]:
-    """The colour of each earlier turn."""
-    view, colours = shot.view, [GONE] * shot.turn
-    masked = {turn for turn, _ in view.get("masked", [])}
-    masked |= {turn for first, last in view.get("hidden", []) for turn in range(first, last + 1)}
-    oldest = view.get("oldest", 0)
-    masked |= {turn for turn, steps in shot.observed.items() if any(step < oldest for step in steps)}
-    for first, last in [*view.get("turns", [])]:
-        for turn in range(first, min(last + 1, shot.turn)):
-            colours[turn] = MARKED if turn in masked else SEEN
-    return colours
-
-
 def _band(draw: Any, shot: _Shot) -> None:
-    colours = _states(shot)
-    width = (SIZE[0] - 2 * MARGIN) / max(1, len(colours))
-    for turn, colour in enumerate(colours):
+    width = (SIZE[0] - 2 * MARGIN) / max(1, len(shot.shown))
+    for turn, colour in enumerate(COLOURS[kind] for kind in shot.shown):
         x = MARGIN + turn * width
         draw.rectangle((x, 540, x + max(1.0, width - (2 if width > 6 else 0)), 574), fill=colour)
 
 
 def _in_words(shot: _Shot) -> str:
-    colours = _states(shot)
+    gone = shot.shown.count("gone")
+    partly = len(shot.shown) - gone - shot.shown.count("whole")
     return (
-        f"Of {len(colours)} earlier turns the model saw {colours.count(SEEN)} in full"
-        f"{f', {colours.count(MARKED)} with observations left out' if MARKED in colours else ''}; "
-        f"{colours.count(GONE)} had left its window."
+        f"Of {len(shot.shown)} earlier turns the model saw {shot.shown.count('whole')} in full"
+        f"{f', {partly} in part' if partly else ''}; {gone} had left its window."
     )

@@ -9,6 +9,7 @@ from smartplay_tools.evaluation.analysis.figures.curves import (
 )
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
 from smartplay_tools.evaluation.analysis.figures.progress import score_over_steps
+from smartplay_tools.evaluation.analysis.figures.prompt_rows import prompt_rows
 from smartplay_tools.evaluation.analysis.figures.run import run_figures, write_figures
 from smartplay_tools.evaluation.analysis.figures.strategies import effects_of_strategies
 from smartplay_tools.evaluation.analysis.figures.style import save_figure
@@ -19,6 +20,7 @@ __all__ = [
     "effects_of_slack",
     "effects_of_strategies",
     "frontier",
+    "prompt_rows",
     "run_figures",
     "save_figure",
     "score_against_history",
