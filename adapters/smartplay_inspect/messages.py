@@ -8,7 +8,7 @@ and goes back to the model with its turn, as the parts of Inspect's own message.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,14 +18,18 @@ from inspect_ai.model import (
     ChatMessageSystem,
     ChatMessageTool,
     ChatMessageUser,
+    Content,
+    ContentImage,
     ContentReasoning,
+    ContentText,
     ModelOutput,
     ModelUsage,
 )
 from inspect_ai.tool import ToolCall, ToolInfo, ToolParams
 
-from smartplay_tools import Message, Reply, ToolSpec, Usage
-from smartplay_tools.messages import calls_of, text_of
+from smartplay_tools import InvalidArgumentError, Message, Reply, ToolSpec, Usage
+from smartplay_tools.messages import calls_of, pictures_of, text_of
+from smartplay_tools.pictures import NO_PICTURES, Picture, is_picture
 
 ITEM = "inspect_content"
 """The type of the provider item that holds the parts of a reply, where it is more than text."""
@@ -46,9 +50,9 @@ class InspectChat:
         self._functions: dict[str, str] = {}
         """The function of every call by the call's id."""
 
-    def write(self, messages: Iterable[Message]) -> list[ChatMessage]:
-        """Return messages as Inspect's."""
-        return [self._written(message) for message in messages]
+    def write(self, messages: Iterable[Message], pictures: Mapping[str, Picture] = NO_PICTURES) -> list[ChatMessage]:
+        """Return messages as Inspect's; `pictures` are those that the messages name."""
+        return [self._written(message, pictures) for message in messages]
 
     def remember(self, message: Message, sent: ChatMessageAssistant) -> None:
         """Have a reply go back to the model as Inspect's own message, with the call ids of the conversation."""
@@ -56,32 +60,48 @@ class InspectChat:
         calls = [replace(call, id=i) for call, i in zip(sent.tool_calls or (), ids, strict=True)]
         self._keep(message, sent.model_copy(update={"tool_calls": calls or None}))
 
-    def _written(self, message: Message) -> ChatMessage:
-        return self._written_messages.get(_key(message)) or self._keep(message, self._new(message))
+    def _written(self, message: Message, pictures: Mapping[str, Picture]) -> ChatMessage:
+        return self._written_messages.get(_key(message)) or self._keep(message, self._new(message, pictures))
 
     def _keep(self, message: Message, written: ChatMessage) -> ChatMessage:
         self._functions |= {call["id"]: call["function"]["name"] for call in calls_of(message)}
         self._written_messages[_key(message)] = written
         return written
 
-    def _new(self, message: Message) -> ChatMessage:
+    def _new(self, message: Message, pictures: Mapping[str, Picture]) -> ChatMessage:
         text = text_of(message)
         match message["role"]:
             case "system" | "developer":
                 return ChatMessageSystem(content=text)
             case "user":
-                return ChatMessageUser(content=text)
+                return ChatMessageUser(content=_shown(message, pictures))
             case "tool":
                 call_id = message["tool_call_id"]
-                return ChatMessageTool(content=text, tool_call_id=call_id, function=self._functions.get(call_id))
+                content = _shown(message, pictures)
+                return ChatMessageTool(content=content, tool_call_id=call_id, function=self._functions.get(call_id))
         calls = [_written_call(call["id"], **call["function"]) for call in calls_of(message)]
         items = [i for i in message.get("provider_items", ()) if isinstance(i, dict) and i.get("type") == ITEM]
         content = items[0]["parts"] if items else text
         return ChatMessageAssistant(content=content, tool_calls=calls or None, source="generate", model=self._model)
 
 
+def _shown(message: Message, pictures: Mapping[str, Picture]) -> str | list[Content]:
+    """The text of a message; with pictures, its parts."""
+    if not pictures_of(message):
+        return text_of(message)
+    return [_part(part, pictures) for part in message["content"] or ()]
+
+
+def _part(part: Any, pictures: Mapping[str, Picture]) -> Content:
+    if is_picture(part):
+        return ContentImage(image=pictures[part["sha256"]].data_url)
+    return ContentText(text=part["text"])
+
+
 def from_inspect(message: ChatMessage) -> Message:
-    """Return one of Inspect's messages in canonical form."""
+    """Return one of Inspect's messages in canonical form; a picture in it is an `InvalidArgumentError`."""
+    if isinstance(message.content, list) and any(isinstance(part, ContentImage) for part in message.content):
+        raise InvalidArgumentError("The players of this package read words here; leave out observation and pictures.")
     match message:
         case ChatMessageAssistant():
             return _read_reply(message)

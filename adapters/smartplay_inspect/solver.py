@@ -20,6 +20,7 @@ from pydantic import Field
 
 from smartplay_inspect.messages import InspectChat, from_output, tool_infos
 from smartplay_tools import Conversation, Episode, EpisodeConfig, Prompt
+from smartplay_tools.prompts import with_pictures_below
 from smartplay_tools.records import openai_cache_fields
 from smartplay_tools.transcript import Event
 
@@ -42,12 +43,13 @@ class Played(StoreModel):
 
 
 @solver
-def smartplay_agent(new_episode: NewEpisode | None = None) -> Solver:
+def smartplay_agent(new_episode: NewEpisode | None = None, *, pictures: bool = False) -> Solver:
     """Play the episode that a sample's metadata configures (`config`) with the model of the evaluation.
 
     A limit of Inspect's ends the episode as `host`, with the limit's name as its detail, and the score so far counts.
     For tasks of your own, `new_episode` makes the episode of a sample: it gets the sample's state, and a list for the
-    record, which it may pass to the episode as its transcript.
+    record, which it may pass to the episode as its transcript. `pictures` says that the model sees pictures; an episode
+    whose observations are pictures is refused without it.
     """
     make = new_episode or _configured
 
@@ -58,6 +60,8 @@ def smartplay_agent(new_episode: NewEpisode | None = None) -> Solver:
         played.attempt, played.seed = state.uuid, episode.config.seed
         try:
             with episode:
+                if not pictures:
+                    episode.refuse_pictures("Inspect", has_option=True)
                 await _play(state, episode)
         finally:
             if episode.result is not None:
@@ -88,16 +92,18 @@ async def _play(state: TaskState, episode: Episode) -> None:
 
 
 async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
-    episode.refuse_pictures("Inspect")
     conversation = await _in_thread(lambda: Conversation(episode, player=f"inspect:{model}"))
     chat, tools = InspectChat(str(model)), tool_infos(episode.tools)
     own = model.config.merge(active_generate_config())
     state.messages = chat.write(episode.head)
+    takes_pictures_in_results = model.api.tool_result_images()
     while (prompt := await _in_thread(conversation.prompt)) is not None:
+        # Inspect would put them below itself, but between two results if the second has none.
+        sent = prompt if takes_pictures_in_results else with_pictures_below(prompt)
         # Not the tool choice: with "none", which a summary asks for, Inspect would leave out the tools we count.
         cap = prompt.settings({"max_tokens": own.max_tokens}).get("max_tokens")
         config = GenerateConfig(max_tokens=cap, extra_body=_with_cache_key(own, prompt, model))
-        output = await model.generate(chat.write(prompt.messages), tools, config=config)
+        output = await model.generate(chat.write(sent.messages, sent.pictures), tools, config=config)
         reply = from_output(output)
         await _in_thread(lambda reply=reply: conversation.receive(reply.message, reply.usage))  # type: ignore[misc]
         state.output = output
@@ -106,7 +112,7 @@ async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
         turn = conversation.latest_turn
         assert turn is not None
         chat.remember(turn.assistant, output.message)
-        state.messages.extend(chat.write(turn.messages))
+        state.messages.extend(chat.write(turn.messages, conversation.pictures))
 
 
 def _with_cache_key(own: GenerateConfig, prompt: Prompt, model: Model) -> dict[str, Any] | None:

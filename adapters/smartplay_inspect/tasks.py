@@ -33,13 +33,15 @@ def smartplay(
     seed: int = 0,
     engine: str | None = None,
     tokenizer: str | None = None,
+    pictures: bool = False,
     **rules: Any,
 ) -> Task:
     """Play settings of the benchmark under a budget.
 
     `game` is the id of a setting, or several, as a list or with commas. `trials` is the number of episodes of every
     game, the paper's number for it if not given; their seeds follow from `seed`. `rules` are fields of a `Budget`, for
-    which the word "none" means no limit, rules of the episode (`manual`, `batch`) and the game's own options.
+    which the word "none" means no limit, rules of the episode (`manual`, `batch`, `observation`) and the game's own
+    options. `pictures` says that the model sees pictures, as `observation` needs it.
     """
     games = game.split(",") if isinstance(game, str) else list(game)
     limits = {name: value for name, value in rules.items() if name in Budget.model_fields}
@@ -47,7 +49,7 @@ def smartplay(
     options = {**others, "engine": engine, "counter": TokenCounter(tokenizer)}
     budget = _budget(limits)
     samples = [sample for name in games for sample in _samples(name.strip(), trials, seed, budget, options)]
-    return _task(samples, "smartplay")
+    return _task(samples, "smartplay", pictures=pictures)
 
 
 @task
@@ -58,11 +60,11 @@ def paper(trials: int | None = None, seed: int = 0, prompt_tokens: int | None = 
     return _task(samples, "paper")
 
 
-def _task(samples: list[Sample], name: str) -> Task:
+def _task(samples: list[Sample], name: str, *, pictures: bool = False) -> Task:
     games = {str((sample.metadata or {})["game"]) for sample in samples}
     return Task(
         dataset=MemoryDataset(samples, name=name),
-        solver=smartplay_agent(),
+        solver=smartplay_agent(pictures=pictures),
         scorer=smartplay_scorer(),
         metrics=metrics_for(games),
         version=VERSION,

@@ -14,8 +14,7 @@ from langchain_core.messages import AnyMessage
 
 from smartplay_langchain.messages import to_langchain
 from smartplay_tools import Message, Prompt
-from smartplay_tools.messages import text_of
-from smartplay_tools.prompts import CacheMarks, last_markable, stable_end
+from smartplay_tools.prompts import CacheMarks, last_markable, stable_end, with_pictures_below
 from smartplay_tools.records import CacheFields, openai_cache_fields
 
 ANTHROPIC = {"cache_control": {"type": "ephemeral"}}
@@ -40,9 +39,11 @@ def messages_for(
 ) -> list[AnyMessage]:
     """Return a prompt's messages, marked for the cache of the model's provider where `cache` asks for it.
 
-    Settings with Anthropic's own `cache_control` say that the caller has taken care of the cache.
+    Settings with Anthropic's own `cache_control` say that the caller has taken care of the cache. Pictures are in the
+    results, or in a user message after them where the model's package does not have them there.
     """
-    messages = to_langchain(prompt.messages)
+    prompt = prompt if _takes_pictures_in_results(model) else with_pictures_below(prompt)
+    messages = to_langchain(prompt.messages, prompt.pictures)
     if not cache:
         return messages
     if _is_a(model, "ChatAnthropic"):
@@ -60,6 +61,13 @@ def _openai(model: BaseChatModel) -> CacheFields:
         return CacheFields()
     client: Any = getattr(model, "root_async_client", None)
     return openai_cache_fields(getattr(model, "model_name", ""), str(getattr(client, "base_url", "")))
+
+
+def _takes_pictures_in_results(model: BaseChatModel) -> bool:
+    """Whether the package of a model sends the pictures of results there: Anthropic's does, OpenAI's with Responses."""
+    return _is_a(model, "ChatAnthropic") or (
+        _is_a(model, "ChatOpenAI") and getattr(model, "use_responses_api", None) is True
+    )
 
 
 def _is_a(model: BaseChatModel, name: str) -> bool:
@@ -86,6 +94,8 @@ def _place(messages: Sequence[Message], at: int) -> int:
 
 
 def _marked(message: AnyMessage, mark: Mapping[str, Any]) -> AnyMessage:
-    content = [{"type": "text", "text": text_of({"content": message.content}), **mark}]
+    whole = message.content
+    text, pictures = (whole, []) if isinstance(whole, str) else (whole[0]["text"], whole[1:])  # type: ignore[index]
+    content = [{"type": "text", "text": text, **mark}, *pictures]
     marked: AnyMessage = message.model_copy(update={"content": content})
     return marked

@@ -42,7 +42,8 @@ class CallPlayer:
     def __init__(self, chat: HostChat) -> None:
         self._chat, self.episode = chat, chat.episode
         self.tools: Sequence[BaseTool] = [
-            SessionTool(**dict(tool), player=self) for tool in SmartPlayToolkit(episode=self.episode).get_tools()
+            SessionTool(**dict(tool), player=self)
+            for tool in SmartPlayToolkit(episode=self.episode, pictures=True).get_tools()
         ]
         """The game's tools, for a tool node."""
         self.begin_turn()
@@ -179,7 +180,10 @@ class CallPlayer:
 
 
 class SessionTool(SmartPlayTool):
-    """One of the game's tools in a graph, called with a `ToolCall`, whose id says which call of the reply it is."""
+    """One of the game's tools in a graph, called with a `ToolCall`, whose id says which call of the reply it is.
+
+    Its messages are words, also where observations are pictures: what the model is sent, the window has, not the state.
+    """
 
     player: CallPlayer = Field(exclude=True, repr=False)
 

@@ -63,6 +63,7 @@ class GraphSession(CallPlayer):
         cache: what is sent for the provider's cache, as for `LangChainPlayer`.
         foreign_tools: other tools of the graph; their calls are left to its tool node.
         only_game_tools: whether the model is shown the game's tools only.
+        pictures: whether the model sees pictures; without it, an episode whose observations are pictures is refused.
     """
 
     def __init__(
@@ -75,8 +76,9 @@ class GraphSession(CallPlayer):
         cache: CacheMarks = True,
         foreign_tools: Sequence[BaseTool | dict[str, Any]] = (),
         only_game_tools: bool = False,
+        pictures: bool = False,
     ) -> None:
-        super().__init__(HostChat(episode, player=player, not_run=NOT_RUN))
+        super().__init__(HostChat(episode, player=player, not_run=NOT_RUN, pictures=pictures))
         self._only_game_tools, self._is_told = only_game_tools, False
         self._before: Sequence[BaseMessage] = ()
         """The most messages that the state has had."""

@@ -23,7 +23,8 @@ from langchain_core.messages import (
 )
 
 from smartplay_tools import Message, Usage
-from smartplay_tools.messages import text_of
+from smartplay_tools.messages import pictures_of, text_of
+from smartplay_tools.pictures import NO_PICTURES, Picture, is_picture
 
 ITEM = "langchain_message"
 """The type of the provider item that holds the parts of a reply other than text and calls."""
@@ -32,14 +33,17 @@ CALL_PARTS = {"tool_use": "id", "function_call": "call_id"}
 """The types of parts that are calls, at Anthropic and OpenAI, with the name of the field that has the call's id."""
 
 
-def to_langchain(messages: Iterable[Message]) -> list[AnyMessage]:
+def to_langchain(messages: Iterable[Message], pictures: Mapping[str, Picture] = NO_PICTURES) -> list[AnyMessage]:
     """Return a prompt's messages as LangChain's, with all system messages joined into one at the beginning.
 
-    Half of the providers accept a single system text, and their LangChain packages refuse a second one.
+    Half of the providers accept a single system text, and their LangChain packages refuse a second one. `pictures` are
+    those that the messages name, which become image blocks.
     """
+    messages = list(messages)
     system = [text_of(message) for message in messages if message["role"] in ("system", "developer")]
     head: list[AnyMessage] = [SystemMessage("\n\n".join(system))] if system else []
-    return head + [_to_langchain(message) for message in messages if message["role"] not in ("system", "developer")]
+    others = [message for message in messages if message["role"] not in ("system", "developer")]
+    return head + [_to_langchain(message, pictures) for message in others]
 
 
 def from_langchain(message: BaseMessage) -> Message:
@@ -72,13 +76,13 @@ def usage_of(message: AIMessage) -> Usage | None:
     )
 
 
-def _to_langchain(message: Message) -> AnyMessage:
+def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessage:
     text = text_of(message)
     match message["role"]:
         case "user":
-            return HumanMessage(text)
+            return HumanMessage(_shown(message, pictures))
         case "tool":
-            return ToolMessage(text, tool_call_id=message.get("tool_call_id", ""))
+            return ToolMessage(_shown(message, pictures), tool_call_id=message.get("tool_call_id", ""))
     valid: list[ToolCall] = []
     invalid: list[InvalidToolCall] = []
     for call in message.get("tool_calls", ()):
@@ -94,6 +98,22 @@ def _to_langchain(message: Message) -> AnyMessage:
     new = [call["id"] for call in message.get("tool_calls", ())]
     kept["content"] = with_call_ids(kept["content"], zip(item.get("calls", ()), new, strict=False))
     return AIMessage(**kept, tool_calls=valid, invalid_tool_calls=invalid)
+
+
+def _shown(message: Message, pictures: Mapping[str, Picture]) -> str | list[str | dict[Any, Any]]:
+    """The text of a message; with pictures, its content blocks."""
+    if not pictures_of(message):
+        return text_of(message)
+    return [_block(part, pictures) for part in message["content"] or ()]
+
+
+def _block(part: Any, pictures: Mapping[str, Picture]) -> dict[str, Any]:
+    return image_block(pictures[part["sha256"]]) if is_picture(part) else {"type": "text", "text": part["text"]}
+
+
+def image_block(picture: Picture) -> dict[str, Any]:
+    """Return a picture as LangChain's content block for images, which the packages of providers translate."""
+    return {"type": "image", "base64": picture.base64, "mime_type": "image/png"}
 
 
 def with_call_ids(content: Any, renamed: Iterable[tuple[str, str]]) -> Any:

@@ -54,6 +54,7 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         summary_tool_choice: ToolChoice = "none",
         cache: CacheMarks = True,
         only_game_tools: bool = False,
+        pictures: bool = False,
     ) -> None:
         super().__init__()
         self._graph = GraphSession(
@@ -63,6 +64,7 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
             summary_tool_choice=summary_tool_choice,
             cache=cache,
             only_game_tools=only_game_tools,
+            pictures=pictures,
         )
         self.episode = self._graph.episode
         self.tools: Sequence[BaseTool] = self._graph.tools

@@ -30,6 +30,7 @@ class LangChainPlayer(ModelPlayer):
         cache: for `ChatAnthropic`, mark the prompt's end and that of the part that is unchanged since the previous
             prompt, so that the provider caches them, or with "stable" only the latter; for `ChatOpenAI` at OpenAI, send
             the episode's `prompt_cache_key`, and that mark to models that cache up to marks. False sends nothing.
+        pictures: whether the model sees pictures; without it, episodes whose observations are pictures are refused.
         seed, retries, pause, at_once: as for `ModelPlayer`. A model made here by its name does not retry by itself
             (`max_retries=0`, if it has that field); a model object keeps its own retries, which are not counted.
         parameters: further arguments of `init_chat_model`, such as `temperature=0`.
@@ -45,6 +46,7 @@ class LangChainPlayer(ModelPlayer):
         limit_field: str = "max_tokens",
         summary_tool_choice: ToolChoice = "none",
         cache: CacheMarks = True,
+        pictures: bool = False,
         seed: int = 0,
         retries: int = 4,
         pause: float = 0.5,
@@ -55,6 +57,7 @@ class LangChainPlayer(ModelPlayer):
             raise InvalidArgumentError("This player needs a model: langchain:MODEL.")
         name = f"langchain:{model if isinstance(model, str) else type(model).__name__}"
         super().__init__(name, seed=seed, retries=retries, pause=pause, at_once=at_once)
+        self.observations = ("text", "picture", "both") if pictures else ("text",)
         self._model = _chat_model(model, parameters) if isinstance(model, str) else model
         self._settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
 

@@ -3,6 +3,9 @@
 A tool passes its arguments to the episode, which validates them. The content of its message is the result's text; its
 artifact is the result's data, which the model does not see. With these tools alone the agent owns the context: the
 window and the token budgets are enforced by `SmartPlayMiddleware` and `GraphSession`, not here.
+
+With `pictures=True` a result with a picture has content blocks, its text and the picture. What a model makes of an
+image in a tool's message depends on its package: OpenAI's sends it on to chat completions, which refuse it there.
 """
 
 from __future__ import annotations
@@ -14,7 +17,11 @@ from langchain_core.runnables import RunnableConfig
 from langchain_core.tools import BaseTool, BaseToolkit
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
+from smartplay_langchain.messages import image_block
 from smartplay_tools import Budget, Episode, ToolResult, schema
+
+Content = str | list[str | dict[Any, Any]]
+"""The content of a message: text, or content blocks."""
 
 
 class SmartPlayTool(BaseTool):
@@ -37,10 +44,10 @@ class SmartPlayTool(BaseTool):
         """Call the tool as `invoke` does, without blocking the event loop."""
         return _with_status(await super().ainvoke(input, config, **kwargs))
 
-    def _run(self, /, *_: Any, **arguments: Any) -> tuple[str, dict[str, Any]]:
+    def _run(self, /, *_: Any, **arguments: Any) -> tuple[Content, dict[str, Any]]:
         return _answer(self.episode.call(self.name, arguments))
 
-    async def _arun(self, /, *_: Any, **arguments: Any) -> tuple[str, dict[str, Any]]:
+    async def _arun(self, /, *_: Any, **arguments: Any) -> tuple[Content, dict[str, Any]]:
         return _answer(await self.episode.acall(self.name, arguments))
 
 
@@ -50,18 +57,24 @@ class SmartPlayToolkit(BaseToolkit):
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
     episode: Episode = Field(exclude=True, repr=False)
+    pictures: bool = False
+    """Whether the agent's model sees pictures in results; without it, an episode that has pictures is refused."""
 
     @classmethod
-    def from_game(cls, game: str, *, seed: int, budget: Budget | None = None, **options: Any) -> Self:
+    def from_game(
+        cls, game: str, *, seed: int, budget: Budget | None = None, pictures: bool = False, **options: Any
+    ) -> Self:
         """Create the episode and its toolkit. The host owns the context, so `observe` also shows the history.
 
         `options` are `Episode`'s other arguments.
         """
-        return cls(episode=Episode(game, seed=seed, budget=budget, **{"context": "host", **options}))
+        episode = Episode(game, seed=seed, budget=budget, **{"context": "host", **options})
+        return cls(episode=episode, pictures=pictures)
 
     def get_tools(self) -> list[BaseTool]:
         """Return observe, act and read_manual."""
-        self.episode.refuse_pictures("This toolkit")
+        if not self.pictures:
+            self.episode.refuse_pictures("This toolkit", has_option=True)
         tools = [schema(tool, "json") for tool in self.episode.tools]
         return [
             SmartPlayTool(
@@ -74,8 +87,11 @@ class SmartPlayToolkit(BaseToolkit):
         ]
 
 
-def _answer(result: ToolResult) -> tuple[str, dict[str, Any]]:
-    return result.text, {**result.data, "is_error": result.is_error, "done": result.done}
+def _answer(result: ToolResult) -> tuple[Content, dict[str, Any]]:
+    content: Content = result.text
+    if (picture := result.picture) is not None:
+        content = [{"type": "text", "text": result.text}, image_block(picture)]
+    return content, {**result.data, "is_error": result.is_error, "done": result.done}
 
 
 def _with_status(output: Any) -> Any:

@@ -23,6 +23,7 @@ from typing import Any
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec
 from smartplay_tools.conversation import HostChat
 from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.prompts import with_pictures_below
 from smartplay_tools.records import CacheFields, openai_cache_fields
 
 try:
@@ -74,6 +75,7 @@ class SmartPlayModel(Model):
             is unchanged since the previous prompt for models that cache up to marks. Other servers are sent neither.
         only_game_tools: whether the model is shown the game's tools only; calls of the agent's others, and handoffs,
             are then answered as those of unknown tools.
+        pictures: whether the model sees pictures; without it, an episode whose observations are pictures is refused.
 
     Pass its `tools` to the agent, or to each agent that one hands over to, and its `run_config` to the runner. A reply
     without a call is answered here, so the run ends when the episode does.
@@ -87,8 +89,9 @@ class SmartPlayModel(Model):
         player: str = "agents",
         cache: bool = True,
         only_game_tools: bool = False,
+        pictures: bool = False,
     ) -> None:
-        self._chat = HostChat(episode, player=player)
+        self._chat = HostChat(episode, player=player, pictures=pictures)
         self.episode = self._chat.episode
         self.tools: list[Tool] = [self._tool(spec) for spec in self.episode.tools]
         self.run_config = RunConfig(
@@ -129,7 +132,8 @@ class SmartPlayModel(Model):
         async def send(prompt: Prompt) -> _Answer:
             fields = _cache_fields(self._model) if self._cache else CacheFields()
             settings = _settings(model_settings, prompt, with_key=fields.key)
-            items = input_of(prompt, mark=fields.marks)
+            shown = prompt if isinstance(self._model, OpenAIResponsesModel) else with_pictures_below(prompt)
+            items = input_of(shown, mark=fields.marks)
             response = await self._model.get_response(
                 None, items, settings, tools, output_schema, list(handoffs), *arguments, **options
             )

@@ -21,20 +21,14 @@ from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.messages import assistant_message, calls_of, pictures_of, text_of
-from smartplay_tools.pictures import Picture
+from smartplay_tools.pictures import Picture, is_picture
 from smartplay_tools.players import BrokenAnswerError
-from smartplay_tools.prompts import received, stable_end
+from smartplay_tools.prompts import received, stable_end, with_pictures_below
 
 NOT_SENT_BACK = {"annotations", "audio", "function_call"}
 """Fields of an answer that requests must not have."""
 
 ROLES = ("system", "developer", "user", "assistant", "tool")
-
-PICTURE_BELOW = "The picture is in the message below."
-"""The last line of a result whose picture follows in a user message."""
-
-PICTURE_OF = "The picture of the result of {id}:"
-"""The words before a picture in that message."""
 
 
 class ChatCompletions(Interface):
@@ -55,12 +49,11 @@ class ChatCompletions(Interface):
         mark: bool = False,
     ) -> dict[str, Any]:
         """Return the arguments of `client.chat.completions.create`; older servers know `max_tokens` only."""
-        messages = [*map(_sent, acceptable(prompt.messages))]
+        prompt = with_pictures_below(prompt)
+        messages = [_sent(message, prompt.pictures) for message in acceptable(prompt.messages)]
         if mark and (at := stable_end(prompt)) is not None:
             marked = {"type": "text", "text": text_of(messages[at]), **BREAKPOINT}
-            messages[at] = {**messages[at], "content": [marked, *pictures_of(messages[at])]}
-        if prompt.pictures:
-            messages = [*_with_pictures_below(messages, prompt.pictures)]
+            messages[at] = {**messages[at], "content": [marked]}
         arguments: dict[str, Any] = {"messages": messages}
         if prompt.tools:
             arguments["tools"] = [schema(tool, "openai") for tool in prompt.tools]
@@ -173,28 +166,9 @@ CHAT = ChatCompletions()
 """The Chat Completions interface: requests, replies, tools and messages in its wire format."""
 
 
-def _with_pictures_below(
-    messages: Iterable[Mapping[str, Any]], pictures: Mapping[str, Picture]
-) -> Iterator[Mapping[str, Any]]:
-    """Move the pictures of results, which this interface refuses there, into a user message after a turn's results."""
-    below: list[dict[str, Any]] = []
-    for message in messages:
-        if below and message["role"] != "tool":
-            yield {"role": "user", "content": below}
-            below = []
-        if named := pictures_of(message):
-            words = [part for part in message["content"] if part not in named]
-            words[0] = {**words[0], "text": f"{words[0]['text']}\n{PICTURE_BELOW}"}
-            message = {**message, "content": words if "prompt_cache_breakpoint" in words[0] else words[0]["text"]}
-            for part in named:
-                below.append({"type": "text", "text": PICTURE_OF.format(id=message["tool_call_id"])})
-                below.append({"type": "image_url", "image_url": {"url": pictures[part["sha256"]].data_url}})
-        yield message
-    if below:
-        yield {"role": "user", "content": below}
-
-
-def _sent(message: Message) -> Mapping[str, Any]:
+def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any]:
+    if pictures_of(message):
+        return {**message, "content": [_sent_part(part, pictures) for part in message["content"] or ()]}
     if message["role"] != "assistant":
         return message
     sent: dict[str, Any] = {}
@@ -206,6 +180,10 @@ def _sent(message: Message) -> Mapping[str, Any]:
     if sent["content"] is None and "tool_calls" not in sent:
         sent["content"] = ""
     return sent
+
+
+def _sent_part(part: Any, pictures: Mapping[str, Picture]) -> Mapping[str, Any]:
+    return {"type": "image_url", "image_url": {"url": pictures[part["sha256"]].data_url}} if is_picture(part) else part
 
 
 def _received(message: Mapping[str, Any]) -> Message:

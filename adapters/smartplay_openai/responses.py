@@ -23,7 +23,7 @@ from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage, schema
 from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, pictures_of, text_of
-from smartplay_tools.pictures import Picture
+from smartplay_tools.pictures import Picture, is_picture
 from smartplay_tools.players import BrokenAnswerError
 from smartplay_tools.prompts import received, stable_end
 
@@ -189,15 +189,25 @@ def _content(texts: list[str]) -> str | list[dict[str, str]] | None:
 
 def _items(message: Message, pictures: Mapping[str, Picture]) -> Iterator[dict[str, Any]]:
     if message["role"] == "tool":
-        output: Any = text_of(message)
-        if named := pictures_of(message):
-            shown = [{"type": "input_image", "image_url": pictures[part["sha256"]].data_url} for part in named]
-            output = [{"type": "input_text", "text": output}, *shown]
+        output = _content_sent(message, pictures)
         yield {"type": "function_call_output", "call_id": message.get("tool_call_id"), "output": output}
     elif message["role"] == "assistant":
         yield from output_items(message)
     else:
-        yield {"role": message["role"], "content": text_of(message)}
+        yield {"role": message["role"], "content": _content_sent(message, pictures)}
+
+
+def _content_sent(message: Message, pictures: Mapping[str, Picture]) -> str | list[dict[str, Any]]:
+    """The text of a message; with pictures, its parts."""
+    if not pictures_of(message):
+        return text_of(message)
+    return [_part_sent(part, pictures) for part in message["content"] or ()]
+
+
+def _part_sent(part: Any, pictures: Mapping[str, Picture]) -> dict[str, Any]:
+    if is_picture(part):
+        return {"type": "input_image", "image_url": pictures[part["sha256"]].data_url}
+    return {"type": "input_text", "text": part["text"]}
 
 
 def _marked(item: dict[str, Any]) -> dict[str, Any]:

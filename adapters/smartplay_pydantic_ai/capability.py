@@ -35,12 +35,13 @@ from smartplay_pydantic_ai.messages import (
     from_response,
     read_usage,
     since_response,
+    takes_pictures_in_results,
     tool_spec,
     with_ids,
 )
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
 from smartplay_tools.conversation import HostChat
-from smartplay_tools.prompts import CacheMarks, checked_marks
+from smartplay_tools.prompts import CacheMarks, checked_marks, with_pictures_below
 
 ANY = SchemaValidator(core_schema.any_schema())
 """The episode judges arguments, and it has done so when a tool is run."""
@@ -56,6 +57,7 @@ class SmartPlay(AbstractCapability[Any]):
             prompt, so that the provider caches them, or with "stable" only the latter; for OpenAI's, send the episode's
             `openai_prompt_cache_key`, and that mark to models that cache up to marks. False sends nothing.
         only_game_tools: whether the model is shown the game's tools only; the agent's others are then not run either.
+        pictures: whether the model sees pictures; without it, an episode whose observations are pictures is refused.
 
     The agent's run ends with the episode. The agent's instructions and prompt are in every prompt, after the game's own
     head; its other tools are counted, shown and run as usual.
@@ -68,8 +70,12 @@ class SmartPlay(AbstractCapability[Any]):
         player: str | None = None,
         cache: CacheMarks = True,
         only_game_tools: bool = False,
+        pictures: bool = False,
     ) -> None:
         self.episode = episode
+        if not pictures:
+            episode.refuse_pictures("This capability", has_option=True)
+        self._pictures = pictures
         self._cache = checked_marks(cache)
         self._player, self._only_game_tools = player, only_game_tools
         self._host: HostChat | None = None
@@ -104,10 +110,13 @@ class SmartPlay(AbstractCapability[Any]):
         asked = request_context.model_request_parameters
         shown = {tool.name for tool in prompt.tools}
         tools = [tool for tool in asked.function_tools if tool.name in shown]
+        prompt = prompt if takes_pictures_in_results(model) else with_pictures_below(prompt)
         parameters = dataclasses.replace(asked, instruction_parts=[], function_tools=tools)
         return dataclasses.replace(
             request_context,
-            messages=self._chat.write(prompt.messages, marked=marked_messages(prompt, model, self._cache)),
+            messages=self._chat.write(
+                prompt.messages, marked=marked_messages(prompt, model, self._cache), pictures=prompt.pictures
+            ),
             model_settings=settings,
             model_request_parameters=parameters,
         )
@@ -172,7 +181,8 @@ class SmartPlay(AbstractCapability[Any]):
         foreign = [tool_spec(tool) for tool in others if tool.name not in ours]
         instructions = "\n\n".join(part.content for part in parameters.instruction_parts or ())
         system: list[Message] = [{"role": "system", "content": instructions}] if instructions else []
-        host = HostChat(self.episode, player=self._player or f"pydantic-ai:{request.model.model_name}")
+        player = self._player or f"pydantic-ai:{request.model.model_name}"
+        host = HostChat(self.episode, player=player, pictures=self._pictures)
         host.begin(from_history(request.messages), system=system, foreign_tools=foreign)
         return host
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 from pydantic_ai.messages import (
+    BinaryContent,
     CachePoint,
     ModelMessage,
     ModelMessagesTypeAdapter,
@@ -23,13 +25,17 @@ from pydantic_ai.messages import (
     ThinkingPart,
     ToolCallPart,
     ToolReturnPart,
+    UserContent,
     UserPromptPart,
 )
+from pydantic_ai.models import Model
+from pydantic_ai.models.wrapper import WrapperModel
 from pydantic_ai.tools import ToolDefinition
 from pydantic_ai.usage import RequestUsage
 
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec, Usage
-from smartplay_tools.messages import calls_of, text_of
+from smartplay_tools.messages import calls_of, pictures_of, text_of
+from smartplay_tools.pictures import NO_PICTURES, Picture, is_picture
 
 SYSTEM = ("system", "developer")
 
@@ -48,11 +54,18 @@ class PydanticAIChat:
         """Have a reply go back to the model as this response."""
         self._responses[_key(message)] = response
 
-    def write(self, messages: Iterable[Message], *, marked: Collection[int] = ()) -> list[ModelMessage]:
+    def write(
+        self,
+        messages: Iterable[Message],
+        *,
+        marked: Collection[int] = (),
+        pictures: Mapping[str, Picture] = NO_PICTURES,
+    ) -> list[ModelMessage]:
         """Return messages as Pydantic AI's: all system messages as one, what stands between two replies as one request.
 
         Pydantic AI rewrites a system prompt that does not stand at the beginning, because few providers accept one.
         The user's messages and results at the places `marked` are followed by a mark for the provider's cache.
+        `pictures` are those that the messages name.
         """
         messages = list(messages)
         system = [text_of(message) for message in messages if message["role"] in SYSTEM]
@@ -67,7 +80,7 @@ class PydanticAIChat:
                 written += [*_request(parts), self._response(message)]
                 parts = []
             else:
-                parts.append(_request_part(message, names))
+                parts.append(_request_part(message, names, pictures))
                 if at in marked:
                     parts.append(UserPromptPart([CachePoint()]))
         return [*written, *_request(parts)]
@@ -165,12 +178,31 @@ def _request(parts: list[ModelRequestPart]) -> list[ModelRequest]:
     return [ModelRequest(parts)] if parts else []
 
 
-def _request_part(message: Message, names: Mapping[str, str]) -> ModelRequestPart:
-    text = text_of(message)
+def _request_part(message: Message, names: Mapping[str, str], pictures: Mapping[str, Picture]) -> ModelRequestPart:
+    content: str | list[UserContent] = text_of(message)
+    if pictures_of(message):
+        content = [_user_content(part, pictures) for part in message["content"] or ()]
     if message["role"] == "user":
-        return UserPromptPart(text)
+        return UserPromptPart(content)
     call_id = message["tool_call_id"]
-    return ToolReturnPart(tool_name=names.get(call_id, ""), content=text, tool_call_id=call_id)
+    return ToolReturnPart(tool_name=names.get(call_id, ""), content=content, tool_call_id=call_id)
+
+
+def _user_content(part: Any, pictures: Mapping[str, Picture]) -> UserContent:
+    if is_picture(part):
+        return BinaryContent(pictures[part["sha256"]].png, media_type="image/png")
+    return str(part["text"])
+
+
+def takes_pictures_in_results(model: Model) -> bool:
+    """Whether the pictures of results are sent there, with the words as they are: by Anthropic's model and Responses.
+
+    For chat completions Pydantic AI would write the words beside a picture as a JSON list.
+    """
+    while isinstance(model, WrapperModel):
+        model = model.wrapped
+    kinds = {kind.__name__ for kind in type(model).__mro__}  # by name: the packages of providers need not be there
+    return not kinds.isdisjoint({"AnthropicModel", "OpenAIResponsesModel"})
 
 
 def _from_part(part: ModelRequestPart) -> list[Message]:

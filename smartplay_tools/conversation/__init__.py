@@ -2,7 +2,7 @@
 
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.host_chat import HostChat
-from smartplay_tools.conversation.loop import AttachedPlayer, aplay, play
+from smartplay_tools.conversation.loop import AttachedPlayer, aplay, check_observation, play
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.conversation.session import AgentSession, Conversation
 from smartplay_tools.conversation.text_env import TextEnv
@@ -16,5 +16,6 @@ __all__ = [
     "PaperConversation",
     "TextEnv",
     "aplay",
+    "check_observation",
     "play",
 ]

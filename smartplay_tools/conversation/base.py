@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress, count
 from operator import is_not
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from smartplay_tools.context.turns import Turn, TurnBuilder
@@ -135,6 +136,11 @@ class BaseConversation(ABC):
     def view(self) -> View | None:
         """What the latest prompt showed; None before the first."""
         return self._view
+
+    @property
+    def pictures(self) -> Mapping[str, Picture]:
+        """The pictures of the latest turn, and of earlier ones that a later prompt may show, by their sha256."""
+        return MappingProxyType(self._pictures)
 
     @property
     def awaits_reply(self) -> bool:

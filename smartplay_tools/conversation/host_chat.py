@@ -37,7 +37,7 @@ class HostChat:
         self.episode = episode.episode if isinstance(episode, AgentSession) else episode
         self._player, self._not_run, self._pictures = player, not_run, pictures
         if not pictures:
-            self.episode.refuse_pictures("This host")
+            self.episode.refuse_pictures("This host", has_option=True)
         self._first: list[Message] | None = None
         """The host's messages before the first reply, without its system texts."""
 

@@ -50,7 +50,7 @@ class AgentSession(ToolConversation):
         pictures: bool = False,
     ) -> None:
         if not pictures:
-            episode.refuse_pictures("This host")
+            episode.refuse_pictures("This host", has_option=True)
         if (asking := episode._strategies.summaries) is not None and not summaries:
             raise InvalidArgumentError(
                 f"{asking.name} takes model calls of its own, which this host does not make; leave it out here."

@@ -294,12 +294,16 @@ class Episode:
             self._record({"event": "picture", "turn": self.stats.turns, "step": self.stats.steps})
             return self.game.render()
 
-    def refuse_pictures(self, host: str) -> None:
-        """Raise an `InvalidArgumentError` if observations are pictures, for a host that shows its model words only."""
+    def refuse_pictures(self, host: str, *, has_option: bool = False) -> None:
+        """Raise an `InvalidArgumentError` if observations are pictures, for a host that shows its model words only.
+
+        `has_option` says that the host shows pictures if it is given `pictures=True`.
+        """
         if self.config.observation != "text":
+            remedy = "say pictures=True if the model sees them" if has_option else 'leave it at "text" here'
             raise InvalidArgumentError(
                 f'{host} gives its model results in words only, and observation="{self.config.observation}" has '
-                'pictures; leave it at "text" here.'
+                f"pictures; {remedy}."
             )
 
     def begin(self, *, player: str | None = None, protocol: ProtocolName = "tools") -> None:

@@ -4,7 +4,7 @@ A record holds a picture's sha256, width and height, never its bytes, so the sam
 everywhere: the PNG writer (`png`) is our own.
 """
 
-from smartplay_tools.pictures.picture import Picture, is_picture, picture_part
+from smartplay_tools.pictures.picture import NO_PICTURES, Picture, is_picture, picture_part
 from smartplay_tools.pictures.rules import DEFAULT_RULE, RULES, PictureRule
 
-__all__ = ["DEFAULT_RULE", "RULES", "Picture", "PictureRule", "is_picture", "picture_part"]
+__all__ = ["DEFAULT_RULE", "NO_PICTURES", "RULES", "Picture", "PictureRule", "is_picture", "picture_part"]

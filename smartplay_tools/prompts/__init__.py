@@ -14,6 +14,7 @@ from typing import Literal
 
 from smartplay_tools.messages import Message, text_of
 from smartplay_tools.prompts.marks import CacheMarks, checked_marks, last_markable, stable_end
+from smartplay_tools.prompts.pictures import PICTURE_BELOW, PICTURE_OF, with_pictures_below
 from smartplay_tools.types import Prompt, ToolSpec
 
 __all__ = [
@@ -21,6 +22,8 @@ __all__ = [
     "MANUAL_IS_ABOVE",
     "NO_MANUAL",
     "OBSERVATION_LEFT",
+    "PICTURE_BELOW",
+    "PICTURE_OF",
     "PICTURE_SHOWN",
     "VERSION",
     "CacheMarks",
@@ -30,6 +33,7 @@ __all__ = [
     "received",
     "stable_end",
     "text",
+    "with_pictures_below",
 ]
 
 VERSION = "v1"

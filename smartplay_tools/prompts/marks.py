@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.messages import Message, text_of
+from smartplay_tools.messages import Message, pictures_of, text_of
 from smartplay_tools.types import Prompt
 
 CacheMarks = bool | Literal["stable"]
@@ -34,6 +34,14 @@ def stable_end(prompt: Prompt, *, one_system_text: bool = False) -> int | None:
 
 
 def last_markable(messages: Sequence[Message]) -> int | None:
-    """Return the last of messages that can be marked for a provider's cache: one with a text that is not a reply."""
-    last_first = range(len(messages) - 1, -1, -1)
-    return next((at for at in last_first if messages[at]["role"] != "assistant" and text_of(messages[at])), None)
+    """Return the last of messages that can be marked for a provider's cache; None if none can.
+
+    It has a text, and is neither a reply nor a message of pictures (`with_pictures_below`), which has several.
+    """
+    return next((at for at in range(len(messages) - 1, -1, -1) if _is_markable(messages[at])), None)
+
+
+def _is_markable(message: Message) -> bool:
+    if message["role"] == "assistant" or (message["role"] == "user" and pictures_of(message)):
+        return False
+    return bool(text_of(message))

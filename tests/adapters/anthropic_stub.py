@@ -48,19 +48,20 @@ class AnthropicStub(ScriptedServer):
         for at, message in enumerate(body["messages"]):
             assert message["role"] == ("user", "assistant")[at % 2]
             assert message["content"]
-            results = {block["tool_use_id"] for block in message["content"] if block["type"] == "tool_result"}
+            blocks = blocks_of(message)
+            results = {block["tool_use_id"] for block in blocks if block["type"] == "tool_result"}
             assert results == waiting, "all results of a turn stand together in the next message"
-            kinds = [block["type"] for block in message["content"]]
+            kinds = [block["type"] for block in blocks]
             assert kinds == sorted(kinds, key=lambda kind: kind != "tool_result") or message["role"] == "assistant"
-            assert all(block["text"].strip() for block in message["content"] if block["type"] == "text")
-            called = [block["id"] for block in message["content"] if block["type"] == "tool_use"]
+            assert all(block["text"].strip() for block in blocks if block["type"] == "text")
+            called = [block["id"] for block in blocks if block["type"] == "tool_use"]
             ids, waiting = ids + called, set(called)
         assert len(ids) == len(set(ids))
 
     def read(self, path: str, body: dict[str, Any]) -> Received:
         messages: list[dict[str, Any]] = [{"role": "system", "content": body["system"]}]
         for message in body["messages"]:
-            blocks = message["content"]
+            blocks = blocks_of(message)
             words = [block["text"] for block in blocks if block["type"] == "text"]
             if message["role"] == "assistant":
                 used = [block for block in blocks if block["type"] == "tool_use"]
@@ -77,3 +78,9 @@ class AnthropicStub(ScriptedServer):
         tools = [(tool["name"], tool["description"], tool["input_schema"]) for tool in body["tools"]]
         # The interface wants a cap where the budget sets none.
         return Received(messages, tools, None if body["max_tokens"] == LIMIT else body["max_tokens"])
+
+
+def blocks_of(message: dict[str, Any]) -> list[dict[str, Any]]:
+    """The blocks of a message; a text alone is one."""
+    content = message["content"]
+    return [{"type": "text", "text": content}] if isinstance(content, str) else content

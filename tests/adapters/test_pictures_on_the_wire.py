@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import json
 
 import pytest
 
@@ -24,6 +25,9 @@ def calling(*calls, at):
 
 
 SCRIPT = [calling(NOOP, OBSERVE, at=0), calling(("act", '{"action": "Fly"}'), at=1), calling(NOOP, at=2)]
+
+
+BELOW = "The picture is in the message below."
 
 
 def played(player, form, server):
@@ -52,21 +56,54 @@ def unpacked(url):
     return base64.b64decode(url.removeprefix("data:image/png;base64,"))
 
 
+def is_below(body, files):
+    """A request of chat completions has the pictures of its first turn in a user message after the results."""
+    roles = [message["role"] for message in body["messages"]]
+    begin = roles.index("assistant")
+    assert roles[begin:] == ["assistant", "tool", "tool", "user", "assistant", "tool"]
+    one, two, below = body["messages"][begin + 1 : begin + 4]
+    assert one["content"] == two["content"] == f"{SHOWN}\n{BELOW}"
+    words = [part["text"] for part in below["content"] if part["type"] == "text"]
+    assert words == [f"The picture of the result of {message['tool_call_id']}:" for message in (one, two)]
+    assert files_below(body) == files[:2]
+
+
+def files_below(body):
+    """The pictures in the user messages of a request of chat completions."""
+    parts = [part for message in body["messages"] if message["role"] == "user" for part in message["content"]]
+    return [unpacked(part["image_url"]["url"]) for part in parts if isinstance(part, dict) and "image_url" in part]
+
+
+def is_in_outputs(body, files, form):
+    """A request of Responses has the pictures of its first turn in its results."""
+    outputs = [item["output"] for item in body["input"] if item.get("type") == "function_call_output"]
+    for output, file in zip(outputs[:2], files, strict=False):
+        text, picture = output
+        assert text["type"] == "input_text"
+        assert text["text"] == SHOWN if form == "picture" else text["text"].startswith(("You took", "You see"))
+        assert picture["type"] == "input_image"
+        assert unpacked(picture["image_url"]) == file
+    assert outputs[2].startswith("Error: ")
+
+
+def is_in_results(body, files):
+    """A request of Anthropic's Messages has the pictures of its first turn in its results."""
+    blocks = [block for message in body["messages"] for block in message["content"] if isinstance(block, dict)]
+    results = [block["content"] for block in blocks if block["type"] == "tool_result"]
+    for (text, picture), file in zip(results[:2], files, strict=False):
+        assert text == {"type": "text", "text": SHOWN}
+        assert picture["source"]["media_type"] == "image/png"
+        assert base64.b64decode(picture["source"]["data"]) == file
+    return results[2]
+
+
 @pytest.mark.parametrize("typed", [True, False])
 def test_chat_completions_have_pictures_in_a_user_message_after_the_results(typed):
     openai_stub = pytest.importorskip("tests.adapters.openai_stub")
     server = openai_stub.OpenAIStub(SCRIPT)
     player = sp.get_player("openai:m", base_url=server.base_url, pictures=True, typed=typed)
     events, body = played(player, "picture", server)
-    first, second, _ = files(events)
-    roles = [message["role"] for message in body["messages"]]
-    assert roles[2:] == ["assistant", "tool", "tool", "user", "assistant", "tool"]
-    one, two, below = body["messages"][3:6]
-    assert one["content"] == two["content"] == f"{SHOWN}\nThe picture is in the message below."
-    words = [part["text"] for part in below["content"] if part["type"] == "text"]
-    assert words == [f"The picture of the result of {message['tool_call_id']}:" for message in (one, two)]
-    urls = [part["image_url"]["url"] for part in below["content"] if part["type"] == "image_url"]
-    assert [unpacked(url) for url in urls] == [first, second]
+    is_below(body, files(events))
     assert body["messages"][-1]["content"].startswith("Error: ")
 
 
@@ -75,14 +112,7 @@ def test_responses_have_pictures_inside_the_result():
     server = openai_stub.OpenAIStub(SCRIPT)
     player = sp.get_player("openai-responses:m", base_url=server.base_url, pictures=True)
     events, body = played(player, "both", server)
-    outputs = [item["output"] for item in body["input"] if item.get("type") == "function_call_output"]
-    for output, file in zip(outputs[:2], files(events), strict=False):
-        text, picture = output
-        assert text["type"] == "input_text"
-        assert text["text"].startswith(("You took action noop.", "You see"))
-        assert picture["type"] == "input_image"
-        assert unpacked(picture["image_url"]) == file
-    assert outputs[2].startswith("Error: ")
+    is_in_outputs(body, files(events), "both")
 
 
 @pytest.mark.parametrize("cache", [True, "stable", False])
@@ -92,17 +122,105 @@ def test_messages_have_pictures_inside_the_result(cache):
     server = anthropic_stub.AnthropicStub(SCRIPT)
     player = sp.get_player("anthropic:m", base_url=server.url, api_key="k", cache=cache)
     events, body = played(player, "picture", server)
-    results = [
-        block["content"]
-        for message in body["messages"]
-        for block in message["content"]
-        if block["type"] == "tool_result"
-    ]
-    for (text, picture), file in zip(results[:2], files(events), strict=False):
+    assert is_in_results(body, files(events)).startswith("Error: ")
+
+
+@pytest.mark.parametrize("cache", [True, "stable", False])
+def test_langchains_anthropic_has_pictures_inside_the_result(cache):
+    langchain_anthropic = pytest.importorskip("langchain_anthropic")
+    anthropic_stub = pytest.importorskip("tests.adapters.anthropic_stub")
+    from smartplay_langchain import LangChainPlayer
+
+    server = anthropic_stub.AnthropicStub(SCRIPT)
+    model = langchain_anthropic.ChatAnthropic(model="m", base_url=server.url, api_key="k")
+    events, body = played(LangChainPlayer(model, cache=cache, pictures=True), "picture", server)
+    assert "Error: " in str(is_in_results(body, files(events)))
+
+
+def test_langchains_openai_has_pictures_in_a_user_message_after_the_results():
+    langchain_openai = pytest.importorskip("langchain_openai")
+    openai_stub = pytest.importorskip("tests.adapters.openai_stub")
+    from smartplay_langchain import LangChainPlayer
+
+    server = openai_stub.OpenAIStub(SCRIPT)
+    model = langchain_openai.ChatOpenAI(model="m", base_url=server.base_url, api_key="k")
+    events, body = played(LangChainPlayer(model, pictures=True), "picture", server)
+    is_below(body, files(events))
+
+
+def test_langchains_openai_with_responses_has_pictures_inside_the_result():
+    langchain_openai = pytest.importorskip("langchain_openai")
+    openai_stub = pytest.importorskip("tests.adapters.openai_stub")
+    from smartplay_langchain import LangChainPlayer
+
+    server = openai_stub.OpenAIStub(SCRIPT)
+    model = langchain_openai.ChatOpenAI(model="m", base_url=server.base_url, api_key="k", use_responses_api=True)
+    events, body = played(LangChainPlayer(model, pictures=True), "both", server)
+    is_in_outputs(body, files(events), "both")
+
+
+def test_a_langchain_agent_is_sent_the_pictures_and_keeps_words_in_its_state():
+    langchain_openai = pytest.importorskip("langchain_openai")
+    agents = pytest.importorskip("langchain.agents")
+    openai_stub = pytest.importorskip("tests.adapters.openai_stub")
+    from smartplay_langchain import SmartPlayMiddleware
+
+    events = []
+    budget = sp.Budget(tool_calls=4)
+    with (
+        openai_stub.OpenAIStub(SCRIPT) as server,
+        sp.Episode("Crafter-v0", seed=1, observation="picture", budget=budget, transcript=events) as episode,
+    ):
+        model = langchain_openai.ChatOpenAI(model="m", base_url=server.base_url, api_key="k")
+        with pytest.raises(sp.InvalidArgumentError, match="say pictures=True if the model sees them"):
+            SmartPlayMiddleware(episode)
+        agent = agents.create_agent(model, middleware=[SmartPlayMiddleware(episode, pictures=True)])
+        state = agent.invoke({"messages": []})
+    is_below(server.bodies[-1], files(events))
+    assert next(message.content for message in state["messages"] if message.type == "tool") == SHOWN
+
+
+def test_langchains_tools_return_content_blocks():
+    pytest.importorskip("langchain_core")
+    from smartplay_langchain import SmartPlayToolkit
+
+    toolkit = SmartPlayToolkit.from_game("Crafter-v0", seed=1, observation="picture", pictures=True)
+    with toolkit.episode:
+        act = {tool.name: tool for tool in toolkit.get_tools()}["act"]
+        call = {"type": "tool_call", "id": "c", "name": "act", "args": {"action": "Noop"}}
+        message = act.invoke(call)
+        text, picture = message.content
         assert text == {"type": "text", "text": SHOWN}
-        assert picture["source"]["media_type"] == "image/png"
-        assert base64.b64decode(picture["source"]["data"]) == file
-    assert results[2].startswith("Error: ")
+        assert (picture["type"], picture["mime_type"]) == ("image", "image/png")
+        file = base64.b64decode(picture["base64"])
+        assert hashlib.sha256(file).hexdigest() == message.artifact["picture"]["sha256"]
+        assert message.content_blocks[1]["type"] == "image"
+
+
+@pytest.mark.parametrize("interface", ["responses", "chat"])
+async def test_the_agents_sdk_has_pictures_where_the_interface_takes_them(interface):
+    agents = pytest.importorskip("agents")
+    openai = pytest.importorskip("openai")
+    openai_stub = pytest.importorskip("tests.adapters.openai_stub")
+    from smartplay_openai.agents import SmartPlayModel
+
+    agents.set_tracing_disabled(True)
+    events = []
+    budget = sp.Budget(tool_calls=4)
+    kind = agents.OpenAIResponsesModel if interface == "responses" else agents.OpenAIChatCompletionsModel
+    with (
+        openai_stub.OpenAIStub(SCRIPT) as server,
+        sp.Episode("Crafter-v0", seed=1, observation="picture", budget=budget, transcript=events) as episode,
+    ):
+        http_client = openai.DefaultAsyncHttpxClient(trust_env=False)
+        async with openai.AsyncOpenAI(base_url=server.base_url, api_key="k", http_client=http_client) as client:
+            model = SmartPlayModel(kind("m", client), episode, pictures=True)
+            agent = agents.Agent("player", model=model, tools=model.tools)
+            await agents.Runner.run(agent, [], max_turns=None, run_config=model.run_config)
+    if interface == "responses":
+        is_in_outputs(server.bodies[-1], files(events), "picture")
+    else:
+        is_below(server.bodies[-1], files(events))
 
 
 def test_a_model_that_is_not_said_to_see_is_refused_before_the_first_request():
@@ -134,3 +252,137 @@ async def test_mcp_has_the_picture_as_content_of_the_result():
             assert hashlib.sha256(base64.b64decode(picture.data)).hexdigest() == shown
             (refused,) = (await client.call_tool("act", {"action": "Fly"})).content
             assert refused.text.startswith("Error: ")
+
+
+@pytest.mark.parametrize("interface", ["chat", "responses", "messages"])
+def test_pydantic_ai_has_pictures_where_the_interface_takes_them(interface):
+    pydantic_ai = pytest.importorskip("pydantic_ai")
+    anthropic, openai = pytest.importorskip("anthropic"), pytest.importorskip("openai")
+    from pydantic_ai.models.anthropic import AnthropicModel
+    from pydantic_ai.models.openai import OpenAIChatModel, OpenAIResponsesModel
+    from pydantic_ai.providers.anthropic import AnthropicProvider
+    from pydantic_ai.providers.openai import OpenAIProvider
+    from smartplay_pydantic_ai import SmartPlay
+
+    from tests.adapters.anthropic_stub import AnthropicStub
+    from tests.adapters.openai_stub import OpenAIStub
+
+    events = []
+    budget = sp.Budget(tool_calls=4)
+    with (
+        AnthropicStub(SCRIPT) if interface == "messages" else OpenAIStub(SCRIPT) as server,
+        sp.Episode("Crafter-v0", seed=1, observation="picture", budget=budget, transcript=events) as episode,
+    ):
+        if interface == "messages":
+            anthropic_client = anthropic.AsyncAnthropic(base_url=server.url, api_key="k")
+            model = AnthropicModel("m", provider=AnthropicProvider(anthropic_client=anthropic_client))
+        else:
+            openai_client = openai.AsyncOpenAI(base_url=server.base_url, api_key="k")
+            kind = OpenAIChatModel if interface == "chat" else OpenAIResponsesModel
+            model = kind("m", provider=OpenAIProvider(openai_client=openai_client))
+        with pytest.raises(sp.InvalidArgumentError, match="say pictures=True if the model sees them"):
+            SmartPlay(episode)
+        agent = pydantic_ai.Agent(model, capabilities=[SmartPlay(episode, pictures=True)])
+        agent.run_sync("Play.")
+    body, shown = server.bodies[-1], files(events)
+    match interface:
+        case "chat":
+            is_below(body, shown)
+        case "responses":
+            is_in_outputs(body, shown, "picture")
+        case "messages":
+            assert "Error: " in str(is_in_results(body, shown))
+
+
+@pytest.mark.parametrize("interface", ["chat", "responses"])
+def test_inspect_has_pictures_where_the_interface_takes_them(interface):
+    inspect_ai = pytest.importorskip("inspect_ai")
+    pytest.importorskip("openai")
+    from inspect_ai.dataset import Sample
+    from inspect_ai.model import get_model
+    from smartplay_inspect import smartplay_agent
+
+    from tests.adapters.openai_stub import OpenAIStub
+
+    events = []
+    budget = sp.Budget(tool_calls=4)
+    responses = interface == "responses"
+    with (
+        OpenAIStub(SCRIPT) as server,
+        sp.Episode("Crafter-v0", seed=1, observation="picture", budget=budget, transcript=events) as episode,
+    ):
+        model = get_model("openai/m", memoize=False, base_url=server.base_url, api_key="k", responses_api=responses)
+        solver = smartplay_agent(lambda state, record: episode, pictures=True)
+        task = inspect_ai.Task([Sample(input="Play.")], solver=solver)
+        (log,) = inspect_ai.eval(task, model=model, display="none", max_retries=0, log_dir="memory://logs")
+    assert log.status == "success", log.error
+    if responses:
+        is_in_outputs(server.bodies[-1], files(events), "picture")
+    else:
+        is_below(server.bodies[-1], files(events))
+
+
+@pytest.mark.parametrize("interface", ["chat", "responses", "messages"])
+def test_the_window_endpoint_sends_its_model_the_pictures_whatever_the_host_asks_in(interface):
+    """The host's agent may speak any interface and keep words only; the model is sent the window."""
+    anthropic, openai = pytest.importorskip("anthropic"), pytest.importorskip("openai")
+    from smartplay_openai import WindowEndpoint
+
+    from tests.adapters.openai_stub import OpenAIStub
+    from tests.adapters.window_host import MESSAGES_TOOLS, TOOLS, HostAgent
+
+    with (
+        OpenAIStub(SCRIPT) as server,
+        sp.get_player("openai:m", base_url=server.base_url, pictures=True) as player,
+        WindowEndpoint(player) as endpoint,
+    ):
+        handle = endpoint.open("Crafter-v0", seed=1, observation="picture", budget=sp.Budget(tool_calls=4))
+        host = HostAgent(endpoint, handle)
+        if interface == "chat":
+            host.play()
+        elif interface == "messages":
+            with anthropic.Anthropic(base_url=endpoint.url, api_key="k") as client:
+                said = []
+                while calls := ask_for_message(client, host, said, MESSAGES_TOOLS):
+                    results = [(call.id, host.run(call.name, call.input)) for call in calls]
+                    blocks = [{"type": "tool_result", "tool_use_id": i, "content": text} for i, text in results]
+                    said.append({"role": "user", "content": blocks})
+        else:
+            with openai.OpenAI(base_url=endpoint.base_url, api_key="k") as client:
+                items = [{"role": "user", "content": "Play."}]
+                tools = [{"type": "function", "strict": False, **tool["function"]} for tool in TOOLS]
+                while calls := ask_for_response(client, host, items, tools):
+                    for call in calls:
+                        text = host.run(call.name, json.loads(call.arguments))
+                        items.append({"type": "function_call_output", "call_id": call.call_id, "output": text})
+        assert endpoint.result(handle).tool_calls == 4
+        shown = files_below(server.bodies[-1])
+    assert len(shown) == 2
+    with sp.Episode("Crafter-v0", seed=1, observation="picture") as episode:
+        assert shown == [episode.call(*call).picture.png for call in (NOOP, OBSERVE)]
+
+
+def ask_for_message(client, host, said, tools):
+    """Ask for a message of Anthropic's interface; return its calls."""
+    first = {"role": "user", "content": "Play."}
+    answer = client.messages.create(model=host.model, max_tokens=100, messages=[first, *said], tools=tools)
+    said.append({"role": "assistant", "content": answer.content})
+    return [block for block in answer.content if block.type == "tool_use"]
+
+
+def ask_for_response(client, host, items, tools):
+    """Ask for a response of OpenAI's interface; return its calls."""
+    answer = client.responses.create(model=host.model, input=items, tools=tools)
+    items.extend(answer.output)
+    return [item for item in answer.output if item.type == "function_call"]
+
+
+def test_the_window_endpoint_refuses_a_model_that_is_not_said_to_see():
+    pytest.importorskip("openai")
+    from smartplay_openai import WindowEndpoint
+
+    with (
+        WindowEndpoint(sp.get_player("rule")) as endpoint,
+        pytest.raises(sp.InvalidArgumentError, match="rule does not play from observation"),
+    ):
+        endpoint.open("Crafter-v0", seed=1, observation="picture")

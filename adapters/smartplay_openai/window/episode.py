@@ -36,7 +36,7 @@ from smartplay_tools import (
     Usage,
 )
 from smartplay_tools.context import Turn
-from smartplay_tools.conversation import AttachedPlayer, HostChat
+from smartplay_tools.conversation import AttachedPlayer, HostChat, check_observation
 from smartplay_tools.episode import tool_functions
 from smartplay_tools.errors import PlayerLeftError
 from smartplay_tools.messages import assistant_message
@@ -74,7 +74,8 @@ class WindowEpisode:
         shown: Shown | None = None,
     ) -> None:
         self.handle, self.episode, self.player = handle, episode, player
-        self._chat = HostChat(session or episode, player=player.name)
+        check_observation(player, episode.config.observation)
+        self._chat = HostChat(session or episode, player=player.name, pictures=True)
         self._closing, self._is_resumed = closing, session is not None
         self._shown = shown or Shown()
         self._notices = Notices(handle, self._shown)
