@@ -119,8 +119,8 @@ def check_observation(player: object, observation: ObservationForm) -> None:
     if observation not in able:
         raise InvalidArgumentError(
             f'{getattr(player, "name", player)} does not play from observation="{observation}", but from '
-            f"{' or '.join(able)}; a model behind OpenAI or LangChain that sees pictures has the option pictures=true, and "
-            "any other player says so in its attribute `observations`."
+            f"{' or '.join(able)}; a model behind OpenAI or LangChain that sees pictures has the option pictures=true, "
+            "and any other player says so in its attribute `observations`."
         )
 
 

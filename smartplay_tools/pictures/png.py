@@ -4,7 +4,8 @@ What `zlib` compresses depends on its version, so nothing here is compressed by 
 each of them repeated `scale` times in both directions, and that is all the compression that is needed. The data is one
 deflate block whose Huffman code is chosen so that a pixel takes 32 bits: three literals of 9 bits, and a match that
 repeats them. A row takes its pixels and a constant, the match that repeats the row, which ends on a whole byte. So a
-file is a constant pattern with one table look-up for each pixel, and needs no loop.
+file is a constant pattern with one table look-up for each pixel, and needs no loop. A picture may be made of tiles; the
+pixels of one that stands in several places are looked up once.
 
 Pictures whose pixels are not enlarged, or with rows too long to be repeated, are stored uncompressed.
 """
@@ -17,6 +18,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +48,8 @@ _DISTANCES = (1, 2, *(1 + 2**bits + half * 2 ** (bits - 1) for bits in range(1, 
 _ORDER = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15]
 """The order in which a header lists the lengths of the codes for lengths of codes (3.2.7)."""
 
+Pixel = TypeVar("Pixel", np.uint8, np.uint32)
+
 Bits = list[tuple[int, int]]
 """Values and how many bits each has, lowest bit first."""
 
@@ -55,22 +59,50 @@ def encode(pixels: NDArray[np.uint8], scale: int) -> Picture:
 
     `pixels` are rows x columns x red, green and blue; `scale` is from 1 to `LARGEST_SCALE`.
     """
-    rows, columns, _ = pixels.shape
+    return encode_tiles(pixels.transpose(2, 0, 1)[:, None], _ALONE, scale)
+
+
+def encode_tiles(tiles: NDArray[np.uint8], places: NDArray[np.intp], scale: int) -> Picture:
+    """Return the picture that tiles make, as `encode` would; one that stands in several places is encoded once.
+
+    `tiles` are planes (red, green, blue) of tiles of rows x columns, and `places` has the number of the tile that
+    stands in each row and column of them.
+    """
+    rows, columns = places.shape[0] * tiles.shape[2], places.shape[1] * tiles.shape[3]
     width, height = columns * scale, rows * scale
     if not 1 <= scale <= LARGEST_SCALE:
         raise InvalidArgumentError(f"A picture is enlarged 1 to {LARGEST_SCALE} times, not {scale}.")
     is_stored = scale == 1 or 1 + 3 * width > _WINDOW
     data = (
-        _stored(np.repeat(np.repeat(pixels, scale, 0), scale, 1))
+        _stored(joined_tiles(tiles, places).transpose(1, 2, 0).repeat(scale, 0).repeat(scale, 1))
         if is_stored
-        else _layout(rows, columns, scale).data(pixels)
+        else _layout(rows, columns, scale).data(tiles, places)
     )
-    header = _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
-    return Picture(b"".join((_SIGNATURE, header, _chunk(b"IDAT", data), _chunk(b"IEND", b""))), width, height)
+    return Picture(b"".join((_beginning(width, height), _chunk(b"IDAT", data), _IEND)), width, height)
+
+
+def joined_tiles(tiles: NDArray[Pixel], places: NDArray[np.intp]) -> NDArray[Pixel]:
+    """Return the planes of the picture that tiles make: ... x rows x columns."""
+    *planes, _, rows, columns = tiles.shape
+    down, across = places.shape
+    laid = np.moveaxis(tiles.take(places, axis=-3), -3, -2)
+    return laid.reshape(*planes, down * rows, across * columns)
+
+
+_ALONE = np.zeros((1, 1), np.intp)
+"""The place of a tile that is a whole picture."""
+
+
+@functools.lru_cache(16)
+def _beginning(width: int, height: int) -> bytes:
+    return _SIGNATURE + _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
     return b"".join((struct.pack(">I", len(data)), kind, data, struct.pack(">I", zlib.crc32(data, zlib.crc32(kind)))))
+
+
+_IEND = _chunk(b"IEND", b"")
 
 
 def _stored(pixels: NDArray[np.uint8]) -> bytes:
@@ -102,34 +134,53 @@ class _Layout:
     length: int
     """The bytes of the picture as they are checked: rows of pixels with a zero before each."""
 
-    def data(self, pixels: NDArray[np.uint8]) -> bytes:
-        """Return the zlib stream of a picture."""
+    def data(self, tiles: NDArray[np.uint8], places: NDArray[np.intp]) -> bytes:
+        """Return the zlib stream of the picture that tiles make."""
         red, green, blue = self.words
-        flat = pixels.reshape(-1)
-        words = red[flat[::3]]
-        words |= green[flat[1::3]]
-        words |= blue[flat[2::3]]
+        words = red.take(tiles[0])
+        words |= green.take(tiles[1])
+        words |= blue.take(tiles[2])
         filled = self.pattern.copy()
-        filled[:, : pixels.shape[1] * 4] = words.astype("<u4", copy=False).view(np.uint8).reshape(len(filled), -1)
-        checksum = self.checksum(pixels)
-        body = filled.tobytes()[: -self.joint]
-        return b"".join((self.before, body, self.after, struct.pack(">I", checksum)))
+        pixels = joined_tiles(words, places).astype("<u4", copy=False)
+        filled[:, : 4 * pixels.shape[1]] = pixels.view(np.uint8)
+        body = filled.ravel()[: -self.joint].tobytes()
+        return b"".join((self.before, body, self.after, struct.pack(">I", self.checksum(tiles, places))))
 
-    def checksum(self, pixels: NDArray[np.uint8]) -> int:
-        """Return Adler-32 of the enlarged picture, from sums over its rows and columns.
+    def checksum(self, tiles: NDArray[np.uint8], places: NDArray[np.intp]) -> int:
+        """Return Adler-32 of the enlarged picture, from sums over its tiles.
 
-        Its second sum has each byte as often as there are bytes from it to the end.
+        Its second sum has each byte as often as there are bytes from it to the end. The sums are whole numbers, far
+        below 2**53, so floats have them exactly.
         """
-        rows, columns, _ = pixels.shape
-        scale, row = self.scale, self.length // (self.scale * rows)
-        by_row = pixels.reshape(rows, -1).sum(axis=1, dtype=np.int64)
-        by_place = pixels.reshape(rows, -1).sum(axis=0, dtype=np.int64).reshape(columns, 3)
-        total, copies = int(by_row.sum()), scale * scale
-        down = copies * int(by_row @ np.arange(rows)) * scale + total * copies * (scale - 1) // 2
-        across = copies * int(by_place.sum(axis=1) @ np.arange(columns)) * scale + total * copies * (scale - 1) // 2
-        colour = copies * int(by_place.sum(axis=0) @ np.arange(3))
+        _, number, rows, columns = tiles.shape
+        inside = tiles.reshape(3, number, -1).astype(np.float64) @ _inside(rows, columns)
+        where = places.ravel()
+        standing = np.array([np.bincount(where, weights, number) for weights in _weights(*places.shape)])
+        # By colour: the sum of each tile, and those by row and column, times how often, in which row and column it is.
+        sums = np.rint(standing @ inside).astype(np.int64).tolist()
+        total = sum(colour[0][0] for colour in sums)
+        by_row = sum(rows * colour[1][0] + colour[0][1] for colour in sums)
+        by_column = sum(columns * colour[2][0] + colour[0][2] for colour in sums)
+        scale, copies = self.scale, self.scale * self.scale
+        row = self.length // (scale * rows * places.shape[0])
+        enlarged = total * copies * (scale - 1) // 2
+        down, across = copies * by_row * scale + enlarged, copies * by_column * scale + enlarged
+        colour = copies * (sums[1][0][0] + 2 * sums[2][0][0])
         second = self.length + (self.length - 1) * copies * total - row * down - 3 * across - colour
-        return int(second % _ADLER << 16 | (1 + copies * total) % _ADLER)
+        return second % _ADLER << 16 | (1 + copies * total) % _ADLER
+
+
+@functools.lru_cache(16)
+def _inside(rows: int, columns: int) -> NDArray[np.float64]:
+    """By pixel of a tile: 1, its row, its column."""
+    down, across = np.divmod(np.arange(rows * columns), columns)
+    return np.stack([np.ones(rows * columns), down, across], axis=1)
+
+
+@functools.lru_cache(16)
+def _weights(rows: int, columns: int) -> NDArray[np.float64]:
+    """1, the row and the column of every place of a tile."""
+    return np.ascontiguousarray(_inside(rows, columns).T)
 
 
 @functools.lru_cache(16)

@@ -6,12 +6,16 @@ show larger textures under the same grain. Every sum is rounded where the origin
 
 from __future__ import annotations
 
+import functools
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.games.crafter.facts import AREA, ITEMS, VIEW, VITALS
+from smartplay_tools.games.crafter.facts import AREA, ITEMS, MOST, VIEW, VITALS
 from smartplay_tools.games.crafter.textures import LAYERS, tiles, vignette
 from smartplay_tools.games.crafter.views import Scene
+from smartplay_tools.pictures.png import joined_tiles
 
 GRID = 9
 """A picture is a square of this many cells: the view, and the inventory below."""
@@ -28,7 +32,7 @@ NIGHT, SLEEP = (0, 16, 64), (0, 0, 16)
 DARKEST_GRAIN, BRIGHTEST_GRAIN = 32, 127
 
 Planes = NDArray[np.uint8]
-"""Red, green and blue, each rows by columns."""
+"""Red, green and blue, each rows by columns; or first by cell."""
 
 
 def draw(scene: Scene, size: int = USUAL) -> NDArray[np.uint8]:
@@ -37,23 +41,24 @@ def draw(scene: Scene, size: int = USUAL) -> NDArray[np.uint8]:
     border = (size - unit * GRID) // 2
     picture = np.zeros((size, size, 3), np.uint8)
     inside = slice(border, border + unit * GRID)
-    picture[inside, inside] = draw_cells(scene, unit)
+    picture[inside, inside] = joined_tiles(*draw_cells(scene, unit)).transpose(1, 2, 0)
     return picture
 
 
-def draw_cells(scene: Scene, unit: int) -> NDArray[np.uint8]:
+class Cells(NamedTuple):
+    """The cells of a picture: each that looks different once, and where they stand."""
+
+    planes: NDArray[np.uint8]
+    """Red, green and blue of each cell, of its rows, of its columns."""
+    places: NDArray[np.intp]
+    """By row and column of cells, which cell stands there."""
+
+
+def draw_cells(scene: Scene, unit: int) -> Cells:
     """Draw the cells of a picture, `unit` pixels wide and high: the view, and below it what is carried."""
-    cells = np.empty((unit * GRID, unit * GRID, 3), np.uint8)
-    edge = unit * VIEW[1]
-    cells[:edge] = _view(scene, unit).transpose(1, 2, 0)
-    cells[edge:] = _carried(scene, unit).transpose(1, 2, 0)
-    return cells
-
-
-def _side_by_side(cells: Planes) -> Planes:
-    """Join the pictures of cells, given by column and row, into one."""
-    columns, rows, _, unit, _ = cells.shape
-    return cells.transpose(2, 1, 3, 0, 4).reshape(3, rows * unit, columns * unit)
+    view, carried = _view(scene, unit), _carried(scene, unit)
+    places = np.concatenate((view.places, carried.places + view.planes.shape[1]))
+    return Cells(np.concatenate((view.planes, carried.planes), axis=1), places)
 
 
 def cells_seen(scene: Scene) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -70,40 +75,70 @@ def cells_seen(scene: Scene) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     return materials, layers
 
 
-def _view(scene: Scene, unit: int) -> Planes:
-    materials, layers = cells_seen(scene)
-    if scene.daylight < 0.5:
-        return _in_light(_side_by_side(tiles(unit).cells[materials, layers]), scene)
-    # By day equal cells look alike, so each is lit once.
+class _Tables(NamedTuple):
+    """Planes (red, green, blue) of all cells, in one row."""
+
+    cells: NDArray[np.uint8]
+    """By material and layer."""
+    faded: NDArray[np.uint8]
+    """The same with the colours of the night."""
+    carried: NDArray[np.uint8]
+    """By vital or item and amount."""
+
+
+@functools.lru_cache(4)
+def _tables(unit: int) -> _Tables:
+    cells, carried = (
+        np.ascontiguousarray(table.reshape(-1, 3, unit, unit).transpose(1, 0, 2, 3)) for table in tiles(unit)
+    )
+    return _Tables(cells, _faded(cells), carried)
+
+
+def _view(scene: Scene, unit: int) -> Cells:
+    materials, layers = (cells.T for cells in cells_seen(scene))
     codes = materials.astype(np.intp) * len(LAYERS) + layers
-    different = np.array(sorted(set(codes.ravel().tolist())))
-    cells = tiles(unit).cells.reshape(-1, 3, unit, unit)[different]
-    seen = _in_light(cells.transpose(1, 0, 2, 3).reshape(3, -1, unit), scene)
+    tables = _tables(unit)
+    if scene.daylight < 0.5:
+        rows, columns = codes.shape
+        seen = _in_colour(lit(joined_tiles(tables.cells, codes), scene), scene)
+        cells = seen.reshape(3, rows, unit, columns, unit).transpose(0, 1, 3, 2, 4)
+        return Cells(cells.reshape(3, -1, unit, unit), np.arange(codes.size).reshape(codes.shape))
+    # By day equal cells look alike, so each is lit once.
+    different = sorted(set(codes.ravel().tolist()))
     places = np.empty(different[-1] + 1, np.intp)
     places[different] = np.arange(len(different))
-    return _side_by_side(seen.reshape(3, -1, unit, unit).transpose(1, 0, 2, 3)[places[codes]])
+    cells, faded = (table.take(different, axis=1) for table in (tables.cells, tables.faded))
+    return Cells(_in_colour(_mixed(cells, faded, scene.daylight), scene), places[codes])
 
 
-def _in_light(planes: Planes, scene: Scene) -> Planes:
-    seen = lit(planes, scene)
+def _in_colour(seen: NDArray[np.float64], scene: Scene) -> Planes:
     return asleep(seen) if scene.sleeping else seen.astype(np.uint8)
 
 
-def _carried(scene: Scene, unit: int) -> Planes:
-    carried = [scene.inventory[name] for name in (*VITALS, *ITEMS)]
-    cells = np.zeros((GRID * (GRID - VIEW[1]), 3, unit, unit), np.uint8)
-    cells[: len(carried)] = tiles(unit).carried[np.arange(len(carried)), carried]
-    return _side_by_side(cells.reshape(-1, GRID, 3, unit, unit).transpose(1, 0, 2, 3, 4))
+def _carried(scene: Scene, unit: int) -> Cells:
+    amounts = [scene.inventory[name] for name in (*VITALS, *ITEMS)]
+    places = np.zeros((GRID - VIEW[1], GRID), np.intp)  # the first is empty
+    places.flat[: len(amounts)] = np.arange(1, len(amounts) + 1)
+    shown = [0, *(number * (MOST + 1) + amount for number, amount in enumerate(amounts))]
+    return Cells(_tables(unit).carried.take(shown, axis=1), places)
 
 
 def lit(planes: Planes, scene: Scene) -> NDArray[np.float64]:
     """The view with the light of its time of day."""
     daylight = scene.daylight
     dark = _with_grain(planes, 2 * (0.5 - daylight), scene.grain) if daylight < 0.5 else planes
-    grey = _brightness(dark)
-    faded = (grey + SATURATION * (dark.astype(np.int32) - grey).astype(np.float32)).astype(np.float32).astype(np.uint8)
+    return _mixed(planes, _faded(dark), daylight)
+
+
+def _mixed(planes: Planes, faded: Planes, daylight: float) -> NDArray[np.float64]:
     seen: NDArray[np.float64] = daylight * planes + (1 - daylight) * _tinted(faded, NIGHT)
     return seen
+
+
+def _faded(planes: Planes) -> Planes:
+    """The planes with the share of their colours that the night leaves."""
+    grey = _brightness(planes)
+    return (grey + SATURATION * (planes.astype(np.int32) - grey).astype(np.float32)).astype(np.float32).astype(np.uint8)
 
 
 def _with_grain(planes: Planes, amount: float, grain: NDArray[np.float64] | None) -> Planes:
@@ -128,5 +163,5 @@ def _brightness(planes: Planes) -> NDArray[np.int32]:
 
 
 def _tinted(planes: NDArray[np.integer], colour: tuple[int, int, int]) -> NDArray[np.float64]:
-    tinted: NDArray[np.float64] = 0.5 * planes + 0.5 * np.array(colour)[:, None, None]
+    tinted: NDArray[np.float64] = 0.5 * planes + 0.5 * np.array(colour).reshape(3, *[1] * (planes.ndim - 1))
     return tinted
