@@ -167,7 +167,7 @@ class _Layout:
         down, across = copies * by_row * scale + enlarged, copies * by_column * scale + enlarged
         colour = copies * (sums[1][0][0] + 2 * sums[2][0][0])
         second = self.length + (self.length - 1) * copies * total - row * down - 3 * across - colour
-        return second % _ADLER << 16 | (1 + copies * total) % _ADLER
+        return int(second % _ADLER << 16 | (1 + copies * total) % _ADLER)
 
 
 @functools.lru_cache(16)
