@@ -1,8 +1,10 @@
-"""Counts and durations as short text, the same in terminals, notebooks and papers."""
+"""Counts and durations as short text, the same in terminals, notebooks and papers; signs as they are printed."""
 
 from __future__ import annotations
 
-__all__ = ["duration", "megabytes", "short"]
+import re
+
+__all__ = ["duration", "megabytes", "short", "typeset"]
 
 
 def short(number: float) -> str:
@@ -23,3 +25,11 @@ def duration(seconds: float) -> str:
 def megabytes(count: float) -> str:
     """Return a number of bytes in millions: 98362432 is 98 MB."""
     return f"{count / 1_000_000:,.0f} MB"
+
+
+def typeset(text: str) -> str:
+    """Return a text that is written for terminals, with the signs of print: at most, plus or minus, and minus."""
+    return re.sub(r"<=|\+-|(?<![\w-])-(?=\d)", lambda sign: _SIGNS[sign[0]], text)
+
+
+_SIGNS = {"<=": "\N{LESS-THAN OR EQUAL TO}", "+-": "\N{PLUS-MINUS SIGN}", "-": "\N{MINUS SIGN}"}

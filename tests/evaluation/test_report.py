@@ -220,7 +220,7 @@ def test_a_page_says_caps_totals_differences_and_deviations(tmp_path):
     )
     page = page_of(tmp_path / "run")
     for words in (
-        "calls <= 30",
+        "calls ≤ 30",
         "In all: 4 finished episodes, 120 steps",
         "What a smaller window costs",
         "full context",

@@ -21,6 +21,7 @@ from smartplay_tools.evaluation.analysis.headline import CUT
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
 from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, width
+from smartplay_tools.quantities import typeset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -143,7 +144,7 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
         named.add(point)
         for right, up, side in PLACES:
             label = axes.annotate(
-                window_name(comparison.cell) if has_windows else comparison.cell.player,
+                typeset(window_name(comparison.cell)) if has_windows else comparison.cell.player,
                 point,
                 (right, up),
                 textcoords="offset points",

@@ -11,6 +11,7 @@ matplotlib is imported when a figure is drawn, and never its `pyplot`, which kee
 from __future__ import annotations
 
 import functools
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
 from smartplay_tools.evaluation.analysis.headline import CUT
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
+from smartplay_tools.quantities import typeset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,6 +34,9 @@ LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 
 WIDEST_SPREAD = 0.6
 """How far apart the first and the last of several series stand at most, of a distance of 1 between two places."""
+
+LETTERS_PER_INCH = 14
+"""How many letters of a legend's title fit into an inch."""
 
 LEGEND_ROW = 0.22
 """Inches that every further row of a legend adds to a figure, so that the panels keep their height."""
@@ -90,7 +95,8 @@ def panels(count: int, *, columns: int = 2, size: tuple[float, float] = (4.6, 3.
     columns = min(columns, count)
     rows = -(-count // columns)
     drawn = Figure(figsize=(size[0] * columns, size[1] * rows + 0.5))
-    drawn.set_layout_engine("constrained", h_pad=0.1)  # inches: a title keeps off the axis above it
+    # In inches: between two rows, a title keeps off the axis above it.
+    drawn.set_layout_engine("constrained", h_pad=0.1 if rows > 1 else None)
     axes = list(drawn.subplots(rows, columns, squeeze=False).flat)
     for spare in axes[count:]:
         spare.remove()
@@ -169,7 +175,7 @@ def legend_below(drawn: Figure, *, columns: int = 4, note: str = "") -> None:
             loc="outside lower center",
             ncols=min(columns, len(entries)),
             handlelength=3.2,
-            title=note or None,
+            title="\n".join(textwrap.wrap(typeset(note), int(LETTERS_PER_INCH * width))) or None,
             title_fontsize=9,
         )
 

@@ -10,7 +10,6 @@ import base64
 import contextlib
 import hashlib
 import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata, resources
@@ -45,6 +44,7 @@ from smartplay_tools.evaluation.pages.report.summary import (
 from smartplay_tools.evaluation.pages.report.textures import sheet
 from smartplay_tools.games.registry import importing_packages
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.quantities import typeset
 from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row, unplayed
@@ -333,11 +333,3 @@ def number(value: float | None, digits: int = 2) -> str:
         return "\N{EN DASH}"
     text = f"{value:,.{digits}f}"
     return (text.rstrip("0").rstrip(".") if "." in text else text).replace("-", "\N{MINUS SIGN}")
-
-
-_SIGNS = {"<=": "\N{LESS-THAN OR EQUAL TO}", "+-": "\N{PLUS-MINUS SIGN}", "-": "\N{MINUS SIGN}"}
-
-
-def typeset(text: str) -> str:
-    """Return a text that is written for terminals, with the signs of print: at most, plus or minus, and minus."""
-    return re.sub(r"<=|\+-|(?<![\w-])-(?=\d)", lambda sign: _SIGNS[sign[0]], text)

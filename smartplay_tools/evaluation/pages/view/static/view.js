@@ -8,8 +8,8 @@ const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "
 const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "notes"]);
 // The least width of each column in pixels, and how much of the room that is left it takes.
 const WIDTHS = {
-  ...{ status: [90, 0], game: [232, 1.2], player: [80, 0.8], budget: [120, 1.7], seed: [104, 0], trial: [50, 0] },
-  ...{ score: [70, 0], normalized: [92, 0], steps: [60, 0], tokens: [78, 0], cost: [66, 0], mistakes: [82, 0] },
+  ...{ status: [90, 0], game: [252, 1.2], player: [76, 0.8], budget: [116, 1.7], seed: [104, 0], trial: [46, 0] },
+  ...{ score: [64, 0], normalized: [92, 0], steps: [58, 0], tokens: [76, 0], cost: [66, 0], mistakes: [82, 0] },
   ...{ cut: [46, 0], end: [92, 0.7], notes: [58, 0] },
 };
 // Columns that are shown only if an episode of the run has something there.
@@ -375,6 +375,7 @@ async function start() {
   window.addEventListener("pagehide", remember);
   connectKeys(KEYS);
   showRuns();
+  document.querySelector('#runs [aria-pressed="true"]')?.scrollIntoView({ block: "nearest" });
   linkReport();
   $("other").addEventListener("input", linkReport);
   await load();
