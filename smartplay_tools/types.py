@@ -477,7 +477,17 @@ class EpisodeResult(Recorded):
     """The result of an episode, a row of `results.jsonl`. It contains no times, so equal play gives equal rows."""
 
     later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
-        ("cut_summaries", "empty_summaries", "pages", "recalls", "refused_notes", "summaries", "unusable_usages"), 0
+        (
+            "cut_summaries",
+            "empty_summaries",
+            "over_prompts",
+            "pages",
+            "recalls",
+            "refused_notes",
+            "summaries",
+            "unusable_usages",
+        ),
+        0,
     )
 
     game: str
@@ -513,6 +523,8 @@ class EpisodeResult(Recorded):
     """Summaries whose end was cut to `summary_tokens`."""
     empty_summaries: int = 0
     """Summaries of which nothing was left to show, so that the earlier one stood."""
+    over_prompts: int = 0
+    """Prompts of a host that owns the context which were longer than `prompt_tokens`; they were counted, not cut."""
     unusable_usages: int = 0
     """Usages that a provider reported with numbers that cannot be tokens; they count as none."""
     end_reason: EndReason

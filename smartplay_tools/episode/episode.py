@@ -40,16 +40,19 @@ from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.messages import Message
 from smartplay_tools.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.tokens.counter import picture_counter, shared_counter
 from smartplay_tools.tokens.tokenizers import split_rule, with_pictures
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import Sink, TranscriptWriter
+from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import (
     Budget,
     EndReason,
     EpisodeResult,
     Progress,
+    Prompt,
     ToolCall,
     ToolResult,
     ToolSpec,
@@ -293,6 +296,28 @@ class Episode:
             self._has_shown_pictures = True
             self._record({"event": "picture", "turn": self.stats.turns, "step": self.stats.steps})
             return self.game.render()
+
+    def note_prompt(self, prompt: Prompt, reply: Message) -> None:
+        """Record a prompt that a host with `context="host"` has sent to its model, and the reply.
+
+        Both are counted as everything is; a prompt over `prompt_tokens` is noted as such and not cut. After the end
+        nothing is noted. With a window this library makes the prompts itself, so it is an `InvalidArgumentError`.
+        """
+        if self.config.context != "host":
+            raise InvalidArgumentError('Prompts are noted with context="host" only: a window records its own.')
+        with self.lock:
+            self.begin()
+            tokens, cap = self.counter.prompt(prompt.messages, prompt.tools), self.budget.prompt_tokens
+            self._record(
+                {
+                    "event": "sent",
+                    "turn": self.stats.turns,
+                    "tokens": tokens,
+                    "reply": self.counter.message(reply),
+                    "over": cap is not None and tokens > cap,
+                    "sha256": prompt_sha256(map(head_bytes, prompt.messages), tools_bytes(prompt.tools)),
+                }
+            )
 
     def refuse_pictures(self, host: str, *, has_option: bool = False) -> None:
         """Raise an `InvalidArgumentError` if observations are pictures, for a host that shows its model words only.

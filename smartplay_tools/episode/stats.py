@@ -48,6 +48,7 @@ class EpisodeStats:
     summaries: int = 0
     cut_summaries: int = 0
     empty_summaries: int = 0
+    over_prompts: int = 0
     unusable_usages: int = 0
     _sums: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SUMMED, 0))
     _provider: Usage | None = None
@@ -81,6 +82,10 @@ class EpisodeStats:
                 self.cut_summaries += event["cut"]
                 self.empty_summaries += event["empty"]
                 self.refused_calls += len(calls_of(event["message"]))
+            case "sent":
+                self._sums["prompt"] += event["tokens"]
+                self._sums["reply"] += event["reply"]
+                self.over_prompts += event["over"]
             case "choice":
                 self.fallback_actions += event["fallback"]
             case "start" | "head":

@@ -4,11 +4,13 @@ registry  names of players; `get_player`
 files     players in a file: `FILE.py:CLASS`
 reading   parses the messages of a prompt, for rule players
 model     `ModelPlayer`, the base class of players that call a model: attempts, pauses, limits, clients
+noted     a player in the place of a framework's model, whose prompts are noted
 scripted  a player that gives prepared replies
 """
 
 from smartplay_tools.players.attempts import BrokenAnswerError, ModelCallError
 from smartplay_tools.players.model import ModelPlayer
+from smartplay_tools.players.noted import NotedPlayer
 from smartplay_tools.players.reading import Reading, call
 from smartplay_tools.players.registry import PLAYERS, get_player, is_interactive, is_model, player_names
 from smartplay_tools.players.scripted import ScriptedPlayer
@@ -18,6 +20,7 @@ __all__ = [
     "BrokenAnswerError",
     "ModelCallError",
     "ModelPlayer",
+    "NotedPlayer",
     "Reading",
     "ScriptedPlayer",
     "call",

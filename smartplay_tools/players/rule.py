@@ -21,6 +21,7 @@ from smartplay_tools.players.rules import (
 )
 from smartplay_tools.players.rules.crafter import notes as crafter_notes
 from smartplay_tools.players.rules.memory import (
+    newest_quoted,
     noted,
     notes_cap,
     offers,
@@ -74,12 +75,16 @@ class RulePlayer:
         if reading.is_over:
             return Reply({"role": "assistant", "content": GAME_IS_OVER})
         if not reading.actions and all(tool.name != "act" for tool in prompt.tools):
-            return Reply(NOTHING_TO_PLAY.copy())
+            return Reply(self._beside_the_play(reading))
         for rules in self.rules:
             if reading.actions and rules.plays(reading):
                 return Reply(_offered(self._decide(rules, reading), reading))
         actions = ", ".join(reading.actions) or "none"
         raise InvalidArgumentError(f"The rule player has no rules for a game with the actions {actions}.")
+
+    def _beside_the_play(self, reading: Reading) -> Message:
+        """The reply to a request other than to play."""
+        return NOTHING_TO_PLAY.copy()
 
     def _decide(self, rules: GameRules, reading: Reading) -> Message:
         return rules.decide(reading)
@@ -124,6 +129,11 @@ class RuleNotesPlayer(RulePlayer):
         if not text or (cap is None and not self._words):
             return message
         return {**message, "content": text} if cap is None else noted(message, text)
+
+    def _beside_the_play(self, reading: Reading) -> Message:
+        """The newest memory that the request quotes: a host may ask for a summary in words of its own."""
+        quoted = newest_quoted(reading)
+        return super()._beside_the_play(reading) if quoted is None else {"role": "assistant", "content": quoted}
 
     def _summary(self, reading: Reading) -> str:
         memory = self._memory(reading)

@@ -68,6 +68,11 @@ class RecordCounts:
                 usage = self._parsed(event)
                 self.whole.add(usage, self.price)
                 self.own.add(usage, self.price)
+            case "sent":
+                sent = self._parsed(event)
+                usage = {"prompt": sent["tokens"], "reply": sent["reply"], "provider": None}
+                self.whole.add(usage, self.price)
+                self.own.add(usage, self.price)
             case "call":
                 self._new_calls.append(event)
             case "view":

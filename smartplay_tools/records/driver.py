@@ -153,16 +153,19 @@ class Driver:
         return messages, foreign
 
     def _run_calls(self, at: ErrorLocation) -> None:
-        """Feed a record without a conversation: the calls of a turn are a batch."""
+        """Feed a record without a conversation: the calls of a turn are a batch. What its host sent is only counted."""
 
-        def calls() -> Iterator[Event]:
+        def played() -> Iterator[Event]:
             for at.number, at.event in enumerate(self.recorded, start=1):
-                if at.event["event"] == "call":
+                if at.event["event"] in ("call", "sent"):
                     yield at.event
 
         self.episode.begin()
-        for _, batch in groupby(calls(), key=lambda event: event["turn"]):
-            self.episode.call_batch([ToolCall(e["name"], e["arguments"], e.get("call_id")) for e in batch])
+        for (kind, _), group in groupby(played(), key=lambda event: (event["event"], event["turn"])):
+            if kind == "call":
+                self.episode.call_batch([ToolCall(e["name"], e["arguments"], e.get("call_id")) for e in group])
+            else:
+                self.episode._record(*map(unchained, group))
 
     def _end(self, result: Mapping[str, Any]) -> None:
         reason = result["end_reason"]

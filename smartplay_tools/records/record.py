@@ -32,6 +32,7 @@ from smartplay_tools.transcript.events import (
     PictureEvent,
     ResumeEvent,
     RevealEvent,
+    SentEvent,
     SummaryEvent,
     UsageEvent,
     ViewEvent,
@@ -377,6 +378,8 @@ class Record:
     """In the paper's protocol: the actions that answers chose."""
     calls = _EventsOf[CallEvent]("call")
     """The tool calls as they were played, with their answers."""
+    sent = _EventsOf[SentEvent]("sent")
+    """The prompts of a host that owned the context, as they were counted."""
     reveals = _EventsOf[RevealEvent]("reveal")
     """The times that a privileged player was given the game itself."""
     pictures = _EventsOf[PictureEvent]("picture")

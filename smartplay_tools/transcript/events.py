@@ -163,6 +163,20 @@ class CallEvent(TypedDict):
     """The idempotency key that the transport sent, if any; only where the host owns the context."""
 
 
+class SentEvent(TypedDict):
+    """A prompt that a host which owns the context has sent to its model, and the reply, as they were counted here."""
+
+    event: Literal["sent"]
+    turn: int
+    """The turn that follows it."""
+    tokens: int
+    reply: int
+    """The tokens of the reply."""
+    over: bool
+    """Whether the prompt is longer than `prompt_tokens`, which is measured here and not enforced."""
+    sha256: str
+
+
 class RevealEvent(TypedDict):
     """A privileged player was given the game itself."""
 
@@ -210,6 +224,7 @@ EVENTS: tuple[type, ...] = (
     SummaryEvent,
     ChoiceEvent,
     CallEvent,
+    SentEvent,
     RevealEvent,
     PictureEvent,
     ResumeEvent,

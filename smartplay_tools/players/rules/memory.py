@@ -70,6 +70,20 @@ def line(facts: dict[str, Any]) -> str:
     return f"Notes: {json.dumps(facts, separators=(',', ':'))}"
 
 
+def newest_quoted(reading: Reading) -> str | None:
+    """Return the memory that covers most of those which the messages quote, in whatever form; None without any."""
+    memories: list[dict[str, Any]] = []
+    for message in reading.prompt.messages:
+        for place in re.finditer("Notes: ", text_of(message)):
+            try:
+                facts, _ = json.JSONDecoder().raw_decode(text_of(message), place.end())
+            except ValueError:
+                continue
+            if isinstance(facts, dict) and isinstance(facts.get("clock"), int):
+                memories.append(facts)
+    return line(max(memories, key=lambda facts: facts["clock"])) if memories else None
+
+
 def notes_cap(reading: Reading) -> int | None:
     """Return how many tokens notes may have, None where there is no tool to take them."""
     described = [str(tool.parameters) for tool in reading.prompt.tools if tool.name == NOTES_TOOL]

@@ -1,0 +1,32 @@
+"""A player whose prompts are noted in the episode of a host: what another framework shows its model, measured.
+
+A framework that manages the context itself sends prompts that this library has not made. With this player behind an
+endpoint in the place of its model, every prompt is counted and put on record as it came (`Episode.note_prompt`), and
+nothing of the framework is changed.
+"""
+
+from __future__ import annotations
+
+from smartplay_tools.episode.episode import Episode
+from smartplay_tools.messages import assistant_message
+from smartplay_tools.types import AsyncPlayer, Player, Prompt, Reply
+
+
+class NotedPlayer:
+    """Asks another player, and notes every prompt and its reply in an episode with `context="host"`.
+
+    Arguments:
+        player: the player that is asked, a model or a rule.
+        episode: the episode that the framework's agent plays.
+    """
+
+    def __init__(self, player: Player | AsyncPlayer, episode: Episode) -> None:
+        self.name = player.name
+        self._player, self._episode = player, episode
+
+    async def areply(self, prompt: Prompt) -> Reply:
+        """Ask the player; the prompt of a call that failed is not noted."""
+        player = self._player
+        reply = await player.areply(prompt) if isinstance(player, AsyncPlayer) else player.reply(prompt)
+        self._episode.note_prompt(prompt, assistant_message(reply.message))
+        return reply
