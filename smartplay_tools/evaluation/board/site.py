@@ -24,7 +24,7 @@ from smartplay_tools.evaluation.board.submissions.report import report_json
 from smartplay_tools.evaluation.board.submissions.results import by_cell
 from smartplay_tools.evaluation.board.table import Board, Charges, make_board
 from smartplay_tools.evaluation.pages import templates
-from smartplay_tools.quantities import short
+from smartplay_tools.quantities import short, typeset
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.records.tariffs import charge_records, tariffs_of
@@ -122,7 +122,7 @@ def _pick(unpacked: Path, folder: Path, rows: list[Row], replays: int) -> None:
 
 def _page(board: Board, title: str, replays: int) -> str:
     environment = templates.environment(__package__, "A board")
-    environment.filters |= {"figure": figure, "estimate": estimate, "short": short, "brief": short_name}
+    environment.filters |= {"figure": figure, "estimate": estimate, "short": short, "brief": short_name, "typeset": typeset}
     return environment.get_template("board.html.j2").render(
         board=board,
         chart=make_chart(board),
