@@ -122,7 +122,13 @@ def _pick(unpacked: Path, folder: Path, rows: list[Row], replays: int) -> None:
 
 def _page(board: Board, title: str, replays: int) -> str:
     environment = templates.environment(__package__, "A board")
-    environment.filters |= {"figure": figure, "estimate": estimate, "short": short, "brief": short_name, "typeset": typeset}
+    environment.filters |= {
+        "figure": figure,
+        "estimate": estimate,
+        "short": short,
+        "brief": short_name,
+        "typeset": typeset,
+    }
     return environment.get_template("board.html.j2").render(
         board=board,
         chart=make_chart(board),
