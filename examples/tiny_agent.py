@@ -11,6 +11,8 @@ import json
 import random
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -65,19 +67,26 @@ def _texts(rows: Iterable[Row]) -> Iterator[str]:
 
 def encode(tokenizer: PreTrainedTokenizerFast, row: Row) -> Sample:
     """Return the tokens of a row of `sft-chains`; its replies in `completion` are trained."""
-    parts: Sample = [], []
+    tokens: list[int] = []
+    trained: list[bool] = []
     for at, message in enumerate([*row["prompt"], *row["completion"]]):
-        ids = tokens_of(tokenizer, [message])
+        ids = _message_tokens(tokenizer, json.dumps(message))
         is_trained = at >= len(row["prompt"]) and message["role"] == "assistant"
-        parts[0].extend(ids)
-        parts[1].extend([False] + [is_trained] * (len(ids) - 1))  # the first token says whose message it is
-    return parts
+        tokens += ids
+        trained += [False] + [is_trained] * (len(ids) - 1)  # the first token says whose message it is
+    return tokens, trained
 
 
-def tokens_of(tokenizer: PreTrainedTokenizerFast, messages: Sequence[Any], **options: Any) -> list[int]:
-    """Return the tokens of messages."""
-    ids: list[int] = tokenizer.apply_chat_template(list(messages), tokenize=True, return_dict=False, **options)
-    return ids
+def prompt_tokens(tokenizer: PreTrainedTokenizerFast, messages: Iterable[Any]) -> list[int]:
+    """Return the tokens of a prompt, which the first token of a reply ends."""
+    parts = [_message_tokens(tokenizer, json.dumps(message)) for message in messages]
+    return [*chain.from_iterable(parts), tokenizer.convert_tokens_to_ids("<assistant>")]
+
+
+@lru_cache(maxsize=100_000)
+def _message_tokens(tokenizer: PreTrainedTokenizerFast, message: str) -> list[int]:
+    """The tokens of a message, given as JSON; the template writes a message the same way wherever it stands."""
+    return tokenizer.apply_chat_template([json.loads(message)], tokenize=True, return_dict=False)
 
 
 def new_model(tokenizer: PreTrainedTokenizerFast, seed: int = 0, width: int = 64, layers: int = 2) -> LlamaForCausalLM:
@@ -177,7 +186,7 @@ def play(
     conversations = [sp.Conversation(episode, player=name) for episode in episodes]
     turns: list[list[Turn]] = [[] for _ in episodes]
     while asked := [(at, prompt) for at, each in enumerate(conversations) if (prompt := each.prompt()) is not None]:
-        prompts = [tokens_of(tokenizer, prompt.messages, add_generation_prompt=True) for _, prompt in asked]
+        prompts = [prompt_tokens(tokenizer, prompt.messages) for _, prompt in asked]
         for (at, _), ids, reply in zip(asked, prompts, _generate(model, prompts, temperature), strict=True):
             conversations[at].receive(message_of(tokenizer.decode(reply)))
             turns[at].append((ids, reply))

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from smartplay_tools.players.registry import get_player
     from smartplay_tools.players.scripted import ScriptedPlayer
     from smartplay_tools.records.replays import replay
-    from smartplay_tools.records.resumption import resume
+    from smartplay_tools.records.resumption import fork, resume
     from smartplay_tools.transcript.file import read_transcript
     from smartplay_tools.types import (
         AsyncPlayer,
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         Player,
         Prompt,
         Reply,
+        SampledTokens,
         ToolResult,
         ToolSpec,
         Usage,
@@ -68,6 +69,7 @@ __all__ = [
     "Player",
     "Prompt",
     "Reply",
+    "SampledTokens",
     "ScriptedPlayer",
     "SmartPlayError",
     "Strategy",
@@ -79,6 +81,7 @@ __all__ = [
     "aplay",
     "call",
     "evaluate",
+    "fork",
     "get_player",
     "play",
     "read_transcript",
@@ -129,7 +132,10 @@ if not TYPE_CHECKING:
             "players.registry": ("get_player",),
             "players.scripted": ("ScriptedPlayer",),
             "records.replays": ("replay",),
-            "records.resumption": ("resume",),
+            "records.resumption": (
+                "fork",
+                "resume",
+            ),
             "transcript.file": ("read_transcript",),
             "types": (
                 "AsyncPlayer",
@@ -138,6 +144,7 @@ if not TYPE_CHECKING:
                 "Player",
                 "Prompt",
                 "Reply",
+                "SampledTokens",
                 "ToolResult",
                 "ToolSpec",
                 "Usage",

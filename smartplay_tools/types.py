@@ -14,7 +14,15 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Final, Literal, Protocol, Self, runtime_checkable
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from smartplay_tools.messages import Message, copy_of
 from smartplay_tools.pictures.picture import NO_PICTURES, Picture
@@ -40,6 +48,7 @@ __all__ = [
     "RecordedBudget",
     "Reply",
     "ResolvedBudget",
+    "SampledTokens",
     "Tokens",
     "ToolCall",
     "ToolResult",
@@ -283,6 +292,29 @@ class ToolResult:
     """The picture of the observation, where the episode's observations are pictures."""
 
 
+class SampledTokens(Recorded):
+    """A reply in the tokens that the model drew, for training on records; no prompt, count or score depends on them.
+
+    Text that is split into tokens again can give others than those that were drawn, for which alone the probabilities
+    hold.
+    """
+
+    later: ClassVar[Mapping[str, Any]] = {"logprobs": None, "prompt": None}
+
+    reply: tuple[Count, ...]
+    """The ids of the reply's tokens, the one that ends it included."""
+    logprobs: tuple[Annotated[float, Field(le=0, allow_inf_nan=False)], ...] | None = None
+    """The natural logarithm of the probability with which each of them was drawn."""
+    prompt: tuple[Count, ...] | None = None
+    """The ids of the prompt's tokens. They make a record much longer, because every turn has its whole prompt."""
+
+    @model_validator(mode="after")
+    def _has_a_logprob_for_each(self) -> Self:
+        if self.logprobs is not None and len(self.logprobs) != len(self.reply):
+            raise ValueError(f"there are {len(self.logprobs)} logprobs for {len(self.reply)} tokens")
+        return self
+
+
 MOST_TOKENS = 10**12
 """More tokens than a provider can have counted for one reply."""
 
@@ -398,6 +430,8 @@ class Reply:
 
     message: Message
     usage: Usage | None = None
+    sampled: SampledTokens | None = None
+    """The tokens of which the reply was made, where the player knows them and wants them in the record."""
 
 
 @runtime_checkable

@@ -57,7 +57,7 @@ def taught(tiny_agent, rows, tokenizer):
     model = tiny_agent.new_model(tokenizer, seed=0, width=32)
     samples = [tiny_agent.encode(tokenizer, row) for row in rows]
     loss = tiny_agent.train(model, samples, tokens=150_000, at_once=1024)
-    assert loss < 0.3
+    assert loss < 0.5
     return model
 
 
@@ -78,8 +78,10 @@ def test_exactly_the_replies_of_a_row_are_trained(tiny_agent, rows, tokenizer):
 
 def test_a_row_is_what_the_model_is_asked(tiny_agent, rows, tokenizer):
     ids, _ = tiny_agent.encode(tokenizer, {**rows[0], "completion": []})
-    asked = tiny_agent.tokens_of(tokenizer, rows[0]["prompt"], add_generation_prompt=True)
+    asked = tiny_agent.prompt_tokens(tokenizer, rows[0]["prompt"])
     assert asked[:-1] == ids
+    whole = {"tokenize": True, "return_dict": False, "add_generation_prompt": True}
+    assert asked == tokenizer.apply_chat_template(rows[0]["prompt"], **whole)
 
 
 def test_a_model_plays_in_a_batch_what_it_plays_alone_and_its_records_replay(tiny_agent, tokenizer, taught):

@@ -90,4 +90,4 @@ class LocalPlayer(OpenAIPlayer):
         if call is None:
             return reply
         made: Any = {"id": f"local{next(self._numbers):04d}", "type": "function", "function": call}
-        return Reply({"role": "assistant", "content": None, "tool_calls": [made]}, reply.usage)
+        return replace(reply, message={"role": "assistant", "content": None, "tool_calls": [made]})

@@ -15,7 +15,7 @@ from typing import Any
 from openai.resources.chat.completions import Completions
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of, halves
-from smartplay_openai.parsing import plain, read_usage
+from smartplay_openai.parsing import plain, read_usage, sampled_tokens
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
@@ -75,7 +75,8 @@ class ChatCompletions(Interface):
             raise BrokenAnswerError("The completion has no choice with a message.", usage)
         if isinstance(choice, Mapping) and choice.get("finish_reason") == "length":
             usage = (usage or Usage()).model_copy(update={"cut": 1})
-        return Reply(_received(message), usage)
+        drawn = None if choice is None else sampled_tokens(choice, sent.get("prompt_token_ids"))
+        return Reply(_received(message), usage, drawn)
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the completion that consists of a stream's chunks."""

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from smartplay_tools import Usage
+from smartplay_tools import SampledTokens, Usage
 from smartplay_tools.players import BrokenAnswerError
 
 
@@ -38,6 +38,22 @@ def read_usage(usage: Any, prompt: str, reply: str) -> Usage | None:
         written=_count(parts, "cache_write_tokens"),
         reasoning=_count(usage.get(f"{reply}_tokens_details"), "reasoning_tokens"),
     )
+
+
+def sampled_tokens(choice: Mapping[str, Any], prompt: Any) -> SampledTokens | None:
+    """Return the tokens of a reply, which vLLM and LMDeploy send where `return_token_ids` asks for them.
+
+    Their probabilities are there if `logprobs` asks for these, too; `prompt` are the prompt's tokens.
+    """
+    ids, logprobs = choice.get("token_ids"), choice.get("logprobs")
+    if not isinstance(ids, list):
+        return None
+    content = logprobs.get("content") if isinstance(logprobs, Mapping) else None
+    try:
+        drawn = [each["logprob"] for each in content or ()]
+        return SampledTokens(reply=ids, logprobs=drawn if len(drawn) == len(ids) else None, prompt=prompt)
+    except (KeyError, TypeError, ValueError):
+        return None
 
 
 def _count(counts: Any, name: str) -> int:

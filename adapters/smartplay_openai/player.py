@@ -11,6 +11,7 @@ import importlib
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -146,7 +147,7 @@ class OpenAIPlayer(ModelPlayer):
         if isinstance(answer, str):
             raise self._no_json(answer)
         reply = self._interface.reply(answer)
-        return reply if self._parser is None else Reply(with_calls(reply.message, self._parser), reply.usage)
+        return reply if self._parser is None else replace(reply, message=with_calls(reply.message, self._parser))
 
     def _no_json(self, text: str = "") -> BrokenAnswerError:
         """The error of an address that is not the interface's, such as that of a web page."""

@@ -25,7 +25,7 @@ from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, Prompt
 from smartplay_tools.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
 from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 from smartplay_tools.transcript.events import Event
-from smartplay_tools.types import EpisodeResult, Prompt, ToolSpec, Usage
+from smartplay_tools.types import EpisodeResult, Prompt, SampledTokens, ToolSpec, Usage
 
 T = TypeVar("T")
 
@@ -37,11 +37,18 @@ class CheckedReply:
     message: Message
     usage: dict[str, Any] | None
     """What the provider charged, as plain data."""
+    sampled: dict[str, Any] | None = None
+    """The tokens that the model drew, as plain data."""
 
     @classmethod
-    def of(cls, message: Mapping[str, Any], usage: Usage | None) -> CheckedReply:
+    def of(cls, message: Mapping[str, Any], usage: Usage | None, sampled: SampledTokens | None = None) -> CheckedReply:
         """Return a copy of a reply as the conversation keeps it; `InvalidArgumentError` if it is none."""
-        return cls(assistant_message(message), checked_usage(usage))
+        return cls(assistant_message(message), checked_usage(usage), checked_tokens(sampled))
+
+    def event(self, name: str, turn: int, **facts: Any) -> Event:
+        """Return the event that records the reply."""
+        sampled = {} if self.sampled is None else {"sampled": self.sampled}
+        return {"event": name, "turn": turn, **facts, "message": self.message, **sampled}
 
 
 @dataclass(slots=True)
@@ -236,7 +243,7 @@ class BaseConversation(ABC):
         calls: Sequence[Call],
         pending: Pending | None,
     ) -> list[Event]:
-        message: Event = {"event": "message", "turn": number, "by": "player", "message": reply.message}
+        message = reply.event("message", number, by="player")
         if ids != sent:
             message["ids"] = ids
         if pending is None:
@@ -329,3 +336,10 @@ def checked_usage(usage: Usage | None) -> dict[str, Any] | None:
     if usage is not None and not isinstance(usage, Usage):
         raise InvalidArgumentError(f"The usage of a reply is a `Usage` or None, not {type(usage).__name__}.")
     return None if usage is None else usage.model_dump()
+
+
+def checked_tokens(sampled: SampledTokens | None) -> dict[str, Any] | None:
+    """Return sampled tokens as plain data; `InvalidArgumentError` if they are neither `SampledTokens` nor None."""
+    if sampled is not None and not isinstance(sampled, SampledTokens):
+        raise InvalidArgumentError(f"`sampled` is a `SampledTokens` or None, not {type(sampled).__name__}.")
+    return None if sampled is None else sampled.model_dump(mode="json")

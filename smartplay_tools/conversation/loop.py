@@ -154,7 +154,7 @@ def _checked(reply: Reply) -> CheckedReply:
     """Return a player's reply in canonical form. If it is not a reply, the error counts as the player's."""
     if not isinstance(reply, Reply):
         raise InvalidArgumentError(f"A player replies with a `Reply`, not with {type(reply).__name__}.")
-    return CheckedReply.of(reply.message, reply.usage)
+    return CheckedReply.of(reply.message, reply.usage, reply.sampled)
 
 
 def _result(conversation: AnyConversation) -> EpisodeResult:

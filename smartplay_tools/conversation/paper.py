@@ -31,7 +31,7 @@ from smartplay_tools.messages import Message, text_of
 from smartplay_tools.tokens import PRIMING, truncation
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import message_bytes, prompt_sha256, tools_bytes
-from smartplay_tools.types import Prompt, ToolResult, Usage
+from smartplay_tools.types import Prompt, SampledTokens, ToolResult, Usage
 
 SYSTEM = "You’re a player trying to play the game."
 OBSERVATION = "current step observation: "
@@ -117,9 +117,11 @@ class PaperConversation(BaseConversation):
         """Do what `areceive` does with an answer that has been checked."""
         return await self._away(lambda: self.receive_checked(reply))
 
-    def open(self, message: Mapping[str, Any], usage: Usage | None = None) -> None:
+    def open(
+        self, message: Mapping[str, Any], usage: Usage | None = None, sampled: SampledTokens | None = None
+    ) -> None:
         """Validate, record and charge an answer; the action that it chooses is not played yet."""
-        self.open_checked(CheckedReply.of(message, usage))
+        self.open_checked(CheckedReply.of(message, usage, sampled))
 
     def open_checked(self, reply: CheckedReply) -> None:
         """Do what `open` does with an answer that has been checked."""

@@ -16,7 +16,7 @@ from smartplay_tools.conversation.tool_calls import ToolConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Call
-from smartplay_tools.types import Prompt, Reply, ToolResult, ToolSpec, Usage
+from smartplay_tools.types import Prompt, Reply, SampledTokens, ToolResult, ToolSpec, Usage
 
 R = TypeVar("R", bound=Reply)
 
@@ -149,14 +149,17 @@ class Conversation(ToolConversation):
     `AgentSession`, without `summaries` and `pictures`.
     """
 
-    def receive(self, message: Mapping[str, Any], usage: Usage | None = None) -> list[ToolResult]:
+    def receive(
+        self, message: Mapping[str, Any], usage: Usage | None = None, sampled: SampledTokens | None = None
+    ) -> list[ToolResult]:
         """Take the reply to the latest prompt: charge it, play its calls, and return the results in order.
 
         The reply to a prompt for a summary is not a turn: none of its calls is played, and there are no results.
         `message` is an assistant message in chat form; anything else raises `InvalidArgumentError` and changes nothing.
-        The provider's `usage` is recorded next to our count. Calls after the end of the game are refused.
+        The provider's `usage` is recorded next to our count, and the tokens that the model drew (`sampled`) beside the
+        message. Calls after the end of the game are refused.
         """
-        return self.receive_checked(CheckedReply.of(message, usage))
+        return self.receive_checked(CheckedReply.of(message, usage, sampled))
 
     def receive_checked(self, reply: CheckedReply) -> list[ToolResult]:
         """Do what `receive` does with a reply that has been checked."""

@@ -23,7 +23,7 @@ from smartplay_tools.episode.tools import schema
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec
 from smartplay_tools.messages import Message
-from smartplay_tools.types import Budget, Prompt, Usage
+from smartplay_tools.types import Budget, Prompt, SampledTokens, Usage
 
 
 class TextEnv:
@@ -73,18 +73,22 @@ class TextEnv:
         return self._messages()
 
     def step(
-        self, reply: Mapping[str, Any] | str, usage: Usage | None = None
+        self,
+        reply: Mapping[str, Any] | str,
+        usage: Usage | None = None,
+        sampled: SampledTokens | None = None,
     ) -> tuple[list[Message], float, bool, dict[str, Any]]:
         """Take the reply to the latest messages; return the next messages, the reward, whether it is over, and facts.
 
-        The reply is an assistant message in chat form, or a text without calls. All its calls are played. The facts
+        The reply is an assistant message in chat form, or a text without calls. All its calls are played. `sampled` are
+        the tokens of which it was made, for the record. The facts
         have `purpose` ("summary" if the next messages ask for one), `max_tokens`, the cap on the next reply, and at the
         end `result`, the `EpisodeResult`. A step after the end is an `InvalidArgumentError`.
         """
         talk = self._conversation
         if self._prompt is None:
             raise InvalidArgumentError("The episode is over; reset the environment.")
-        talk.receive({"role": "assistant", "content": reply} if isinstance(reply, str) else reply, usage)
+        talk.receive({"role": "assistant", "content": reply} if isinstance(reply, str) else reply, usage, sampled)
         self._prompt = talk.prompt()
         before, self._rewarded = self._rewarded, self._factory.reward(talk.episode)
         return self._messages(), self._rewarded - before, self._prompt is None, self._facts()

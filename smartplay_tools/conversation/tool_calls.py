@@ -25,7 +25,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Call, Message, head_messages, host_message, text_of
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
-from smartplay_tools.types import Progress, ToolResult, ToolSpec, Usage
+from smartplay_tools.types import Progress, SampledTokens, ToolResult, ToolSpec, Usage
 
 IDLE_REPLIES = 3
 """The number of replies in a row without a tool call that ends an episode."""
@@ -110,12 +110,14 @@ class ToolConversation(BaseConversation):
         waiting, calls = self._builder.waiting, self._builder.calls
         return tuple([calls[at] for at in waiting if calls[at].name not in self._foreign]) if waiting else ()
 
-    def open(self, message: Mapping[str, Any], usage: Usage | None = None) -> tuple[Call, ...]:
+    def open(
+        self, message: Mapping[str, Any], usage: Usage | None = None, sampled: SampledTokens | None = None
+    ) -> tuple[Call, ...]:
         """Validate, record and charge a reply and open its turn, without playing any of its calls.
 
         The reply to a prompt for a summary opens no turn and has no calls that could be played.
         """
-        return self.open_checked(CheckedReply.of(message, usage))
+        return self.open_checked(CheckedReply.of(message, usage, sampled))
 
     def open_checked(self, reply: CheckedReply) -> tuple[Call, ...]:
         """Do what `open` does with a reply that has been checked."""
@@ -140,15 +142,7 @@ class ToolConversation(BaseConversation):
         shown = {"text": "", "tokens": 0} if summary is None else {"text": summary.text, "tokens": summary.tokens}
         cost = pending.cost(self.episode.counter.message(reply.message))
         self.episode._record(
-            {
-                "event": "summary",
-                "turn": turn,
-                "covers": covers,
-                "message": reply.message,
-                **shown,
-                "cut": is_cut,
-                "empty": is_empty,
-            },
+            {**reply.event("summary", turn, covers=covers), **shown, "cut": is_cut, "empty": is_empty},
             {"event": "usage", "turn": turn, "purpose": "summary", **cost, "provider": reply.usage},
         )
         self._pending, self.episode.if_closed = None, None

@@ -22,6 +22,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Message, text_of
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
+from smartplay_tools.types import Purpose, SampledTokens
 
 FILE = "data.jsonl"
 
@@ -46,12 +47,15 @@ def write_episodes(episodes: Iterable[Record], folder: Path) -> dict[str, int]:
 def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
     """Yield a row for every reply of an episode: `prompt`, `completion`, `tools`, and the facts of the episode.
 
-    With `summaries`, the replies to prompts for a summary have rows, too; `purpose` tells them apart.
+    With `summaries`, the replies to prompts for a summary have rows, too; `purpose` tells them apart. If the record has
+    the tokens of any reply, every row has `completion_ids`, `completion_logprobs` and `prompt_ids`, None where unknown.
     """
+    drawn = episode.sampled
     for step in _steps(episode, summaries=summaries):
         with_tools = {"tools": step.tools} if step.tools is not None else {}
         about = {**_facts(episode), "turn": step.turn, "purpose": step.purpose}
-        yield {"prompt": step.prompt, "completion": [step.reply], **with_tools, **about}
+        tokens = _token_columns(drawn.get((step.turn, step.purpose))) if drawn else {}
+        yield {"prompt": step.prompt, "completion": [step.reply], **with_tools, **tokens, **about}
 
 
 def chain_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
@@ -104,7 +108,7 @@ class _Step:
     tools: str | None
     """The schemas of the tools as JSON text; None where there are none."""
     turn: int
-    purpose: str
+    purpose: Purpose
 
 
 def _steps(episode: Record, *, summaries: bool) -> Iterator[_Step]:
@@ -117,6 +121,14 @@ def _steps(episode: Record, *, summaries: bool) -> Iterator[_Step]:
         if summaries or not sent.prompt.asks_for_summary:
             prompt = [plain(message) for message in sent.prompt.messages]
             yield _Step(prompt, plain(reply), _tools(sent), sent.turn, sent.prompt.purpose)
+
+
+def _token_columns(sampled: SampledTokens | None) -> Row:
+    return {
+        "prompt_ids": sampled and sampled.prompt,
+        "completion_ids": sampled and sampled.reply,
+        "completion_logprobs": sampled and sampled.logprobs,
+    }
 
 
 def _tools(sent: SentPrompt) -> str | None:

@@ -18,7 +18,7 @@ import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from ipaddress import ip_address
 from types import TracebackType
 from typing import Any, ClassVar, Self
@@ -117,7 +117,7 @@ class ModelPlayer(ABC):
                 with line.room:
                     attempts.begin()
                     reply = self.send(line.client, request)
-                return Reply(reply.message, attempts.usage(reply.usage))
+                return replace(reply, usage=attempts.usage(reply.usage))
             except Exception as error:
                 if not self.failed(error):
                     raise
@@ -132,7 +132,7 @@ class ModelPlayer(ABC):
                 async with line.room:
                     attempts.begin()
                     reply = await self.asend(line.client, request)
-                return Reply(reply.message, attempts.usage(reply.usage))
+                return replace(reply, usage=attempts.usage(reply.usage))
             except Exception as error:
                 if not self.failed(error):
                     raise

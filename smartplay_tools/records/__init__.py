@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from smartplay_tools.records.record import Record
     from smartplay_tools.records.replays import Replay, replay
     from smartplay_tools.records.requests import RequestLog, requests_of
-    from smartplay_tools.records.resumption import Resumed, resume
+    from smartplay_tools.records.resumption import Resumed, fork, resume
     from smartplay_tools.records.run_folder import RunFolder
     from smartplay_tools.records.run_follower import run_snapshot
     from smartplay_tools.records.snapshot import CellSnapshot, RunSnapshot, Spending
@@ -64,6 +64,7 @@ __all__ = [
     "cache_rules",
     "calls_under",
     "charge",
+    "fork",
     "openai_cache_fields",
     "recorded_pictures",
     "recorded_turns",
@@ -90,7 +91,7 @@ if not TYPE_CHECKING:
             "record": ("Record",),
             "replays": ("Replay", "replay"),
             "requests": ("RequestLog", "requests_of"),
-            "resumption": ("Resumed", "resume"),
+            "resumption": ("Resumed", "fork", "resume"),
             "run_folder": ("RunFolder",),
             "run_follower": ("run_snapshot",),
             "snapshot": ("CellSnapshot", "RunSnapshot", "Spending"),

@@ -21,7 +21,7 @@ from smartplay_tools.records.error_location import ErrorLocation
 from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event, concerns_summary
 from smartplay_tools.transcript.file import MemoryRecord
-from smartplay_tools.types import ToolCall, ToolSpec, Usage
+from smartplay_tools.types import SampledTokens, ToolCall, ToolSpec, Usage
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -130,7 +130,12 @@ class Driver:
 
     def _open(self, event: Event, *, is_summary: bool) -> None:
         usage = self._usages.get((event["turn"], is_summary))
-        self._needed().open(event["message"], None if usage is None else Usage(**usage))
+        sampled = event.get("sampled")
+        self._needed().open(
+            event["message"],
+            None if usage is None else Usage(**usage),
+            None if sampled is None else SampledTokens.from_record(sampled),
+        )
 
     def _needed(self) -> Driven:
         if self.conversation is None:

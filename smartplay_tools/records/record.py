@@ -41,7 +41,7 @@ from smartplay_tools.transcript.events import (
 from smartplay_tools.transcript.file import kind_of, read_line, read_written
 from smartplay_tools.transcript.lines import GrowingLines, ends_of
 from smartplay_tools.transcript.times import read_times
-from smartplay_tools.types import EndReason, EpisodeResult
+from smartplay_tools.types import EndReason, EpisodeResult, Purpose, SampledTokens
 
 FAILURES = ("player_error", "game_error")
 """Ends of an episode that failed."""
@@ -442,6 +442,14 @@ class Record:
     def sent_replies(self) -> dict[int, Message]:
         """The replies by the number of their turn, as they were sent."""
         return {event["turn"]: event["message"] for event in self.messages if event["by"] == "player"}
+
+    @cached_property
+    def sampled(self) -> dict[tuple[int, Purpose], SampledTokens]:
+        """The tokens of the replies of which the player gave them, by turn and by what their prompt asked for."""
+        found: list[tuple[Purpose, Any]] = [("play", event) for event in self.messages]
+        found += [("summary", event) for event in self.summaries]
+        tokens = SampledTokens.from_record
+        return {(event["turn"], purpose): tokens(event["sampled"]) for purpose, event in found if "sampled" in event}
 
     def sent_prompts(self) -> Iterator[SentPrompt]:
         """Yield every prompt that was sent, as rebuilt from the record; those for a summary, too."""

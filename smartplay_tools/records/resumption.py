@@ -1,4 +1,4 @@
-"""resume: continue an episode from its record.
+"""resume and fork: continue an episode from its record, or begin another one with a part of it.
 
 The record is played again on a new game, and every new event is compared with the recorded one, state hashes included.
 The episode is then in its recorded state, and further events are appended to the record. Servers use this after a
@@ -88,6 +88,38 @@ def resume(
         driver.episode.game.close()
         raise
     return Resumed(driver.episode, driver.conversation, len(recorded))
+
+
+def fork(
+    source: str | Path | Sequence[Event],
+    turn: int,
+    *,
+    transcript: str | Path | list[Event] | None = None,
+    session: bool = False,
+    tokenizer: str | Tokenizer | None = None,
+) -> Resumed:
+    """Begin an episode with the first turns of a recorded one, for groups of rollouts and trees of them.
+
+    The game is in the state in which that turn began, with all its randomness, so forks that reply alike play alike.
+    The recorded episode is left as it is, and may be one that is still played.
+
+    Arguments:
+        source: the record, a file or its events.
+        turn: how many turns are shared; the next prompt is the one of this turn, counted from 0.
+        transcript: a new file, or a list, for the record of the new episode; by default it is in memory.
+        session: as for `resume`.
+        tokenizer: as for `resume`.
+
+    A turn that the record does not have is an `InvalidArgumentError`.
+    """
+    recorded = read_events(source)
+    turns = {event["turn"] for event in recorded if event["event"] in ("message", "call")}
+    if not 0 <= turn <= len(turns):
+        raise InvalidArgumentError(f"The record has {len(turns)} turns, so it cannot be forked at turn {turn}.")
+    past = ("end", "exception")
+    at = next((n for n, event in enumerate(recorded) if event["event"] in past or event.get("turn", -1) >= turn), None)
+    own = [] if transcript is None else transcript
+    return resume(recorded[:at], transcript=own, session=session, tokenizer=tokenizer)
 
 
 def _continue_record(

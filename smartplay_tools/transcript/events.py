@@ -96,6 +96,8 @@ class MessageEvent(TypedDict):
     """The ids of a reply's calls in the conversation, if they differ from those that the model sent."""
     position: NotRequired[int]
     """Which call of the reply a foreign tool's result answers."""
+    sampled: NotRequired[dict[str, Any]]
+    """The `SampledTokens` of a reply, where the player gave them."""
 
 
 class UsageEvent(TypedDict):
@@ -128,6 +130,8 @@ class SummaryEvent(TypedDict):
     cut: bool
     empty: bool
     """Whether nothing was left to show, so that the earlier summary stands."""
+    sampled: NotRequired[dict[str, Any]]
+    """The `SampledTokens` of the reply, where the player gave them."""
 
 
 class ChoiceEvent(TypedDict):
