@@ -279,7 +279,8 @@ class BaseConversation(ABC):
             return NO_PICTURES
         if view.purpose == "play":
             self._forget_pictures()
-        return {part["sha256"]: self._pictures[part["sha256"]] for m in view.shown for part in pictures_of(m)}
+        named = [pictures_of(message) for message in view.shown if isinstance(message["content"], list)]
+        return {part["sha256"]: self._pictures[part["sha256"]] for parts in named for part in parts}
 
     def _keep_picture(self, picture: Picture) -> None:
         """Keep a picture for the views that may show it."""
@@ -291,8 +292,8 @@ class BaseConversation(ABC):
         pictures, budget = self._pictures, self.episode.budget
         limits = [] if budget.history is None else [budget.history]
         if budget.prompt_tokens is not None and not budget.strategies:  # a strategy may go back to any turn
-            smallest = min(self.episode.counter.image(each.width, each.height) for each in pictures.values())
-            limits.append(budget.prompt_tokens // max(1, smallest))
+            each = next(iter(pictures.values()))  # all pictures of an episode have one size
+            limits.append(budget.prompt_tokens // max(1, self.episode.counter.image(each.width, each.height)))
         while limits and len(pictures) > min(limits) + 1:
             del pictures[next(iter(pictures))]
 

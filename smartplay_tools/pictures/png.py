@@ -85,7 +85,7 @@ def joined_tiles(tiles: NDArray[Pixel], places: NDArray[np.intp]) -> NDArray[Pix
     """Return the planes of the picture that tiles make: ... x rows x columns."""
     *planes, _, rows, columns = tiles.shape
     down, across = places.shape
-    laid = np.moveaxis(tiles.take(places, axis=-3), -3, -2)
+    laid = tiles.take(places, axis=-3).swapaxes(-3, -2)
     return laid.reshape(*planes, down * rows, across * columns)
 
 
@@ -154,8 +154,8 @@ class _Layout:
         """
         _, number, rows, columns = tiles.shape
         inside = tiles.reshape(3, number, -1).astype(np.float64) @ _inside(rows, columns)
-        where = places.ravel()
-        standing = np.array([np.bincount(where, weights, number) for weights in _weights(*places.shape)])
+        where = (places.ravel() + np.array([[0], [number], [2 * number]])).ravel()
+        standing = np.bincount(where, _weights(*places.shape), 3 * number).reshape(3, number)
         # By colour: the sum of each tile, and those by row and column, times how often, in which row and column it is.
         sums = np.rint(standing @ inside).astype(np.int64).tolist()
         total = sum(colour[0][0] for colour in sums)
@@ -179,8 +179,8 @@ def _inside(rows: int, columns: int) -> NDArray[np.float64]:
 
 @functools.lru_cache(16)
 def _weights(rows: int, columns: int) -> NDArray[np.float64]:
-    """1, the row and the column of every place of a tile."""
-    return np.ascontiguousarray(_inside(rows, columns).T)
+    """1 for every place of a tile, then the rows, then the columns."""
+    return np.ascontiguousarray(_inside(rows, columns).T).ravel()
 
 
 @functools.lru_cache(16)

@@ -105,6 +105,7 @@ class TokenCounter:
         if not isinstance(words, TiktokenTokenizer):
             self.text("assistant")  # a tokenizer that fails does so here, not in the middle of an episode
         self._pictures: Callable[[int, int], object] | None = getattr(self.tokenizer, "image", None)
+        self._images: dict[tuple[int, int], int] = {}
 
     def _count(self, text: str) -> int:
         return self._whole(self.tokenizer.count(well_formed(text)))
@@ -132,12 +133,17 @@ class TokenCounter:
                 f"The tokenizer {self.tokenizer.name!r} does not count pictures; name a rule with it: "
                 f"{self.tokenizer.name}+{DEFAULT_RULE}."
             )
-        return self._whole(self._pictures(width, height))
+        size = width, height
+        if size not in self._images:
+            self._images[size] = self._whole(self._pictures(width, height))
+        return self._images[size]
 
     def content(self, message: Mapping[str, Any]) -> int:
         """Count the text and the pictures of a message."""
         count = self.text(text_of(message))
-        return count + sum(self.image(part["width"], part["height"]) for part in pictures_of(message))
+        for part in pictures_of(message):
+            count += self.image(part["width"], part["height"])
+        return count
 
     def message(self, message: Mapping[str, Any], arguments: Sequence[str] | None = None) -> int:
         """Count a chat message. Anything in it but text and pictures of the game raises a ValueError.

@@ -163,5 +163,11 @@ def _brightness(planes: Planes) -> NDArray[np.int32]:
 
 
 def _tinted(planes: NDArray[np.integer], colour: tuple[int, int, int]) -> NDArray[np.float64]:
-    tinted: NDArray[np.float64] = 0.5 * planes + 0.5 * np.array(colour).reshape(3, *[1] * (planes.ndim - 1))
-    return tinted
+    tinted: NDArray[np.float64] = 0.5 * planes.reshape(len(planes), -1) + _halved(colour)
+    return tinted.reshape(3, *planes.shape[1:])
+
+
+@functools.cache
+def _halved(colour: tuple[int, int, int]) -> NDArray[np.float64]:
+    half: NDArray[np.float64] = 0.5 * np.array(colour)[:, None]
+    return half
