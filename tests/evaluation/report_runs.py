@@ -24,7 +24,9 @@ def record(
     path: Path, game: str, player: str = "rule", *, seed: int = 7, protocol: Any = "tools", **rules: Any
 ) -> Path:
     """Play an episode; arguments that are not rules of the episode are its budget."""
-    own = {name: rules.pop(name) for name in ("manual", "batch", "engine", "text", "level") if name in rules}
+    own = {
+        name: rules.pop(name) for name in ("manual", "batch", "engine", "text", "level", "observation") if name in rules
+    }
     path.parent.mkdir(parents=True, exist_ok=True)
     with sp.Episode(game, seed=seed, budget=sp.Budget(**rules), transcript=path, **own) as episode:
         sp.play(episode, sp.get_player(player, seed=seed), protocol=protocol)

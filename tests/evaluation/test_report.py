@@ -21,9 +21,10 @@ from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation.pages.report import write_report
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import check
+from smartplay_tools.evaluation.pages.report.excerpts import excerpt
 from smartplay_tools.games import GameSpec
 from smartplay_tools.games.base import TextGame
-from smartplay_tools.records import Record
+from smartplay_tools.records import Record, recorded_pictures
 from tests.evaluation.players import Broken, FirstMoves
 from tests.evaluation.report_runs import (
     BANDIT,
@@ -285,6 +286,29 @@ def test_a_drawing_is_left_out_where_the_game_goes_another_way(tmp_path):
         drawing = drawings.draw(Record(events))
     assert drawing["kind"] is None
     assert "played differently" in drawing["source"]
+
+
+@pytest.mark.parametrize(("game", "kind"), [("Crafter-v0", "crafter"), ("MinedojoCreative0-v0", None)])
+def test_a_page_has_the_pictures_that_the_model_saw(tmp_path, game, kind):
+    path = record(tmp_path / "seen.jsonl", game, "random", observation="picture", tool_calls=4)
+    data = page_of(path).episode("seen")
+    expected = {sha256: picture.base64 for sha256, picture in recorded_pictures(path).items()}
+    assert data["pictures"] == {"files": expected, "missing": None}
+    assert data["drawing"]["kind"] == kind
+    cut = excerpt(data, 1, 2)
+    shown = [item["call"]["picture"]["sha256"] for turn in cut["turns"] for item in turn["items"]]
+    assert set(cut["pictures"]["files"]) == set(shown)
+    assert page_of(record(tmp_path / "words.jsonl", HANOI)).episode("words")["pictures"] is None
+
+
+def test_pictures_are_left_out_where_the_game_makes_others(tmp_path):
+    events = sp.read_transcript(record(tmp_path / "s.jsonl", "Crafter-v0", "random", observation="both", tool_calls=3))
+    [*_, last] = [event for event in events if event["event"] == "call"]
+    last["data"]["picture"]["sha256"] = "0" * 64
+    with Drawings() as drawings:
+        pictures = drawings.pictures(Record(events))
+    assert pictures["files"] == {}
+    assert "It made other pictures" in pictures["missing"]
 
 
 @pytest.mark.parametrize("game", [BANDIT, RPS, HANOI, "MessengerL1-v0", "Crafter-v0", "MinedojoCreative0-v0"])

@@ -18,6 +18,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.pages.report import write_report
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.crafter.game import Crafter
+from smartplay_tools.messages import pictures_of
 from smartplay_tools.records import Record
 from smartplay_tools.records.prompts import sent_prompts
 from tests import fuzz, scripts
@@ -57,6 +58,23 @@ def assert_the_same_prompts(page: Any, path: Path) -> int:
         expected[2 * one.turn + (one.prompt.purpose == "play")] = json.loads(json.dumps(one.prompt.messages))
     assert shown == expected
     return len(sent)
+
+
+@pytest.mark.parametrize("observation", ["picture", "both"])
+def test_the_page_shows_the_pictures_that_the_model_saw(show, tmp_path, observation):
+    masking = {"history": 3, "beyond_history": "mask"}
+    path = record(tmp_path / "seen.jsonl", "Crafter-v0", "random", observation=observation, tool_calls=8, **masking)
+    page = show(path, "#episode=seen&turn=7")
+    assert_the_same_prompts(page, path)
+    assert page.locator("#answers img.seen-picture").evaluate_all("all => all.map((one) => one.naturalWidth)") == [252]
+    *_, last = sent_prompts(sp.read_transcript(path))
+    count = sum(
+        part["type"] == "image" for m in last.prompt.messages for part in m["content"] or () if "sha256" in part
+    )
+    assert count == 4
+    assert "4 pictures in all" in page.locator("#sentence").inner_text()
+    page.evaluate("document.getElementById('prompt').open = true")
+    page.wait_for_function("document.querySelectorAll('#messages img.seen-picture').length === 4")
 
 
 def test_every_prompt_is_put_together_word_for_word(show, tmp_path):

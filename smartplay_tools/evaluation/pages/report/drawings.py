@@ -18,17 +18,27 @@ from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.games.registry import packages_are_imported
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.prompts import GAME_IS_OVER
+from smartplay_tools.prompts import GAME_IS_OVER, PICTURE_SHOWN
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import CallEvent
+from smartplay_tools.types import ObservationForm
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
 
 REPLAYED = (
     "Drawn from the game itself: the recorded actions were played again when this page was made, and every state "
-    "hash in the record was met. The player saw the text only."
+    "hash in the record was met. "
 )
+SAW = {
+    "text": "The player saw the text only.",
+    "picture": "The player saw only the pictures that stand in the turns.",
+    "both": "The player saw only the text and the pictures that stand in the turns.",
+}
+
+MOST_PICTURES = 2_000
+LARGEST_PICTURE = 512
+"""Pixels of the longer side: a record of a stranger could ask for pictures of any size."""
 
 
 class _NoDrawingError(Exception):
@@ -67,6 +77,47 @@ class Drawings:
         self._close()
         return {"kind": None, "source": f"No drawing: {why}"}
 
+    def pictures(self, record: Record) -> dict[str, Any] | None:
+        """Return the pictures that the player was shown, in base64 by their sha256; None if it was shown words.
+
+        They are made again by playing the record; `missing` is a sentence that says why there are none.
+        """
+        if record.config.observation == "text":
+            return None
+        try:
+            return {"files": self._pictures(record), "missing": None}
+        except _NoDrawingError as error:
+            why = str(error)
+        except (SmartPlayError, KeyError, TypeError, ValueError) as error:
+            why = f"the game cannot be played again here. {error}"
+        self._close()
+        return {"files": {}, "missing": f"It is not here: {why}"}
+
+    def _pictures(self, record: Record) -> dict[str, str]:
+        config = record.config
+        named = {call["data"]["picture"]["sha256"] for call in record.calls if "picture" in call["data"]}
+        if len(named) > MOST_PICTURES:
+            raise _NoDrawingError(f"the record has {len(named):,} pictures, and a page holds {MOST_PICTURES:,}.")
+        game, tools = self._game_of(config)
+        if max(game.picture_shape) > LARGEST_PICTURE:
+            raise _NoDrawingError(f"a page holds pictures of at most {LARGEST_PICTURE} pixels a side.")
+        game.reset(seed=config.seed)
+        files: dict[str, str] = {}
+
+        def keep() -> None:
+            picture = game.picture()
+            if picture.sha256 in named:
+                files[picture.sha256] = picture.base64
+
+        keep()
+        for act in record.calls:
+            if act["data"].get("legal") is True:
+                _play_again(game, tools, act, config.observation)
+                keep()
+        if len(files) < len(named):
+            raise _differently("It made other pictures.")
+        return files
+
     def _replay(self, record: Record) -> dict[str, Any]:
         config = record.config
         game, tools = self._game_of(config)
@@ -80,12 +131,12 @@ class Drawings:
         acts = [call for call in record.calls if call["data"].get("legal") is True]
         actions = []
         for act in acts:
-            actions.append(_play_again(game, tools, act))
+            actions.append(_play_again(game, tools, act, config.observation))
             states.append(game.drawing())
         kind = "text" if states[0].keys() == {"text"} else GAMES[config.game].family
         return {
             "kind": kind,
-            "source": REPLAYED,
+            "source": REPLAYED + SAW[config.observation],
             "changes": list(changes(states)),
             "names": game.actions,
             "actions": actions,
@@ -93,7 +144,7 @@ class Drawings:
         }
 
     def _game_of(self, config: EpisodeConfig) -> tuple[TextGame, Tools]:
-        cell = (config.game, config.setting, config.engine, config.options, config.budget.history)
+        cell = (config.game, config.setting, config.engine, config.options, config.budget.history, config.observation)
         if self._made is None or self._made[0] != cell:
             self._close()
             if not packages_are_imported() and config.setting.kwargs != Setting.of(GAMES[config.game]).kwargs:
@@ -110,7 +161,7 @@ class Drawings:
             self._made = None
 
 
-def _play_again(game: TextGame, tools: Tools, act: CallEvent) -> int:
+def _play_again(game: TextGame, tools: Tools, act: CallEvent, observation: ObservationForm) -> int:
     """Play a recorded action and return its index; `_NoDrawingError` if anything else comes of it."""
     data = act["data"]
     step = data["step"]
@@ -124,6 +175,8 @@ def _play_again(game: TextGame, tools: Tools, act: CallEvent) -> int:
         raise _differently(f"Step {step} has a different state hash.")
     if data["reward"] != reward:
         raise _differently(f"Step {step} has a different reward.")
+    if observation == "picture":
+        text = PICTURE_SHOWN
     # What was cut for the player says less than the hash.
     if not act["cut"] and act["text"] not in (text, f"{text}\n{GAME_IS_OVER}"):
         raise _differently(f"Step {step} has a different text.")

@@ -1,6 +1,7 @@
 """Excerpts: some turns of an episode, for a page that plays only those.
 
-Earlier turns stay, because prompts show them; later ones are left out, with the drawings and departures of later turns.
+Earlier turns stay, because prompts show them; later ones are left out, with the drawings, pictures and departures of
+later turns.
 """
 
 from __future__ import annotations
@@ -22,8 +23,14 @@ def excerpt(data: dict[str, Any], first: int, last: int) -> dict[str, Any]:
     for name, length in (("changes", steps + 1), ("walk", steps + 1), ("actions", steps), ("rewards", steps)):
         if name in drawing:
             drawing[name] = drawing[name][:length]
+    pictures = data["pictures"]
+    if pictures is not None:
+        calls = (item["call"] for turn in turns for item in turn["items"] if "call" in item)
+        named = {call["picture"]["sha256"] for call in calls if "picture" in call}
+        pictures = {**pictures, "files": {name: file for name, file in pictures["files"].items() if name in named}}
     departures = data["departures"]
     if departures is not None:
         departures = [gone for gone in departures if gone["prompt"] <= last]
     shown = {"first": first, "last": last, "count": count}
-    return {**data, "turns": turns, "drawing": drawing, "departures": departures, "excerpt": shown}
+    kept = {"turns": turns, "drawing": drawing, "pictures": pictures, "departures": departures}
+    return {**data, **kept, "excerpt": shown}

@@ -31,7 +31,7 @@ from smartplay_tools.types import EpisodeResult
 WORTH_A_PROCESS = 8_000_000
 """Bytes of records for which another process is started: fewer are read before it has imported what it needs."""
 
-PACKED_ONLY = ("head", "tools", "first_observations", "turns", "drawing", "traceback", "check")
+PACKED_ONLY = ("head", "tools", "first_observations", "turns", "drawing", "pictures", "traceback", "check")
 """What is needed only when an episode is opened; it takes most of the memory of a long one."""
 
 
@@ -73,6 +73,7 @@ def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
         data = {
             **episode_data(source.key, record, source.facts),
             "drawing": drawings.draw(record),
+            "pictures": drawings.pictures(record),
             "run": letter,
             "notes": as_list(read_notes(source.transcript)),
         }

@@ -9,6 +9,11 @@ function textOf(message) {
   return content.map((part) => (typeof part === "string" ? part : (part.text ?? part.refusal))).join("");
 }
 
+// The pictures of the game that a message names.
+function picturesOf({ content }) {
+  return Array.isArray(content) ? content.filter(({ type, sha256 }) => type === "image" && sha256) : [];
+}
+
 // What each turn added to the running facts: the manual that has been read, and how far the game has come.
 function runningFacts(episode) {
   let [manual, step, score, reward, spent, errors] = [null, 0, 0, 0, 0, 0];
@@ -80,6 +85,18 @@ function promptParts(episode, words, number) {
     : windowParts(episode, words, number, view);
 }
 
+// How many pictures a prompt had: those of the results that it showed and did not mask.
+function picturesIn(episode, view) {
+  const masked = new Set(markedResults(episode, view).map(([turn, item]) => `${turn}.${item}`));
+  let count = 0;
+  for (const [first, last] of view.turns) {
+    for (let at = first; at <= last; at += 1) {
+      episode.turns[at].items.forEach(({ call }, item) => (count += Boolean(call?.picture) && !masked.has(`${at}.${item}`)));
+    }
+  }
+  return count;
+}
+
 function windowParts(episode, words, number, view) {
   const manual = number > 0 ? episode.facts[number - 1].manual : null;
   const plain = episode.turns[number].head ?? episode.head; // of its own where the host has changed its part
@@ -135,10 +152,10 @@ function withManual(head, manual) {
 
 function messageOf(turn, item, words) {
   if (item.message) return item.message;
-  const { manual, text, position } = item.call;
+  const { manual, text, picture, position } = item.call;
   return {
     role: "tool",
-    content: manual ? words.manual_is_above : text,
+    content: picture ? [{ type: "text", text }, { type: "image", ...picture }] : manual ? words.manual_is_above : text,
     tool_call_id: turn.message.tool_calls[position].id,
   };
 }

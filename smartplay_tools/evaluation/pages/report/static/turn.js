@@ -121,7 +121,17 @@ function answer({ call, message, by }, turn) {
     element("h4", {}, `${call.name}: ${what}`, score, look),
     asked,
     element("pre", {}, call.text),
+    call.picture ? pictureSeen(call.picture) : null,
   );
+}
+
+// A picture of the game, as the model was sent it.
+function pictureSeen({ sha256, width, height }) {
+  const { files, missing } = shown.episode.pictures;
+  const size = `${number(width)} × ${number(height)} pixels`;
+  if (!files[sha256]) return caption(`A picture of ${size}. ${missing ?? ""}`);
+  const src = `data:image/png;base64,${files[sha256]}`;
+  return element("img", { class: "seen-picture", src, width, height, alt: `What the model was shown: the game as a picture of ${size}` });
 }
 
 // --- Copying ---------------------------------------------------------------------------------------------------------
@@ -255,6 +265,7 @@ function messageCard({ message, turn, marked, what, change }) {
     title,
     thoughtsOf(message),
     text || !calls.length ? element("pre", {}, text) : null,
+    ...picturesOf(message).map(pictureSeen),
     ...calls,
   );
 }

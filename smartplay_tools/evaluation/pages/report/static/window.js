@@ -45,6 +45,7 @@ function sentence(episode, number) {
   if (marked) parts.push(`${marked} with ${plural(count, "observation")} replaced by a marker`);
   if (notes) parts.push(`${notes} for the notes in it`);
   if (dropped) parts.push(`${summaryIn(episode, view) ? "a summary in place of" : "nothing of"} ${dropped}`);
+  if (episode.pictures) parts.push(`${plural(picturesIn(episode, view), "picture")} in all`);
   const reach = `The view reached back ${plural(view.shown_steps, "observation")}, the current one included`;
   return `${parts.join("; ")}. ${reach}; ${episode.limits.history}.`;
 }
