@@ -68,10 +68,7 @@ def test_the_page_shows_the_pictures_that_the_model_saw(show, tmp_path, observat
     assert_the_same_prompts(page, path)
     assert page.locator("#answers img.seen-picture").evaluate_all("all => all.map((one) => one.naturalWidth)") == [252]
     *_, last = sent_prompts(sp.read_transcript(path))
-    count = sum(
-        part["type"] == "image" for m in last.prompt.messages for part in m["content"] or () if "sha256" in part
-    )
-    assert count == 4
+    assert sum(len(pictures_of(message)) for message in last.prompt.messages) == 4
     assert "4 pictures in all" in page.locator("#sentence").inner_text()
     page.evaluate("document.getElementById('prompt').open = true")
     page.wait_for_function("document.querySelectorAll('#messages img.seen-picture').length === 4")
