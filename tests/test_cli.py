@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
+from smartplay_tools.cli import COMMANDS, PANELS, app
 
 HANOI, RPS = "Hanoi3Disk-v0", "RockPaperScissorBasic-v0"
 
@@ -131,6 +131,12 @@ def test_demo_plays_trims_and_verifies(tmp_path):
 @pytest.mark.parametrize("command", ["games", "manual", "schema", "play", "replay", "demo", "serve openai"])
 def test_every_command_has_help_with_an_example(command):
     assert f"Example: smartplay-tools {command}" in " ".join(run(*command.split(), "--help").output.split())
+
+
+def test_every_command_is_in_one_group_of_the_help():
+    assert sorted(name for names in PANELS.values() for name in names) == sorted(COMMANDS)
+    listed = run("--help").output
+    assert all(panel in listed for panel in PANELS)
 
 
 @pytest.mark.parametrize("family", {spec.family: name for name, spec in sp.GAMES.items()}.values())

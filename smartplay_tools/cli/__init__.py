@@ -115,6 +115,15 @@ COMMANDS = {
 }
 """Every command, in the order in which they are listed. A summary is the first line of the command's docstring."""
 
+PANELS = {
+    "Play": ("games", "manual", "schema", "play", "replay", "demo", "doctor"),
+    "Run": ("eval", "agent", "check", "sweep", "merge"),
+    "Look and compare": ("results", "compare", "cost", "power", "report", "share", "view"),
+    "Publish": ("export", "board", "submit"),
+    "Serve and set up": ("serve", "model", "minedojo"),
+}
+"""The groups in which the help lists them."""
+
 
 INTERRUPTED = 130
 """The exit code of a program that Ctrl-C has stopped."""
@@ -156,7 +165,11 @@ class _Commands(TyperGroup):
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help from the summaries, which imports none of the commands."""
         listed = copy.copy(self)
-        listed.commands = {name: TyperCommand(name, help=entry.summary) for name, entry in COMMANDS.items()}
+        listed.commands = {
+            name: TyperCommand(name, help=COMMANDS[name].summary, rich_help_panel=panel)
+            for panel, names in PANELS.items()
+            for name in names
+        }
         TyperGroup.format_help(listed, ctx, formatter)
 
     def invoke(self, ctx: Any) -> Any:

@@ -31,6 +31,8 @@ def share(
     """
     from smartplay_tools.evaluation.pages.report import write_excerpt
 
+    if out.suffix not in (".html", ".png", ".gif"):
+        raise InvalidArgumentError(f"The name of what is shared ends in .html, .png or .gif, unlike {out}.")
     span = None if turns is None else _range(turns)
     if out.suffix in (".png", ".gif"):
         path = _draw(record, out, span)
