@@ -11,8 +11,8 @@ import pytest
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
 BRIEF = {"01_play_under_a_budget"}
-ELSEWHERE = {"20_train_a_tiny_agent"}
-"""Examples that need an extra with an environment of its own in `.ci/run`, which runs them (`test_tiny_agent.py`)."""
+ELSEWHERE = {"16_evaluate_pydantic_ai", "20_train_a_tiny_agent"}
+"""Examples that need an extra with an environment of its own in `.ci/run`, where their extra's tests run them."""
 
 
 @pytest.mark.parametrize(

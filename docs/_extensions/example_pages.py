@@ -25,6 +25,7 @@ TITLES = {
     "13_anthropic": "Call Anthropic's client in a loop of your own",
     "14_mcp_client": "Play over the Model Context Protocol",
     "15_evaluate_agents": "Evaluate agents of LangChain and of OpenAI's Agents SDK",
+    "16_evaluate_pydantic_ai": "Evaluate an agent of Pydantic AI",
     "20_train_a_tiny_agent": "Train a tiny agent on a laptop",
     "ppo_crafter": "Train on Crafter with PPO",
     "tiny_agent": "The tiny agent of the program above",

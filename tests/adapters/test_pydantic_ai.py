@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import subprocess
+import sys
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -114,6 +118,15 @@ def test_the_agents_other_tools_can_be_hidden_and_are_not_run():
     assert [name for name, *_ in model.received[0].tools] == ["observe", "act", "read_manual"]
     assert (episode.result.score, episode.result.malformed_calls) == (3.0, 1)
     assert sp.replay(events).identical
+
+
+def test_the_example_evaluates_an_agent(tmp_path):
+    example = Path(__file__).parents[2] / "examples" / "16_evaluate_pydantic_ai.py"
+    environment = {name: value for name, value in os.environ.items() if name != "SMARTPLAY_MODEL"}
+    command = [sys.executable, "-W", "error", str(example)]
+    shown = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
+    assert shown.returncode == 0, shown.stderr
+    assert shown.stdout.count("score 3  terminated") == 3
 
 
 def test_the_history_of_the_agent_keeps_everything():
