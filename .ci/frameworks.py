@@ -36,7 +36,16 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = ("pydantic-ai", "smolagents", "llamaindex", "crewai", "adk", "agent-framework", "strands", "agno", "vercel")
 """Pages whose agent plays through the window endpoint."""
-PROGRAM_PAGES = ("claude-code", "codex", "opencode", "claude-agent-sdk")
+PROGRAM_PAGES = (
+    "claude-code",
+    "codex",
+    "opencode",
+    "qwen-code",
+    "cline",
+    "claude-agent-sdk",
+    "beeai",
+    "deepagents",
+)
 """Pages whose agent is a program that `smartplay-tools agent` starts."""
 TEXT_PAGES = ("dspy",)
 """Pages whose agent owns the context, and reads its calls from the model's text."""
@@ -143,8 +152,8 @@ def as_a_program(page: str, command: list[str], folder: Path) -> str:
     shutil.rmtree(out, ignore_errors=True)
     options = ["--prompt-tokens", str(CAP), "--only-game-tools", "--timeout", str(SECONDS), "--out", str(out)]
     agent = [sys.executable, "-m", "smartplay_tools", "agent", GAME, *options, "--", *command]
-    here = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    shown = run(agent, folder, env={**os.environ, **QUIET, **here}, timeout=2 * SECONDS)
+    # The agent has this environment, too, and is not to find the packages of this script's Python in it.
+    shown = run(agent, folder, env={**os.environ, **QUIET}, timeout=2 * SECONDS)
     records = [sp.read_transcript(path) for path in sorted((out / "episodes").glob("*.jsonl"))]
     if len(records) != 1:
         raise SystemExit(f"{page}: {shown[-2000:]}")
