@@ -184,6 +184,8 @@ def is_strict(schema: Any) -> bool:
 
     A provider refuses a request that calls another schema strict, whatever the agent that brought the tool wants.
     """
+    if isinstance(schema, Mapping) and isinstance(kinds := schema.get("anyOf"), list | tuple):
+        return schema.keys() <= {"anyOf", "title", "description"} and bool(kinds) and all(map(is_strict, kinds))
     if not isinstance(schema, Mapping) or not schema.keys() <= STRICT or not isinstance(schema.get("type"), str):
         return False
     if schema["type"] == "array":

@@ -69,6 +69,9 @@ RECALL_TOOL: Final = "recall"
 PAGES_TOOL: Final = "read_result"
 """The tool that an agent has in addition where the budget has `beyond_result="offload"`."""
 
+MEMORY_TOOL: Final = "memory"
+"""The tool that an agent has in addition where the budget has `memory_tokens`."""
+
 BeyondHistory = Literal["drop", "mask"]
 """What becomes of a turn that is older than `history`: it is dropped, or stays with its observations masked."""
 
@@ -125,6 +128,7 @@ STRATEGIES: Mapping[str, Any] = {
     "first_turns": None,
     "recall_tokens": None,
     "beyond_result": "cut",
+    "memory_tokens": None,
     "strategy": None,
 }
 """The fields of a budget that say what becomes of the past, and their defaults: it is dropped."""
@@ -173,6 +177,8 @@ class Budget(Recorded):
     beyond_result: BeyondResult = "cut"
     """What becomes of observations over `result_tokens`: "cut" loses their end, "offload" shows their beginning and
     adds the tool `read_result`, which reads on."""
+    memory_tokens: Cap | None = None
+    """Cap on the files that the agent keeps with the tool `memory`, their paths included; None: no such tool."""
     strategy: Annotated[str, Field(strict=True, min_length=1)] | None = None
     """The strategy that chooses the turns of a prompt: FILE.py:CLASS, or the name of one that an installed package
     declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
@@ -210,6 +216,7 @@ _CAPPED = {
     "tool_calls": "calls",
     "stalled_turns": "stalled turns",
     "notes_tokens": "notes",
+    "memory_tokens": "memory",
     "recall_tokens": "recalls",
     "summary_tokens": "summaries",
 }
@@ -227,7 +234,7 @@ def _in_words(name: str, value: Any) -> str:
             return "masking" if value == "mask" else "dropping"
         case "beyond_result":
             return "offloading" if value == "offload" else "cutting"
-        case "notes_tokens" | "summary_tokens" | "recall_tokens" if value is None:
+        case "notes_tokens" | "summary_tokens" | "recall_tokens" | "memory_tokens" if value is None:
             return f"no {_CAPPED[name]}"
     if name == "own_words":
         return f"own words {'all' if value is None else value}"
@@ -517,6 +524,7 @@ class EpisodeResult(Recorded):
             "over_prompts",
             "pages",
             "recalls",
+            "refused_memory",
             "refused_notes",
             "summaries",
             "unusable_usages",
@@ -547,6 +555,8 @@ class EpisodeResult(Recorded):
     cut_results: int
     refused_notes: int = 0
     """Notes that were longer than `notes_tokens`, so that the earlier ones stood."""
+    refused_memory: int = 0
+    """Calls of `memory` that would have made its files larger than `memory_tokens`, so that nothing changed."""
     recalls: int = 0
     """Answers of `recall`, empty ones included."""
     pages: int = 0

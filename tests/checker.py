@@ -15,6 +15,7 @@ from typing import Any
 
 from tests.counting import arguments_text, message_tokens, picture_tokens, plain_text, tools_tokens
 from tests.judge import FRAME, MARKER, Judge
+from tests.judged_memory import MemoryJudge
 from tests.judged_recall import documents, listed
 
 __all__ = ["Judge", "allowed", "arguments_text", "check_episode", "check_prompt", "message_tokens", "plain_text"]
@@ -212,6 +213,7 @@ def check_episode(
     check_calls(events, budget, n)
     check_recalls(events, judge, budget)
     check_pages(events, n, budget, whole)
+    check_memory(events, n, budget)
     check_end(events, judge, spent, len(texts))
     check_stalls(events)
     return judge
@@ -277,6 +279,37 @@ def check_recalls(events: Sequence[Json], judge: Judge, budget: Json) -> None:
             assert not text or NOTICE.fullmatch(f"[{notice}")
             assert (texts[0] if texts else NOTHING).startswith(kept.rstrip("\n"))
         assert event["data"]["recalled"] == [step for step, _ in matching[: max(fitting, default=1)]]
+
+
+def check_memory(events: Sequence[Json], n: Count, budget: Json) -> None:
+    """Judge every answer of `memory`, from the calls in their order on record."""
+    if budget.get("memory_tokens") is None:
+        return
+    files, refused = MemoryJudge(budget["memory_tokens"], lambda text: n(well_formed(text))), 0
+    for event in events:
+        if event["event"] == "end":
+            assert event["result"].get("refused_memory", 0) == refused
+        if event["event"] != "call" or event["name"] != "memory" or event.get("host") == "refused":
+            continue
+        mistake = event["data"].get("mistake")
+        if mistake == "over" or (mistake == "malformed" and not is_object(event["arguments"])):
+            continue
+        text, judged = files.answer(json.loads(event["arguments"]))
+        assert (mistake, event["is_error"]) == (judged, judged is not None), f"{event['arguments']}: {event['text']}"
+        refused += judged == "memory"
+        if judged != "malformed":
+            cap = budget["result_tokens"]
+            assert event["cut"] == (cap is not None and n(well_formed(text)) > cap)
+            assert event["cut"] or event["text"] == text, f"{event['text']!r}, judged {text!r}"
+        assert files.size(files.files) <= files.cap
+
+
+def is_object(arguments: str) -> bool:
+    """Whether arguments are the text of a JSON object that can be read."""
+    try:
+        return isinstance(json.loads(arguments), dict) and arguments_text(arguments) != "" and "NaN" not in arguments
+    except (ValueError, RecursionError):
+        return False
 
 
 def check_pages(events: Sequence[Json], n: Count, budget: Json, whole: Sequence[str] | None) -> None:

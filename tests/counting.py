@@ -69,5 +69,5 @@ def tools_tokens(tools: Sequence[Json], n: Count) -> int:
         for key, field in properties.items():
             if "enum" in field:
                 total += -3 + sum(3 + n(item) for item in field["enum"])
-            total += 3 + n(f"{key}:{field['type']}:{field['description'].removesuffix('.')}")
+            total += 3 + n(f"{key}:{field.get('type', '')}:{field['description'].removesuffix('.')}")
     return total

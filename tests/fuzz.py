@@ -37,7 +37,7 @@ ODD_REPLIES: list[Any] = [
     {"role": "assistant", "content": None, "extra": object()},
 ]  # fmt: skip
 GAMES = scripts.GAMES
-ADDED = [*scripts.NOTES, *scripts.RECALLS, *scripts.PAGES]
+ADDED = [*scripts.NOTES, *scripts.RECALLS, *scripts.PAGES, *scripts.MEMORY]
 """Calls of the tools that strategies add."""
 ODD = f"{Path(__file__).parent / 'data' / 'odd_strategy.py'}:Odd"
 PICTURE, WORDS_BESIDE = 81, 13
@@ -72,6 +72,7 @@ def added(chance: random.Random) -> dict[str, Any]:
         "notes_tokens": chance.choice([None, 2, 12, 40]),
         "recall_tokens": chance.choice([None, None, 1, 9, 30, 90, 300]),
         "beyond_result": chance.choice(["cut", "offload"]),
+        "memory_tokens": chance.choice([None, None, 5, 40, 200]),
     }
 
 
@@ -248,6 +249,8 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
             counts["recalls that found something"] += 1
         if event["event"] == "call" and "page" in event["data"]:
             counts["pages"] += 1
+        if event["event"] == "call" and event["name"] == "memory" and not event["is_error"]:
+            counts["calls of memory"] += 1
     choices = None if episode._strategies.brought is None else scripts.choices_of(episode._strategies.brought)
     plain = scripts.as_json(events)
     checker.check_episode(plain, sent, tokenizer.count, choices, scripts.whole_observations(plain))

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.context import View
+from smartplay_tools.context.strategies.memory import memory_spec
 from smartplay_tools.context.strategies.notes import notes_spec
 from smartplay_tools.context.strategies.offload import pages_spec
 from smartplay_tools.context.strategies.recall import recall_spec
@@ -91,6 +92,43 @@ PAGES = [
     for page in ("r1.1", "r1.2", "r1.2", "r1.3", "r2.2", "r3.2", "r5.2", "r1.99", "r01.2", " r1.2", "r0.1", "1.2", "")
 ]
 PAGES += [call("read_result", '{"page": 5}'), call("read_result", "{}")]
+PATHS = ("/memories", "/memories/a", "/memories/a/b", "/memories/a/b/c/d", "/memories/.h", "/memories/b.txt")
+ODD_PATHS = (
+    "/memories/",
+    "/memories/..",
+    "/memories/./a",
+    "memories/a",
+    "/memoriesa",
+    "",
+    "/memories/a\0",
+    "/memories//a",
+)
+TEXTS = ("", "one", "one\ntwo\n", "one two\nthree\n\nfour", "word " * 12, "\n", "\ud800")
+
+
+def memory_call(chance: random.Random) -> tuple[str, str]:
+    """A call of `memory`, mostly one that could be meant."""
+    path = lambda: chance.choice(ODD_PATHS if chance.random() < 0.1 else PATHS)  # noqa: E731
+    text = lambda: chance.choice(TEXTS)  # noqa: E731
+    part = chance.choice(("one", "two", "o", "", "\n", "word "))
+    given: dict[str, Any] = chance.choice(
+        [
+            {"command": "view", "path": path(), "view_range": chance.choice([None, [1, 2], [2, -1], [0, 0], [9, 3]])},
+            {"command": "create", "path": path(), "file_text": text()},
+            {"command": "create", "path": path(), "file_text": text()},
+            {"command": "str_replace", "path": path(), "old_str": part, "new_str": text()},
+            {"command": "insert", "path": path(), "insert_line": chance.randrange(-1, 4), "insert_text": text()},
+            {"command": "delete", "path": path()},
+            {"command": "rename", "old_path": path(), "new_path": path()},
+        ]
+    )
+    if chance.random() < 0.15:
+        name = chance.choice([*given, "path", "view_range", "insert_line", "color"])
+        given[name] = chance.choice([None, 5, "x", True, [1], [1, 2, 3], [1, "2"], 1.0, {}])
+    return call("memory", json.dumps(given))
+
+
+MEMORY = [memory_call(random.Random(f"memory {number}")) for number in range(120)]
 ANSWERS: list[dict[str, Any]] = [
     {"content": "The first machine paid twice."},
     {"content": "Known: " + "much, " * 40},
@@ -147,7 +185,9 @@ moves = st.builds(
     _move,
     st.sampled_from(WORDS),
     st.lists(
-        st.tuples(st.sampled_from([*CALLS, *NOTES, *RECALLS, *PAGES]), st.sampled_from(["a", "b", "", "c1"])),
+        st.tuples(
+            st.sampled_from([*CALLS, *NOTES, *RECALLS, *PAGES, *MEMORY[:40]]), st.sampled_from(["a", "b", "", "c1"])
+        ),
         max_size=4,
     ),
     st.sampled_from(AFTER),
@@ -156,7 +196,7 @@ moves = st.builds(
 
 def lively_script(chance: random.Random, length: int = 25) -> list[Move]:
     """A script that plays on, and uses the tools of memory at nearly every turn."""
-    tools = [*ACTS, call("observe", "{}"), *RECALLS, *RECALLS[:7], *PAGES]
+    tools = [*ACTS, call("observe", "{}"), *RECALLS, *RECALLS[:7], *PAGES, *chance.sample(MEMORY, 30)]
     return [
         _move(chance.choice(WORDS), [(chance.choice(ACTS), "a"), *((chance.choice(tools), "") for _ in range(2))], [])
         for _ in range(length)
@@ -174,6 +214,7 @@ strategies = st.fixed_dictionaries(
         "first_turns": st.sampled_from([None, None, 1, 3]),
         "recall_tokens": st.sampled_from([None, None, 3, 15, 40, 120]),
         "beyond_result": st.sampled_from(["cut", "offload"]),
+        "memory_tokens": st.sampled_from([None, None, 1, 20, 60]),
     }
 )
 histories = st.sampled_from([0, 1, 2, 3, 5, None])
@@ -319,7 +360,7 @@ def head_tokens(game: str, tokenizer: Any, *, host: bool, manual: str = "tool") 
 def strategy_tokens(budget: dict[str, Any], tokenizer: Any) -> int:
     """What a strategy adds to the smallest prompt: the schemas of tools, the reserve for summaries, an answer."""
     summary, recall = budget.get("summary_tokens"), budget.get("recall_tokens")
-    made = {"notes_tokens": notes_spec, "recall_tokens": recall_spec}
+    made = {"notes_tokens": notes_spec, "recall_tokens": recall_spec, "memory_tokens": memory_spec}
     tools = [as_json(asdict(spec(budget[name]))) for name, spec in made.items() if budget.get(name) is not None]
     tools += [as_json(asdict(pages_spec()))] if budget.get("beyond_result") == "offload" else []
     added = checker.tools_tokens(tools, tokenizer.count) - 12 if tools else 0

@@ -31,6 +31,7 @@ WINDOW = (
     sp.Budget(beyond_history="mask", history=2, slack=0.3),
     sp.Budget(notes_tokens=20),
     sp.Budget(recall_tokens=80, history=2),
+    sp.Budget(memory_tokens=40),
     sp.Budget(beyond_result="offload", result_tokens=30),
     sp.Budget(notes_tokens=20, summary_tokens=30, slack=0.5, history=None, prompt_tokens=1_200),
 )

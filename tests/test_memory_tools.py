@@ -20,6 +20,7 @@ def lively_budget(chance: random.Random, game: str) -> sp.Budget:
             "recall_tokens": chance.choice([None, 9, 40, 120, 400]),
             "beyond_result": chance.choice(["cut", "offload"]),
             "notes_tokens": chance.choice([None, 12]),
+            "memory_tokens": chance.choice([None, 20, 80]),
             "beyond_history": chance.choice(["drop", "mask"]),
             "summary_tokens": chance.choice([None, None, 20]),
             "own_words": chance.choice([None, 2]),
@@ -52,9 +53,9 @@ def judged_episode(seed: int) -> tuple[scripts.Played, dict[str, int]]:
 
 
 def test_every_answer_is_what_the_definition_says():
-    counts = [judged_episode(seed)[1] for seed in range(40)]
-    assert sum(count["recalls"] for count in counts) > 100
-    assert sum(count["pages"] for count in counts) > 20
+    counts = [judged_episode(seed)[1] for seed in range(24)]
+    assert sum(count["recalls"] for count in counts) > 60
+    assert sum(count["pages"] for count in counts) > 10
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -128,7 +128,7 @@ class GameSession:
 
     def _play(self, call: ParsedCall) -> Answer:
         if (tool := self.tools.added.get(call.tool)) is not None:
-            return self._use(tool, call.text)
+            return self._use(tool, call.text if call.values is None else call.values)
         match call.tool:
             case "act":
                 assert call.action is not None
@@ -142,9 +142,9 @@ class GameSession:
                 return Answer(self.manual_text, {"step": self.steps, "manual": True}, cut=self.manual_is_cut)
         return self._show(prompts.MANUAL_IS_ABOVE if self.manual == "pinned" else prompts.NO_MANUAL)
 
-    def _use(self, tool: StrategyTool, text: str) -> Answer:
+    def _use(self, tool: StrategyTool, given: str | Mapping[str, Any]) -> Answer:
         """Answer a call of a strategy's tool."""
-        answer = tool.answer(text)
+        answer = tool.answer(given)
         if answer.mistake is not None:
             return self.refuse(answer.text, answer.mistake)
         if answer.is_cut is not None:

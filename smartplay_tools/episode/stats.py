@@ -43,6 +43,7 @@ class EpisodeStats:
     fallback_actions: int = 0
     cut_results: int = 0
     refused_notes: int = 0
+    refused_memory: int = 0
     recalls: int = 0
     pages: int = 0
     summaries: int = 0
@@ -104,6 +105,7 @@ class EpisodeStats:
         self.malformed_calls += mistake == "malformed"
         self.refused_calls += mistake == "refused" or mistake in UNANSWERED
         self.refused_notes += mistake == "notes"
+        self.refused_memory += mistake == "memory"
         self.recalls += "recalled" in data
         self.pages += "page" in data
         self.cut_results += event["cut"]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from smartplay_tools.arguments import Arguments, as_text, is_strict, text_parameters
-from smartplay_tools.context.strategies import StrategyTool
+from smartplay_tools.context.strategies import StrategyTool, is_memory_tool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.types import ToolSpec
@@ -49,6 +49,8 @@ class ParsedCall:
     """For `act`, the index into the game's `actions`."""
     text: str = ""
     """For a strategy's tool, its argument."""
+    values: Mapping[str, Any] | None = None
+    """For a strategy's tool that reads its arguments itself, all of them."""
 
 
 class _Actions:
@@ -111,6 +113,8 @@ class Tools:
         if name == "act":
             return ParsedCall("act", action=self._action(self._only(name, "action", values, text)))
         if (added := self.added.get(name)) is not None:
+            if added.argument is None:
+                return ParsedCall(name, values=values)
             return ParsedCall(name, text=self._only(name, added.argument, values, text))
         if values:
             raise MistakeError("malformed", f"Unexpected arguments: {quote(text)}. {self._usage(name)}")
@@ -154,6 +158,7 @@ def schema(tool: ToolSpec, form: SchemaFormat) -> dict[str, Any]:
     """Return a tool in the format of an interface: OpenAI chat, OpenAI Responses, Anthropic or JSON Schema.
 
     For OpenAI the game's tools are strict; an agent's own tool is, if its schema fits.
+    For Anthropic, the tool `memory` of a budget with `memory_tokens` is the provider's own, which has no schema.
     """
     parameters = dict(tool.parameters)
     function = {"name": tool.name, "description": tool.description}
@@ -163,6 +168,8 @@ def schema(tool: ToolSpec, form: SchemaFormat) -> dict[str, Any]:
             return {"type": "function", "function": {**function, "parameters": parameters, "strict": strict}}
         case "responses":
             return {"type": "function", **function, "parameters": parameters, "strict": strict}
+        case "anthropic" if is_memory_tool(tool):
+            return {"type": "memory_20250818", "name": tool.name}
         case "anthropic":
             return {**function, "input_schema": parameters}
         case "json":

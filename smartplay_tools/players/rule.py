@@ -21,6 +21,10 @@ from smartplay_tools.players.rules import (
 )
 from smartplay_tools.players.rules.crafter import notes as crafter_notes
 from smartplay_tools.players.rules.memory import (
+    file_cap,
+    filed,
+    fits,
+    looked_up,
     newest_quoted,
     noted,
     notes_cap,
@@ -99,11 +103,11 @@ class RulePlayer:
 class RuleNotesPlayer(RulePlayer):
     """The rule player with a memory, in games whose rules can keep one.
 
-    The memory is written where the budget offers a place for it: as notes where there is `take_notes`, as the summary
-    where one is asked for. In games in which the order of observations is of no use, the player searches for those that
-    have left where there is `recall`, and writes nothing. What is too long to be shown it reads to its end,
-    where there is `read_result`. `words` says whether the memory is written into the player's own replies where it has
-    no other place.
+    The memory is written where the budget offers a place for it: as notes where there is `take_notes`, else into a
+    file where there is `memory`, and as the summary where one is asked for. In games in which the order of observations
+    is of no use, the player searches for those that have left where there is `recall`, and writes nothing. What is too
+    long to be shown it reads to its end, where there is `read_result`. `words` says whether the memory is written into
+    the player's own replies where it has no other place.
     """
 
     name = "rule-notes"
@@ -122,6 +126,11 @@ class RuleNotesPlayer(RulePlayer):
         if memory is None:
             return super()._decide(rules, reading)
         cap = notes_cap(reading)
+        if cap is None and (of_files := file_cap(reading)) is not None:
+            message, text = memory.remember(reading, of_files)
+            if reading.is_start:
+                return looked_up(message)
+            return filed(message, text, reading) if text and fits(text, of_files) else message
         if cap is None and memory in self.counting and offers(reading, RECALL_TOOL) and recall(reading).facts is None:
             whole, query = with_recalled(reading)
             return searched(memory.decide(whole), query)

@@ -29,6 +29,8 @@ ARGUMENTS = (
     '{"query": "step 1"}',
     '{"query": "0-9"}',
     '{"page": "r1.2"}',
+    '{"command": "create", "path": "/memories/a", "file_text": "one two"}',
+    '{"command": "view", "path": "/memories"}',
 )
 WORDS = (None, "", "Let me see.", "word " * 60, "\ud83d\ude00 é\u0301")
 

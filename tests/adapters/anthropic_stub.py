@@ -8,7 +8,8 @@ from typing import Any
 
 from smartplay_anthropic.codec import LIMIT
 
-from tests.adapters.conformance import Received
+from smartplay_tools.context.strategies.memory import memory_spec
+from tests.adapters.conformance import MEMORY, Received
 from tests.adapters.scripted_server import ScriptedServer
 
 USAGE = {"input_tokens": 5, "cache_read_input_tokens": 3, "cache_creation_input_tokens": 2, "output_tokens": 4}
@@ -75,7 +76,7 @@ class AnthropicStub(ScriptedServer):
                 if block["type"] == "tool_result"
             )
             messages.extend({"role": "user", "content": text} for text in words)
-        tools = [(tool["name"], tool["description"], tool["input_schema"]) for tool in body["tools"]]
+        tools = [described(tool) for tool in body["tools"]]
         # The interface wants a cap where the budget sets none.
         return Received(messages, tools, None if body["max_tokens"] == LIMIT else body["max_tokens"])
 
@@ -84,3 +85,12 @@ def blocks_of(message: dict[str, Any]) -> list[dict[str, Any]]:
     """The blocks of a message; a text alone is one."""
     content = message["content"]
     return [{"type": "text", "text": content}] if isinstance(content, str) else content
+
+
+def described(tool: dict[str, Any]) -> tuple[str, str, Any]:
+    """Name, description and schema of a tool; the provider knows those of its own by their type."""
+    if tool.get("type") == "memory_20250818":
+        assert tool == {"type": "memory_20250818", "name": "memory"}
+        spec = memory_spec(MEMORY)
+        return spec.name, spec.description, spec.parameters
+    return tool["name"], tool["description"], tool["input_schema"]

@@ -142,6 +142,23 @@ PLACE = {
 WEATHER = sp.ToolSpec("weather", "Tell the weather.", PLACE)
 """A tool of the agent's own."""
 
+REMEMBERING: Script = [
+    calling(("memory", {"command": "view", "path": "/memories", "view_range": None}), say="Do I know anything?"),
+    calling(("memory", {"command": "create", "path": "/memories/plan", "file_text": "First A->C.\nThen A->B.\n"})),
+    calling(act(WAY[0]), ("read_result", {"page": "r1.2"}), act(WAY[1])),
+    calling(("memory", {"command": "insert", "path": "/memories/plan", "insert_line": 0, "insert_text": "Hm."})),
+    calling(("recall", {"query": "1"}), ("recall", {"query": "disk"}), ("recall", {"query": 5}), *map(act, WAY[2:4])),
+    calling(("memory", {"command": "view", "path": "/memories/plan", "view_range": [1, 2]}), ("memory", {})),
+    calling(("recall", {"query": "0-9"})),
+    calling(*map(act, WAY[4:])),
+]
+"""Every tool that a strategy adds, beside `take_notes`."""
+MEMORY = 50
+REMEMBERS = sp.Budget(
+    memory_tokens=MEMORY, recall_tokens=100, beyond_result="offload", result_tokens=40, history=1, notes_tokens=20
+)
+"""The budget that offers them."""
+
 BUDGETS = {
     "free": sp.Budget(),
     "tight": sp.Budget(prompt_tokens=1400, history=2, result_tokens=150),
@@ -219,6 +236,12 @@ def judge_summaries(row: Window) -> None:
     assert comparable(events) == comparable(expected_events)
     assert list(map(spelled, sent)) == list(map(spelled, prompts))
     assert sp.replay(events).identical
+
+
+def judge_memory(row: Window) -> None:
+    """The tools that strategies add reach the model as they are, and their answers, too."""
+    result = judge(row, REMEMBERING, REMEMBERS)
+    assert (result.end_reason, result.recalls, result.pages, result.malformed_calls) == ("terminated", 3, 1, 2)
 
 
 def judge_caps(row: Window) -> None:
@@ -335,6 +358,9 @@ class WindowConformance:
         result = judge(self.row, BASIC, BUDGETS[budget])
         assert result.end_reason == ("prompt_tokens" if budget == "spent" else "terminated")
         assert result.refused_calls == (budget != "spent"), "the last act comes after the end"
+
+    def test_the_tools_of_memory(self):
+        judge_memory(self.row)
 
     def test_words_without_a_call(self):
         judge(self.row, IDLE, BUDGETS["tight"])

@@ -276,6 +276,11 @@ def test_the_game_cannot_tell_adapters_apart(row, budget):
 
 
 @pytest.mark.parametrize("row", ROWS)
+def test_the_tools_of_memory(row):
+    conformance.judge_memory(WINDOW[row])
+
+
+@pytest.mark.parametrize("row", ROWS)
 def test_words_without_a_call(row):
     conformance.judge(WINDOW[row], IDLE, BUDGETS["tight"])
 

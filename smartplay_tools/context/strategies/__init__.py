@@ -11,6 +11,7 @@ from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool
 from smartplay_tools.context.strategies.brought import load_strategy, register_strategy
 from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, Strategy
 from smartplay_tools.context.strategies.every import KINDS, Strategies, refusal
+from smartplay_tools.context.strategies.memory import is_memory_tool
 from smartplay_tools.context.strategies.summaries import Summaries, Summary
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "Summaries",
     "Summary",
     "ToolAnswer",
+    "is_memory_tool",
     "load_strategy",
     "refusal",
     "register_strategy",

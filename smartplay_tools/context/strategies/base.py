@@ -28,14 +28,15 @@ class ToolAnswer:
 
 @dataclass(frozen=True)
 class StrategyTool:
-    """A tool that a strategy adds. It takes one text."""
+    """A tool that a strategy adds."""
 
     spec: ToolSpec
-    argument: str
-    """The name of its argument."""
+    argument: str | None
+    """The name of its only argument, a text; None if it reads its arguments itself."""
     usage: str
     """How to call it, for errors."""
-    answer: Callable[[str], ToolAnswer]
+    answer: Callable[[Any], ToolAnswer]
+    """Answers a call, given the text, or all arguments."""
 
 
 class BudgetStrategy:

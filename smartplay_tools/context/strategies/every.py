@@ -7,6 +7,7 @@ from smartplay_tools.context.strategies.anchors import Anchors
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.brought import Brought, load_strategy, make_strategy, recorded_strategy
 from smartplay_tools.context.strategies.choices import Strategy
+from smartplay_tools.context.strategies.memory import MemoryFiles
 from smartplay_tools.context.strategies.notes import Notes
 from smartplay_tools.context.strategies.offload import Offload
 from smartplay_tools.context.strategies.recall import Recall
@@ -16,7 +17,9 @@ from smartplay_tools.context.turns import Turn
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
-KINDS: tuple[type[BudgetStrategy], ...] = (Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Offload, Brought)
+KINDS: tuple[type[BudgetStrategy], ...] = (
+    Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Offload, MemoryFiles, Brought,
+)  # fmt: skip
 """Every strategy, in the order in which they are asked."""
 
 
@@ -37,6 +40,8 @@ class Strategies:
         """What searches the observations that have left; None where nothing does."""
         self.offload = next((strategy for strategy in asked if isinstance(strategy, Offload)), None)
         """What keeps the rest of observations that are too long; None where it is cut."""
+        self.memory = next((strategy for strategy in asked if isinstance(strategy, MemoryFiles)), None)
+        """The files that the agent keeps; None where it keeps none."""
         self.tools = tuple(tool for strategy in asked for tool in strategy.tools)
         """The tools that they add."""
         self.reserve = sum(strategy.reserve for strategy in asked)

@@ -15,11 +15,17 @@ from typing import Any
 from smartplay_tools.arguments import read
 from smartplay_tools.messages import Message, calls_of, text_of
 from smartplay_tools.players.reading import Reading, call, is_carried
-from smartplay_tools.types import NOTES_TOOL, RECALL_TOOL
+from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, RECALL_TOOL
 
 LINE = re.compile(r"^Notes: (\{.*\})$", re.MULTILINE)
 CAP = re.compile(r"at most (\d+) tokens", re.IGNORECASE)
 RECALLED = re.compile(r"^Step (\d+), after (?:act|observe)\(.*\):$", re.MULTILINE)
+FILE = "/memories/notes.txt"
+"""The file of the memory, where the player keeps files."""
+PATH_TOKENS = 10
+"""At least the tokens of its path."""
+CONTENT = f"Here's the content of {FILE} "
+NUMBERED = re.compile(r"^ *\d+\t", re.MULTILINE)
 CHARACTERS_A_TOKEN = 2
 """Fewer than any line here has: the player does not know the tokenizer, and notes that are too long are refused."""
 
@@ -110,6 +116,33 @@ def noted(message: Message, text: str) -> Message:
     return _with_call(message, NOTES_TOOL, text=text)
 
 
+def file_cap(reading: Reading) -> int | None:
+    """Return how many tokens the file of the memory may have beside its path; None where there is no tool for files."""
+    described = [tool.description for tool in reading.prompt.tools if tool.name == MEMORY_TOOL]
+    match = CAP.search(described[0]) if described else None
+    return int(match[1]) - PATH_TOKENS if match else None
+
+
+def looked_up(message: Message) -> Message:
+    """Return a reply that looks at the file of the memory, before it does anything but play; playing waits."""
+    if any(each["function"]["name"] == "act" for each in calls_of(message)):
+        message = {"role": "assistant", "content": None, "tool_calls": []}
+    return _with_call(message, MEMORY_TOOL, command="view", path=FILE)
+
+
+def filed(message: Message, text: str, reading: Reading) -> Message:
+    """Return a reply that also writes the file of the memory anew, before anything else that it does."""
+    message = _with_call(message, MEMORY_TOOL, command="create", path=FILE, file_text=text)
+    if any(FILE in text_of(m) or FILE in str(m.get("tool_calls")) for m in reading.prompt.messages if _has_file(m)):
+        message = _with_call(message, MEMORY_TOOL, command="delete", path=FILE)
+    return message
+
+
+def _has_file(message: Message) -> bool:
+    """Whether a message writes the file, or shows what it holds."""
+    return "file_text" in str(message.get("tool_calls")) or text_of(message).startswith(CONTENT)
+
+
 def offers(reading: Reading, tool: str) -> bool:
     """Whether a tool is among those of a prompt."""
     return any(each.name == tool for each in reading.prompt.tools)
@@ -138,7 +171,8 @@ def searched(message: Message, query: str) -> Message:
 
 def _with_call(message: Message, tool: str, **arguments: str) -> Message:
     (first,) = calls_of(call(tool, **arguments))
-    return {**message, "tool_calls": [{**first, "id": f"{tool}_0"}, *calls_of(message)]}
+    others = calls_of(message)
+    return {**message, "tool_calls": [{**first, "id": f"{tool}_{len(others)}"}, *others]}
 
 
 def _recalled(reading: Reading) -> dict[int, str]:
@@ -170,10 +204,13 @@ def _texts(message: Message) -> list[str]:
     """The texts of a message in which a memory of this world may stand."""
     if message["role"] == "user":
         return [] if is_carried(message) else [text_of(message)]
+    if message["role"] == "tool" and text_of(message).startswith(CONTENT):
+        return [NUMBERED.sub("", text_of(message))]
     if message["role"] != "assistant":
         return []
-    taken = (read(tool_call["function"]["arguments"]).values for tool_call in calls_of(message))
-    return [text_of(message), *(str(values["text"]) for values in taken if values is not None and "text" in values)]
+    taken = (read(tool_call["function"]["arguments"]).values or {} for tool_call in calls_of(message))
+    written = (str(values[name]) for values in taken for name in ("text", "file_text") if name in values)
+    return [text_of(message), *written]
 
 
 def _facts(text: str) -> dict[str, Any] | None:

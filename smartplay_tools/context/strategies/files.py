@@ -1,0 +1,196 @@
+"""Files: the store behind the tool `memory`, with the commands and the answers of Anthropic's `memory_20250818`.
+
+A path is /memories, then names; it is taken literally, and is a file or a folder, never both. Folders exist while a
+file is below them. A command answers with a text and the changes that it makes; nothing changes until they are applied.
+
+Source of the texts: the client `anthropic`, its memory tool for local files. Listings give tokens in place of sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+ROOT = "/memories"
+LEVELS = 2
+"""How many levels below a folder its listing shows."""
+NUMBER_WIDTH = 6
+"""The width of the numbers of lines."""
+AROUND = 2
+"""How many lines before and after a change its answer shows."""
+
+
+class FileError(Exception):
+    """A command that cannot be carried out; its message is what the agent is told."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command answers, and what it changes."""
+
+    text: str
+    changes: Mapping[str, str | None] = field(default_factory=dict)
+    """The new text of files by path; None for a file that is no longer there."""
+
+
+class Files:
+    """The files of one agent."""
+
+    def __init__(self, tokens: Callable[[str, str], int]) -> None:
+        """`tokens` counts a file, given its path and its text."""
+        self.texts: dict[str, str] = {}
+        """The text of every file, by its path."""
+        self._tokens = tokens
+
+    def apply(self, changes: Mapping[str, str | None]) -> None:
+        """Make changes."""
+        for path, text in changes.items():
+            if text is None:
+                del self.texts[path]
+            else:
+                self.texts[path] = text
+
+    # The commands.
+
+    def view(self, path: str, view_range: Sequence[int] | None = None) -> Outcome:
+        """Show a file with the numbers of its lines, or what a folder has."""
+        _check(path)
+        if path in self.texts:
+            lines = self.texts[path].split("\n")
+            first, last = (1, -1) if view_range is None else view_range
+            start = max(1, first)
+            shown = lines[start - 1 : len(lines) if last == -1 else max(0, last)]
+            return Outcome(f"Here's the content of {path} with line numbers:\n{_numbered(shown, start)}")
+        if not self._is_folder(path):
+            raise FileError(f"The path {path} does not exist. Please provide a valid path.")
+        title = f"Here're the files and directories up to {LEVELS} levels deep in {path}, excluding hidden items:"
+        return Outcome("\n".join([title, self._entry(path, path), *self._listed(path, LEVELS)]))
+
+    def create(self, path: str, file_text: str) -> Outcome:
+        """Make a new file."""
+        _check(path)
+        if path in self.texts or self._is_folder(path):
+            raise FileError(f"File {path} already exists")
+        self._check_folders(path)
+        return Outcome(f"File created successfully at: {path}", {path: file_text})
+
+    def str_replace(self, path: str, old_str: str, new_str: str) -> Outcome:
+        """Replace what occurs once in a file."""
+        text = self._file(path)
+        places = list(_places(text, old_str))
+        if not places:
+            raise FileError(f"No replacement was performed, old_str `{old_str}` did not appear verbatim in {path}.")
+        if text.count(old_str) > 1:
+            lines = ", ".join(str(text.count("\n", 0, place) + 1) for place in places)
+            problem = f"Multiple occurrences of old_str `{old_str}` in lines: {lines}. Please ensure it is unique"
+            raise FileError(f"No replacement was performed. {problem}")
+        changed = text.replace(old_str, new_str)
+        line = text.count("\n", 0, places[0])
+        first = max(0, line - AROUND)
+        snippet = _numbered(changed.split("\n")[first : line + AROUND + 1], first + 1)
+        title = "The memory file has been edited. Here is the snippet showing the change (with line numbers):"
+        return Outcome(f"{title}\n{snippet}", {path: changed})
+
+    def insert(self, path: str, insert_line: int, insert_text: str) -> Outcome:
+        """Insert text after a line of a file; line 0 is before the first."""
+        lines = self._file(path).split("\n")
+        if lines[-1] == "":
+            lines.pop()
+        if not 0 <= insert_line <= len(lines):
+            allowed = f"It should be within the range [0, {len(lines)}]."
+            raise FileError(f"Invalid `insert_line` parameter: {insert_line}. {allowed}")
+        lines.insert(insert_line, insert_text.rstrip("\n"))
+        text = "\n".join(lines)
+        return Outcome(f"The file {path} has been edited.", {path: text if text.endswith("\n") else f"{text}\n"})
+
+    def delete(self, path: str) -> Outcome:
+        """Delete a file, or a folder with what is below it."""
+        _check(path)
+        if path == ROOT:
+            raise FileError(f"Cannot delete the {ROOT} directory itself")
+        gone = [path] if path in self.texts else list(self._below(path))
+        if not gone:
+            raise FileError(f"The path {path} does not exist")
+        return Outcome(f"Successfully deleted {path}", dict.fromkeys(gone))
+
+    def rename(self, old_path: str, new_path: str) -> Outcome:
+        """Give a file another path, or a folder with what is below it."""
+        _check(old_path)
+        _check(new_path)
+        if old_path == ROOT:
+            raise FileError(f"Cannot rename the {ROOT} directory itself")
+        if new_path in self.texts or self._is_folder(new_path):
+            raise FileError(f"The destination {new_path} already exists")
+        moved = [old_path] if old_path in self.texts else list(self._below(old_path))
+        if not moved:
+            raise FileError(f"The path {old_path} does not exist")
+        if new_path.startswith(f"{old_path}/"):
+            raise FileError(f"The destination {new_path} is below {old_path}")
+        self._check_folders(new_path)
+        changes: dict[str, str | None] = dict.fromkeys(moved)
+        changes |= {new_path + path[len(old_path) :]: self.texts[path] for path in moved}
+        return Outcome(f"Successfully renamed {old_path} to {new_path}", changes)
+
+    # What there is.
+
+    def _file(self, path: str) -> str:
+        _check(path)
+        if path not in self.texts:
+            if self._is_folder(path):
+                raise FileError(f"The path {path} is not a file.")
+            raise FileError(f"The path {path} does not exist. Please provide a valid path.")
+        return self.texts[path]
+
+    def _is_folder(self, path: str) -> bool:
+        return path == ROOT or any(True for _ in self._below(path))
+
+    def _below(self, folder: str) -> Iterator[str]:
+        return (path for path in self.texts if path.startswith(f"{folder}/"))
+
+    def _check_folders(self, path: str) -> None:
+        """Raise a `FileError` if a folder of a path is a file."""
+        while (path := path.rpartition("/")[0]) != ROOT:
+            if path in self.texts:
+                raise FileError(f"The path {path} is not a directory.")
+
+    def _listed(self, folder: str, levels: int) -> Iterator[str]:
+        """The entries of a folder and of its folders, in the order of their names, without hidden ones."""
+        names = {path[len(folder) + 1 :].partition("/")[0] for path in self._below(folder)}
+        for name in sorted(names):
+            path = f"{folder}/{name}"
+            if name.startswith("."):
+                continue
+            if path in self.texts:
+                yield self._entry(path, path)
+                continue
+            yield self._entry(path, f"{path}/")
+            if levels > 1:
+                yield from self._listed(path, levels - 1)
+
+    def _entry(self, path: str, shown: str) -> str:
+        files = [path] if path in self.texts else self._below(path)
+        return f"{sum(self._tokens(file, self.texts[file]) for file in files)} tokens\t{shown}"
+
+
+def _check(path: str) -> None:
+    """Raise a `FileError` unless a path is /memories, or names below it."""
+    if path == ROOT:
+        return
+    if not path.startswith(f"{ROOT}/"):
+        raise FileError(f"Path must start with {ROOT}, got: {path}")
+    names = path.split("/")[2:]
+    if "." in names or ".." in names:
+        raise FileError(f"Path {path} would escape {ROOT} directory")
+    if "" in names or "\0" in path:
+        raise FileError(f"The path {path} does not exist. Please provide a valid path.")
+
+
+def _places(text: str, part: str) -> Iterator[int]:
+    at = text.find(part)
+    while at != -1:
+        yield at
+        at = text.find(part, at + 1)
+
+
+def _numbered(lines: Sequence[str], first: int) -> str:
+    return "\n".join(f"{number:>{NUMBER_WIDTH}}\t{line}" for number, line in enumerate(lines, start=first))
