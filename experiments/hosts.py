@@ -58,6 +58,8 @@ class HostedGame:
     task: str
     model: str
     base_url: str
+    give_up: Callable[[str], None]
+    """Ends the episode where the strategy itself gives up, and says why; the score so far counts."""
 
 
 def _chat(game: HostedGame) -> Any:
@@ -125,7 +127,9 @@ async def _inspect(game: HostedGame, compaction: Any) -> None:
     task = Task(dataset=[Sample(input=game.task)], solver=agent)
     with tempfile.TemporaryDirectory() as logs:
         (log,) = await eval_async(task, model=model, log_dir=logs)
-    if log.error is not None:
+    if log.error is not None and "Compaction insufficient" in log.error.message:
+        game.give_up("Compaction insufficient")
+    elif log.error is not None:
         raise RuntimeError(log.error.message)
 
 
@@ -205,8 +209,13 @@ def play(host: Callable[[HostedGame], Awaitable[None]], player: str, episode: sp
     subject = NotedPlayer(sp.get_player(player), episode)
     system, task = map(text_of, episode.head)
     with LocalEndpoint(subject) as endpoint:
-        game = HostedGame(episode.functions(), system, task, subject.name, endpoint.base_url)
+        give_up = partial(_give_up, episode)
+        game = HostedGame(episode.functions(), system, task, subject.name, endpoint.base_url, give_up)
         asyncio.run(host(game))
+
+
+def _give_up(episode: sp.Episode, why: str) -> None:
+    episode.end("host", detail=why)
 
 
 def agent_of(name: str, player: str) -> Callable[[sp.Episode], None]:
@@ -246,7 +255,7 @@ def table(window: Sequence[Row], hosted: Sequence[Row], folder: RunFolder) -> It
     paired = [pairs(members, own[cell.game]) for cell, members in cells]
     differences = mean_estimates([difference_sample(each, score) for each in paired], jointly(len(paired)))
     headings = ("game", "strategy", "episodes", "score", "less the window's [95 %, all together]")
-    headings += ("tokens an episode", "largest prompt", "prompts over the cap")
+    headings += ("tokens an episode", "largest prompt", "prompts over the cap", "gave up")
     yield f"| {' | '.join(headings)} |"
     yield f"|{' --- |' * len(headings)}"
     for game in GAMES:
@@ -258,7 +267,8 @@ def table(window: Sequence[Row], hosted: Sequence[Row], folder: RunFolder) -> It
             peak = max(row["peak_prompt_tokens"] for row in members)
             shown = "reference" if difference is None else _interval(difference)
             over = "0" if difference is None else _share_over(members, folder)
-            facts = (len(members), f"{mean.mean:.2f}", shown, f"{spent.mean:,.0f}", f"{peak:,}", over)
+            ended = sum(row["end_reason"] == "host" for row in members)
+            facts = (len(members), f"{mean.mean:.2f}", shown, f"{spent.mean:,.0f}", f"{peak:,}", over, ended)
             yield f"| `{game}` | {name} | {' | '.join(map(str, facts))} |"
 
 

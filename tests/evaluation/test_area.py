@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.area import areas, areas_table
+from smartplay_tools.evaluation.analysis.figures import areas_under_curves
 from tests.evaluation.window_rows import row
 
 CAPS = (250, 500, 1_000, None)
@@ -66,3 +68,27 @@ def test_what_has_no_area_says_why(rows, reason):
 
 def test_a_single_cap_is_not_a_curve():
     assert areas([row(seed=0, score=1.0)]) == []
+
+
+def test_differences_hold_together_in_wider_intervals_and_the_figure_has_a_row_for_each(tmp_path):
+    rows = sweep([10, 25, 40, 40])
+    for strategy, scores in (("notes_tokens", [10, 30, 40, 40]), ("first_turns", [10, 20, 40, 40])):
+        own = [r for r in sweep(scores) if r["player"] != "random"]
+        rows += [{**r, "budget": r["budget"] | {strategy: 200}} for r in own]
+    first, *others = areas(rows)
+    assert first.together is None
+    for each in others:
+        assert each.together[0] == each.difference[0]
+        assert each.together[1] <= each.difference[1] < each.difference[2] <= each.together[2]
+    (panel,) = areas_under_curves([first, *others]).axes
+    assert [label.get_text() for label in panel.get_yticklabels()] == [each.name for each in (first, *others)]
+    with pytest.raises(sp.InvalidArgumentError, match="nothing to draw"):
+        areas_under_curves([])
+
+
+def test_slack_is_part_of_the_name_of_a_curve():
+    rows = sweep([10, 25, 40, 40])
+    for r in [r for r in rows if r["player"] != "random"]:
+        r["budget"] = r["budget"] | {"slack": 0.5}
+    (area,) = areas(rows)
+    assert area.name == "rule, dropping, slack 0.5"

@@ -24,7 +24,7 @@ from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Values, mean_estimate
 from smartplay_tools.evaluation.analysis.names import strategy_name
-from smartplay_tools.evaluation.analysis.windows import family
+from smartplay_tools.evaluation.analysis.windows import family, jointly
 from smartplay_tools.records.rows import Row
 
 FEWEST_CAPS = 4
@@ -50,6 +50,8 @@ class Area:
     high: float | None = None
     difference: tuple[float, float, float] | None = None
     """To the first strategy of the game, with its interval."""
+    together: tuple[float, float, float] | None = None
+    """The same with an interval that holds together with those of all other differences (Bonferroni)."""
     reason: str | None = None
 
 
@@ -77,27 +79,36 @@ def areas(rows: Sequence[Row]) -> list[Area]:
     games: dict[str, dict[str, list[tuple[PlayedCell, list[Row]]]]] = {}
     for cell, members in groups:
         games.setdefault(cell.game, {}).setdefault(family(cell, ("prompt_tokens",)), []).append((cell, members))
-    result: list[Area] = []
+    lines: dict[str, list[_Curve]] = {}
     for game, families in games.items():
-        random = {row["seed"]: row["score"] for cell, members in groups for row in members if _is_random(cell, game)}
-        curves = [
+        lines[game] = [
             _Curve(
-                f"{members[0][0].player}, {strategy_name(members[0][0])}",
+                curve_name(members[0][0]),
                 {cell.budget["prompt_tokens"]: own for cell, own in members},
             )
             for members in families.values()
             if len(members) > 1 and members[0][0].player != RANDOM
         ]
+    confidence = jointly(sum(len(curves) - 1 for curves in lines.values() if curves)).confidence
+    result: list[Area] = []
+    for game, curves in lines.items():
+        random = {row["seed"]: row["score"] for cell, members in groups for row in members if _is_random(cell, game)}
         if curves:
-            result += _areas_of(game, curves, random)
+            result += _areas_of(game, curves, random, confidence)
     return result
+
+
+def curve_name(cell: PlayedCell) -> str:
+    """Return the name of a curve: the player, the strategy and, if there is any, the slack."""
+    slack = cell.budget["slack"]
+    return f"{cell.player}, {strategy_name(cell)}" + (f", slack {slack:g}" if slack else "")
 
 
 def _is_random(cell: PlayedCell, game: str) -> bool:
     return cell.game == game and cell.player == RANDOM
 
 
-def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float]) -> list[Area]:
+def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], confidence: float) -> list[Area]:
     caps = sorted({cap for curve in curves for cap in curve.cells if cap is not None})
     grid = (*caps, None)
     peaks = [row.get("peak_prompt_tokens") or 0 for curve in curves for row in curve.cells.get(None, [])]
@@ -130,9 +141,12 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float]) -> 
             curve_areas.append(Area(*facts, reason="full context is not shown to differ from random"))
             continue
         whole, without = with_jackknife(scores, chance, [math.log(cap) for cap in (*caps, max(peaks))])
-        difference = None if first is None else interval_of(whole - first[0], without - first[1])
+        difference = together = None
+        if first is not None:
+            differing = whole - first[0], without - first[1]
+            difference, together = interval_of(*differing), interval_of(*differing, confidence)
         first = (whole, without) if first is None else first
-        curve_areas.append(Area(*facts, *interval_of(whole, without), difference=difference))
+        curve_areas.append(Area(*facts, *interval_of(whole, without), difference=difference, together=together))
     return curve_areas
 
 
@@ -152,11 +166,11 @@ def with_jackknife(scores: Values, chance: Values, places: Sequence[float]) -> t
     return ratio(*totals), ratio(*left)
 
 
-def interval_of(whole: Values, without: Values) -> tuple[float, float, float]:
-    """A figure with its 95 % interval, from the figures without each of the seeds (jackknife)."""
+def interval_of(whole: Values, without: Values, confidence: float = CONFIDENCE) -> tuple[float, float, float]:
+    """A figure with its interval, of 95 % by default, from the figures without each of the seeds (jackknife)."""
     n = len(without)
     error = math.sqrt((n - 1) / n * float(((without - without.mean()) ** 2).sum()))
-    half = t_quantile((1 - CONFIDENCE) / 2, n - 1) * error
+    half = t_quantile((1 - confidence) / 2, n - 1) * error
     return float(whole), float(whole) - half, float(whole) + half
 
 

@@ -1,5 +1,6 @@
 """Figures of a run. They need the extra `evaluation`; `save_figure` writes PNG, SVG and PDF."""
 
+from smartplay_tools.evaluation.analysis.figures.areas import areas_under_curves
 from smartplay_tools.evaluation.analysis.figures.capability_dots import capability_dots
 from smartplay_tools.evaluation.analysis.figures.chains import score_against_trial
 from smartplay_tools.evaluation.analysis.figures.curves import (
@@ -16,6 +17,7 @@ from smartplay_tools.evaluation.analysis.figures.style import save_figure
 from smartplay_tools.evaluation.analysis.figures.token_parts import tokens_by_part
 
 __all__ = [
+    "areas_under_curves",
     "capability_dots",
     "effects_of_slack",
     "effects_of_strategies",
