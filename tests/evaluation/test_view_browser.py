@@ -293,3 +293,21 @@ def test_the_picture_of_a_turn_is_copied_or_saved(show, site, tmp_path):
     with Image.open(tmp_path / "turn.png") as picture:
         assert picture.width > 2 * 1000
         assert len(picture.convert("RGB").getcolors(1 << 20) or []) > 100, "text and colours, not an empty sheet"
+
+
+def test_arrows_and_letters_play_the_actions_that_show_them(show, tmp_path):
+    playing = BrowserPlay("Crafter-v0", tmp_path / "human", budget=sp.Budget(tool_calls=2))
+    with playing as play, view.ViewServer([view.SiteRun(play.folder.path, "human")], play=play) as server:
+        page = show(server.url, "play")
+        assert page.url.endswith("/play/Crafter-v0"), "one game has no list to choose from"
+        page.locator("#actions button", has_text="Move West").wait_for()
+        page.keyboard.press("ArrowLeft")
+        page.wait_for_selector("body[data-number='2']")
+        assert "Step 1 of" in page.locator("#step").inner_text()
+        letter = page.locator("#actions button", has_text="Make Wood Pickaxe").locator("kbd").inner_text()
+        page.keyboard.press(letter)
+        page.locator("#beside table .you").wait_for(timeout=60_000)
+        page.close()  # it asks its server until then
+        (record,) = play.folder.records()
+    calls = [event["arguments"] for event in sp.read_transcript(record) if event["event"] == "call"]
+    assert [json.loads(sent)["action"] for sent in calls] == ["Move West", "Make Wood Pickaxe"]

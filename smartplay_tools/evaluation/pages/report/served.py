@@ -17,11 +17,11 @@ from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, So
 from smartplay_tools.games.registry import importing_packages
 
 
-def render_episode(record: Path, key: str, site: Mapping[str, Any], *, plugins: bool = False) -> str:
-    """Return the page of one episode, which is called `key` in it."""
+def render_episode(record: Path, key: str, title: str, site: Mapping[str, Any], *, plugins: bool = False) -> str:
+    """Return the page of one episode, which is called `key` in it; the page is called `title`."""
     run = ShownRun(record, "", Sources([Source(key, record)]))
     with importing_packages(plugins):
-        return render_runs([run], None, plugins=plugins, opened="first", site=site)
+        return render_runs([run], title, plugins=plugins, opened="first", site=site)
 
 
 def pack_episode(record: Path, key: str, *, plugins: bool = False) -> str:

@@ -39,7 +39,7 @@ class ServedPages:
             site |= {"notes": f"/api/notes/{address(run, record)}", "key": self._key}
         if is_playing:
             site |= {"updates": f"/api/episode/{address(run, record)}", "version": version}
-        return render_episode(path, key, site, plugins=self._plugins)
+        return render_episode(path, key, run.name, site, plugins=self._plugins)
 
     def version(self, run: ViewedRun, record: str) -> tuple[str, bool]:
         """Return what changes when an episode's page does, and whether the episode is being played."""
