@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import os
 import struct
 import subprocess
 import sys
+import venv
 import zipfile
 from pathlib import Path
 
@@ -150,6 +152,15 @@ def test_what_has_another_digest_is_not_kept(index):
 def test_a_download_that_fails_says_why_and_what_to_do(index):
     index.unlink()
     with pytest.raises(sp.InvalidArgumentError, match=r"could not be downloaded \(ERROR: no network\).*yourself"):
+        fetch("smollm2-135m", print)
+
+
+def test_an_environment_without_pip_is_told_how_to_get_it(tmp_path, monkeypatch):
+    venv.create(tmp_path / "bare", symlinks=os.name != "nt")
+    python = tmp_path / "bare" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    monkeypatch.setattr(sys, "executable", str(python))
+    monkeypatch.setenv("SMARTPLAY_MODELS", str(tmp_path / "models"))
+    with pytest.raises(sp.InvalidArgumentError, match="as in those that uv makes: uv pip install pip"):
         fetch("smollm2-135m", print)
 
 

