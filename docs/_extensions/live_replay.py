@@ -1,14 +1,11 @@
-"""Directives that play an episode when the site is built: `live-replay` and `game-cards`.
-
-`live-replay` frames the replay page of an episode:
+"""The directive `live-replay`: an episode that is played when the site is built, and its replay page in a frame.
 
     ```{live-replay} BanditTwoArmedHighLowFixed-v0
     :turn: 12
     :prompt-tokens: 700
     ```
 
-The page is one file without a network, as `smartplay-tools share` writes it. `game-cards` shows a picture of each of
-the games that it names, one a line: the card of a turn, as `smartplay-tools share --out card.png` draws it.
+The page is one file without a network, as `smartplay-tools share` writes it.
 """
 
 from __future__ import annotations
@@ -23,13 +20,9 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.pages.cards import write_card
 from smartplay_tools.evaluation.pages.report import write_excerpt
 
 SEED = 7
-
-CARD_TURNS = 12
-"""Turns that are played for a card."""
 
 
 class LiveReplay(SphinxDirective):
@@ -56,28 +49,7 @@ class LiveReplay(SphinxDirective):
         return [nodes.raw("", frame, format="html")]
 
 
-class GameCards(SphinxDirective):
-    """Plays the first turns of games with the rule player and shows the card of the last of them."""
-
-    has_content = True
-
-    def run(self) -> list[nodes.Node]:
-        """Return the pictures."""
-        return [nodes.raw("", f'<div class="cards">{"".join(map(self._card, self.content))}</div>', format="html")]
-
-    def _card(self, game: str) -> str:
-        out = Path(self.env.app.outdir) / "_static" / f"card-{game}.png"
-        with tempfile.TemporaryDirectory() as folder:
-            record = Path(folder) / "episode.jsonl"
-            budget = sp.Budget(history=5, tool_calls=CARD_TURNS)
-            with sp.Episode(game, seed=SEED, budget=budget, transcript=record) as episode:
-                sp.play(episode, sp.get_player("rule"))
-            write_card(record, out)
-        return f'<img src="_static/{out.name}" alt="A turn of {game}, and which earlier turns its prompt showed">'
-
-
 def setup(app: Sphinx) -> dict[str, Any]:
     """Called by Sphinx."""
     app.add_directive("live-replay", LiveReplay)
-    app.add_directive("game-cards", GameCards)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
