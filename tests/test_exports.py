@@ -13,7 +13,7 @@ from smartplay_tools.cli import app
 from smartplay_tools.exports import export
 from smartplay_tools.games.messenger.rules import roles_of
 from smartplay_tools.prompts import MANUAL_IS_ABOVE
-from smartplay_tools.records import Record, sent_prompts, trial_seed
+from smartplay_tools.records import Record, recorded_pictures, sent_prompts, trial_seed
 from smartplay_tools.types import ToolCall
 
 BUDGET = sp.Budget(prompt_tokens=700)
@@ -346,3 +346,35 @@ def test_a_player_that_knows_only_names_scores_on_the_test_split_alone():
     """What the warning of the card says, played: no manual is read, and the names decide."""
     assert mean_of_names("test") == 1.0
     assert mean_of_names("train") < 0
+
+
+@pytest.mark.parametrize("form_of_rows", ["sft", "sft-chains", "sft-episodes"])
+def test_pictures_are_files_beside_the_rows_on_request(tmp_path, form_of_rows):
+    (tmp_path / "records").mkdir()
+    for form in ("picture", "text"):
+        path, budget = tmp_path / "records" / f"{form}.jsonl", sp.Budget(tool_calls=3, history=1)
+        with sp.Episode("Crafter-v0", seed=5, observation=form, budget=budget, transcript=path) as episode:
+            sp.play(episode, sp.get_player("random", seed=5))
+    made = export(tmp_path / "records", tmp_path / "data", form_of_rows, pictures=True)
+    known = recorded_pictures(tmp_path / "records" / "picture.jsonl")
+    files = {file.name: file.read_bytes() for file in (tmp_path / "data" / "pictures").iterdir()}
+    assert files == {f"{sha256}.png": picture.png for sha256, picture in known.items()}
+    assert made.counts["pictures"] == len(files)
+    exported = rows(tmp_path / "data")
+    for row in exported:
+        messages = [*row.get("prompt", ()), *row.get("completion", ()), *row.get("messages", ())]
+        parts = [part for message in messages for part in message["content"]]
+        assert [part for part in parts if part["type"] == "image"] == [{"type": "image"}] * len(row["images"])
+        assert all((tmp_path / "data" / path).is_file() for path in row["images"])
+    assert any(row["images"] for row in exported)
+    assert not all(row["images"] for row in exported)
+
+
+def test_episodes_with_pictures_are_left_out_without_the_option(tmp_path):
+    path, budget = tmp_path / "both.jsonl", sp.Budget(tool_calls=2)
+    with sp.Episode("Crafter-v0", seed=5, observation="both", budget=budget, transcript=path) as episode:
+        sp.play(episode, sp.get_player("random", seed=5))
+    with pytest.raises(sp.InvalidArgumentError, match="1 observations are pictures"):
+        export(tmp_path / "both.jsonl", tmp_path / "data")
+    with pytest.raises(sp.InvalidArgumentError, match="atif has no place for pictures"):
+        export(tmp_path / "both.jsonl", tmp_path / "data", "atif", pictures=True)

@@ -30,6 +30,9 @@ def export(
     summaries: Annotated[
         bool, typer.Option("--summaries", help="Rows for prompts for a summary, too (sft, sft-chains).")
     ] = False,
+    pictures: Annotated[
+        bool, typer.Option("--pictures", help="Episodes with pictures, too, as files beside the rows (sft formats).")
+    ] = False,
     best: Annotated[int | None, typer.Option(help="Only the best N of every game and player.", min=1)] = None,
     model: Annotated[str | None, typer.Option(help="eee: the model as DEVELOPER/NAME.")] = None,
     organization: Annotated[str | None, typer.Option(help="eee: who evaluated it.")] = None,
@@ -52,6 +55,7 @@ def export(
         format,
         publication={name: value for name, value in about.items() if value is not None},
         summaries=summaries,
+        pictures=pictures,
         games=tuple(options.names(games)),
         players=tuple(options.names(players)),
         completed=completed,

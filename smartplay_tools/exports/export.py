@@ -22,7 +22,7 @@ from smartplay_tools.registry import Registry
 Write = Callable[..., dict[str, int]]
 """Writes episodes into a folder that exists, and says how many of what it wrote: `write(episodes, folder)`.
 
-One of `WITH_SUMMARIES` takes `summaries`, too.
+One of `WITH_SUMMARIES` takes `summaries`, too, and one of `WITH_PICTURES` `pictures`.
 """
 
 FORMATS: dict[str, str] = {
@@ -36,6 +36,9 @@ FORMATS: dict[str, str] = {
 
 WITH_SUMMARIES = ("sft", "sft-chains")
 """The formats that can have rows for prompts for a summary."""
+
+WITH_PICTURES = ("sft", "sft-chains", "sft-episodes")
+"""The formats that can have pictures, as files beside the rows."""
 
 RESULTS: dict[str, str] = {
     "eee": "smartplay_tools.exports.published:write_eee",
@@ -63,22 +66,29 @@ def export(
     format: str = "sft",  # noqa: A002 - the word of the command line
     *,
     summaries: bool = False,
+    pictures: bool = False,
     publication: Mapping[str, Any] | None = None,
     **selection: Any,
 ) -> Exported:
     """Export the finished episodes of a run's folder, of a folder of records, or of one record.
 
     `out` is a new folder, in which the data and a dataset card (`README.md`) are written. With `summaries`, the replies
-    to prompts for a summary have rows as others do. `selection` are the fields of an `EpisodeSelection`, and
-    `publication` those of a `Publication`, for the formats of results. Every prompt is rebuilt from its record and
-    verified; a record that was changed is a `TranscriptError`, and a selection without any episode an
-    `InvalidArgumentError`.
+    to prompts for a summary have rows as others do. With `pictures`, episodes whose observations are pictures are
+    exported, too, which are left out otherwise, and their pictures are written as files. `selection` are the fields of
+    an `EpisodeSelection`, and `publication` those of a `Publication`, for the formats of results. Every prompt is
+    rebuilt from its record and verified; a record that was changed is a `TranscriptError`, and a selection without any
+    episode an `InvalidArgumentError`.
     """
     write: Write = _REGISTRY[format]
     if summaries and format not in WITH_SUMMARIES:
         raise InvalidArgumentError(
             f"{format} has no rows for summaries; {' and '.join(WITH_SUMMARIES)} have them, so choose one or leave "
             "summaries out."
+        )
+    if pictures and format not in WITH_PICTURES:
+        raise InvalidArgumentError(
+            f"{format} has no place for pictures; {', '.join(WITH_PICTURES)} have one, so choose one of them or leave "
+            "pictures out."
         )
     try:
         chosen, about = EpisodeSelection(**selection), Publication(**(publication or {}))
@@ -88,7 +98,7 @@ def export(
         write = partial(write, about=about)
     elif about != Publication():
         raise InvalidArgumentError(f"The format {format} holds data; only {' and '.join(RESULTS)} say whose results.")
-    records, left_out = chosen.choose(Path(source))
+    records, left_out = chosen.choose(Path(source), pictures=pictures)
     if not records:
         why = ", ".join(f"{number} {reason}" for reason, number in left_out.items()) or "there is none"
         raise InvalidArgumentError(f"No finished episode in {source} is selected: {why}.")
@@ -100,7 +110,8 @@ def export(
         part = Path(unfinished) / folder.name
         part.mkdir()
         written: list[Record] = []
-        counts = write(_read(records, written), part, **({"summaries": True} if summaries else {}))
+        asked = {"summaries": summaries, "pictures": pictures}
+        counts = write(_read(records, written), part, **{name: True for name, value in asked.items() if value})
         if format in FORMATS:
             card = dataset_card(format, written, chosen, counts, left_out)
             (part / "README.md").write_text(card, encoding="utf-8", newline="\n")

@@ -34,15 +34,20 @@ class EpisodeSelection(BaseModel):
     best: int | None = Field(default=None, ge=1)
     """Only the best episodes of every game and player, this many; of equal scores, those of the lower seeds."""
 
-    def choose(self, source: Path) -> tuple[list[Path], Counter[str]]:
-        """Return the records of the chosen episodes, in order, and the number of those left out by reason."""
+    def choose(self, source: Path, *, pictures: bool = False) -> tuple[list[Path], Counter[str]]:
+        """Return the records of the chosen episodes, in order, and the number of those left out by reason.
+
+        Episodes whose observations are pictures are chosen with `pictures` only.
+        """
         matching: list[tuple[Path, Record]] = []
         left_out: Counter[str] = Counter()
         for path in records_in(source):
             record = Record.head(path)
             if record.start is None:
                 continue  # not the record of an episode: a run's own files are JSON Lines, too
-            reason = self._reason_against(record) if record.outcome == "finished" else record.end_reason
+            reason = (
+                self._reason_against(record, pictures=pictures) if record.outcome == "finished" else record.end_reason
+            )
             if reason is None:
                 matching.append((path, record))
             else:
@@ -51,11 +56,11 @@ class EpisodeSelection(BaseModel):
         left_out.update({"not among the best": len(matching) - len(chosen)} if len(chosen) < len(matching) else {})
         return [path for path, _ in chosen], left_out
 
-    def _reason_against(self, record: Record) -> str | None:
+    def _reason_against(self, record: Record, *, pictures: bool) -> str | None:
         result = record.result_data
         assert result is not None
         score, normalized = result["score"], result["normalized_score"]
-        if record.config.observation != "text":
+        if record.config.observation != "text" and not pictures:
             return "observations are pictures"
         if self.games and result["game"] not in self.games:
             return "another game"

@@ -7,6 +7,9 @@ episode, the whole conversation, which no model saw whole if its window dropped 
 
 Columns of one name have one type in every row (Arrow needs that): arguments and tool schemas are JSON text, which
 `SFTTrainer` reads. What a provider wanted back (`provider_items`) is left out.
+
+With `pictures` a row has the column `images`, the paths of its pictures in their order, and every content is a list of
+parts, where `{"type": "image"}` stands for the next of them: the form of TRL's data for models that see.
 """
 
 from __future__ import annotations
@@ -19,29 +22,40 @@ from typing import Any
 
 from smartplay_tools.episode import schema
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.messages import Message, text_of
+from smartplay_tools.messages import Message, pictures_of, text_of
+from smartplay_tools.pictures import is_picture
+from smartplay_tools.records.pictures import recorded_pictures
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
 from smartplay_tools.types import Purpose, SampledTokens
 
 FILE = "data.jsonl"
+PICTURES = "pictures"
+"""The folder of the pictures, whose names are their sha256."""
 
 Row = dict[str, Any]
 
 
-def write_replies(episodes: Iterable[Record], folder: Path, *, summaries: bool = False) -> dict[str, int]:
-    """Write a row for every reply, and with `summaries` for every summary; return the number of episodes and rows."""
-    return _write(folder, episodes, lambda episode: reply_rows(episode, summaries=summaries))
+def write_replies(
+    episodes: Iterable[Record], folder: Path, *, summaries: bool = False, pictures: bool = False
+) -> dict[str, int]:
+    """Write a row for every reply, and with `summaries` for every summary; return the number of episodes and rows.
+
+    `pictures` are written as files, here and below, and counted.
+    """
+    return _write(folder, episodes, lambda episode: reply_rows(episode, summaries=summaries), pictures=pictures)
 
 
-def write_chains(episodes: Iterable[Record], folder: Path, *, summaries: bool = False) -> dict[str, int]:
+def write_chains(
+    episodes: Iterable[Record], folder: Path, *, summaries: bool = False, pictures: bool = False
+) -> dict[str, int]:
     """Write the rows of `chain_rows`; return the number of episodes, rows and replies."""
-    return _write(folder, episodes, lambda episode: chain_rows(episode, summaries=summaries))
+    return _write(folder, episodes, lambda episode: chain_rows(episode, summaries=summaries), pictures=pictures)
 
 
-def write_episodes(episodes: Iterable[Record], folder: Path) -> dict[str, int]:
+def write_episodes(episodes: Iterable[Record], folder: Path, *, pictures: bool = False) -> dict[str, int]:
     """Write a row for every episode; return the number of episodes and rows."""
-    return _write(folder, episodes, lambda episode: iter([episode_row(episode)]))
+    return _write(folder, episodes, lambda episode: iter([episode_row(episode)]), pictures=pictures)
 
 
 def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
@@ -94,9 +108,25 @@ def episode_row(episode: Record) -> Row:
 
 
 def plain(message: Message) -> Row:
-    """Return a message with text as its content, and without a provider's own items."""
+    """Return a message with text as its content, its parts if it has pictures, and without a provider's own items."""
     kept = ("role", "name", "tool_calls", "tool_call_id", "reasoning_content")
-    return {**{name: message[name] for name in kept if name in message}, "content": text_of(message)}  # type: ignore[literal-required]
+    content = message["content"] if pictures_of(message) else text_of(message)
+    return {**{name: message[name] for name in kept if name in message}, "content": content}  # type: ignore[literal-required]
+
+
+def with_images(row: Row) -> Row:
+    """Return a row whose contents are parts, with the column `images`: the paths of the pictures that they name."""
+    images: list[str] = []
+
+    def in_parts(message: Row) -> Row:
+        content = message["content"]
+        parts = [{"type": "text", "text": content}] if isinstance(content, str) else content
+        images.extend(f"{PICTURES}/{part['sha256']}.png" for part in parts if is_picture(part))
+        return {**message, "content": [{"type": "image"} if is_picture(part) else part for part in parts]}
+
+    columns = ("prompt", "completion", "messages")
+    changed = {name: list(map(in_parts, row[name])) for name in columns if name in row}
+    return {**row, **changed, "images": images}
 
 
 @dataclass(frozen=True)
@@ -148,14 +178,29 @@ def _facts(episode: Record) -> Row:
     }
 
 
-def _write(folder: Path, episodes: Iterable[Record], rows_of: Callable[[Record], Iterator[Row]]) -> dict[str, int]:
-    counts = {"episodes": 0, "rows": 0}
+def _write(
+    folder: Path, episodes: Iterable[Record], rows_of: Callable[[Record], Iterator[Row]], *, pictures: bool
+) -> dict[str, int]:
+    counts = {"episodes": 0, "rows": 0, **({"pictures": 0} if pictures else {})}
     with (folder / FILE).open("x", encoding="utf-8", newline="\n") as file:
         for episode in episodes:
             counts["episodes"] += 1
+            if pictures:
+                counts["pictures"] += _write_pictures(folder / PICTURES, episode)
             for row in rows_of(episode):
+                row = with_images(row) if pictures else row
                 counts["rows"] += 1
                 if "replies" in row:
                     counts["replies"] = counts.get("replies", 0) + row["replies"]
                 file.write(json.dumps(row, ensure_ascii=False) + "\n")
     return counts
+
+
+def _write_pictures(folder: Path, episode: Record) -> int:
+    """Write the pictures that an episode showed and that are not there yet; return their number."""
+    folder.mkdir(exist_ok=True)
+    files = {folder / f"{name}.png": picture for name, picture in recorded_pictures(episode.events).items()}
+    new = [file for file in files if not file.exists()]
+    for file in new:
+        file.write_bytes(files[file].png)
+    return len(new)
