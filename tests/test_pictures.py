@@ -15,9 +15,10 @@ import pytest
 from PIL import Image
 
 import smartplay_tools as sp
-from smartplay_tools.episode import GameTools
+from smartplay_tools.episode import GameTools, cell_config
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import TranscriptError, UnknownNameError
+from smartplay_tools.evaluation.runs.estimate import estimate_cell
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.minecraft import pictures as minecraft
 from smartplay_tools.games.minecraft.voxel import animals
@@ -27,6 +28,8 @@ from smartplay_tools.pictures import RULES
 from smartplay_tools.pictures.png import LARGEST_SCALE, encode
 from smartplay_tools.players.random import RandomPlayer
 from smartplay_tools.records import recorded_pictures, replay, resume, sent_prompts
+from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.records.tariffs import charge_records, tariffs_of
 from smartplay_tools.tokens import TokenCounter, get_tokenizer
 from tests import fuzz, scripts
 
@@ -406,3 +409,29 @@ def test_a_sweep_varies_what_observations_are(tmp_path):
     assert len({row["seed"] for row in swept.rows}) == 1
     assert len({row["state_hash"] for row in swept.rows}) == 1
     assert {row["tokenizer"] for row in swept.rows[1:]} == {"o200k_base+claude-28"}
+
+
+# Before and after a run.
+
+
+@pytest.mark.parametrize("form", ["picture", "both"])
+def test_an_estimate_and_what_it_cost_count_pictures(tmp_path, form):
+    """What is played lies within the estimate, and the cost has every token of the prompts on record."""
+    budget = sp.Budget(tool_calls=30, history=5)
+    cell = cell_config("Crafter-v0", player="random", budget=budget, observation=form)
+    played = sp.evaluate(
+        ["Crafter-v0"],
+        ["random"],
+        out=tmp_path / "run",
+        trials=2,
+        budgets=[budget],
+        observation=form,
+        executor="inline",
+    )
+    estimated = estimate_cell(cell, [row["seed"] for row in played.rows], None).prompt_tokens
+    took = sum(row["tokens"]["prompt"] for row in played.rows)
+    assert estimated.low <= took <= estimated.high
+    assert took > 2 * 30 * 4 * 81  # four pictures and more in most prompts
+    records = {row["key"]: RunFolder(tmp_path / "run").transcript(row["key"]) for row in played.rows}
+    charged = charge_records(records, tariffs_of(["none"]), {})
+    assert sum(cost.charges[0].prompt for cost in charged.values()) == took
