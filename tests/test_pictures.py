@@ -10,8 +10,10 @@ import struct
 import zlib
 from collections import Counter
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.wrappers import AddRenderObservation
 from PIL import Image
 
 import smartplay_tools as sp
@@ -361,6 +363,21 @@ def test_many_prompts_with_pictures_are_judged(form):
 def test_a_game_without_pictures_is_refused_in_a_sentence(game, options, why):
     with pytest.raises(sp.InvalidArgumentError, match=why):
         sp.Episode(game, seed=1, observation="picture", **options)
+
+
+def test_gymnasium_adds_a_picture_to_a_text_game_by_its_own_wrapper():
+    with pytest.raises(
+        sp.InvalidArgumentError, match=r"The observation of a text game is its text.*AddRenderObservation"
+    ):
+        gymnasium.make("smartplay_tools:smartplay/Hanoi3Disk-v0", observation="both")
+    game = gymnasium.make("smartplay_tools:smartplay/Crafter-v0", render_mode="rgb_array")
+    both = AddRenderObservation(game, render_only=False, render_key="picture", obs_key="text")
+    both.reset(seed=3)
+    seen, *_ = both.step(0)
+    assert both.observation_space.contains(seen)
+    assert np.array_equal(seen["picture"], game.render())
+    assert seen["text"] == game.unwrapped.observation
+    both.close()
 
 
 def test_another_word_is_refused():

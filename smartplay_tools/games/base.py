@@ -86,8 +86,17 @@ class TextGame(gymnasium.Env[str, Any]):
         longest_observation: int,
         characters: str,
         render_mode: str | None = None,
+        observation: str = "text",
     ) -> None:
-        """`longest_observation` (in characters) and `characters` are the bounds of the observation space."""
+        """`longest_observation` (in characters) and `characters` are the bounds of the observation space.
+
+        `observation` is "text", since a picture beside it or in its place is a matter of Gymnasium's wrapper.
+        """
+        if observation != "text":
+            raise InvalidArgumentError(
+                f'The observation of a text game is its text, not "{observation}"; gymnasium.wrappers.'
+                'AddRenderObservation adds the picture of a game that has the render mode "rgb_array".'
+            )
         if history is not None and history < 0:
             raise InvalidArgumentError(f"history must be 0 or more, or None for all steps, not {history}.")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
