@@ -51,7 +51,8 @@ def sampled_tokens(choice: Mapping[str, Any], prompt: Any) -> SampledTokens | No
     content = logprobs.get("content") if isinstance(logprobs, Mapping) else None
     try:
         drawn = [each["logprob"] for each in content or ()]
-        return SampledTokens(reply=ids, logprobs=drawn if len(drawn) == len(ids) else None, prompt=prompt)
+        logprobs = tuple(drawn) if len(drawn) == len(ids) else None
+        return SampledTokens(reply=tuple(ids), logprobs=logprobs, prompt=prompt)
     except (KeyError, TypeError, ValueError):
         return None
 
