@@ -97,6 +97,8 @@ def _bounded(tool: ToolSpec) -> dict[str, Any]:
 def _with_end(schema: Any, longest: int) -> Any:
     if isinstance(schema, Mapping) and schema.get("type") == "string" and "enum" not in schema:
         return {"maxLength": longest, "minLength": 1, **schema}
+    if isinstance(schema, Mapping) and isinstance(kinds := schema.get("anyOf"), list):
+        return {**schema, "anyOf": [_with_end(kind, longest) for kind in kinds]}
     return schema
 
 

@@ -163,6 +163,14 @@ def test_the_grammar_names_every_tool_and_bounds_its_texts():
     assert '"maxLength":2000' in grammar
 
 
+def test_a_text_that_may_be_null_has_an_end_too():
+    with sp.Episode(GAME, seed=1, budget=sp.Budget(memory_tokens=50)) as episode:
+        grammar = grammar_of(episode.tools[-1:])
+    assert (
+        grammar.count('"maxLength":2000') == grammar.count('"type":"string"') - 1
+    )  # the command is one of a few words
+
+
 def test_a_missing_file_is_said_before_anything_is_played(tmp_path, monkeypatch):
     monkeypatch.setenv("SMARTPLAY_MODELS", str(tmp_path))
     with pytest.raises(sp.InvalidArgumentError, match=r"model get smollm2-135m` downloads it \(98 MB\)"):
