@@ -81,8 +81,8 @@ BeyondResult = Literal["cut", "offload"]
 ObservationForm = Literal["text", "picture", "both"]
 """What an observation is: words, a picture that the game makes of itself, or both."""
 
-CarriedStore = Literal["notes"]
-"""What a trial of a run can leave to the next one: the agent's notes."""
+CarriedStore = Literal["notes", "memory"]
+"""What a trial of a run can leave to the next one: the agent's notes, or the files of its tool `memory`."""
 
 Purpose = Literal["play", "summary"]
 """What a prompt asks for: the next reply of the play, or a summary of the turns that are about to leave."""

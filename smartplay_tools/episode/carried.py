@@ -13,18 +13,21 @@ longest form of the message from the first trial on, so that no later trial is r
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Protocol, Self
+from typing import Annotated, Any, Protocol, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smartplay_tools import prompts
 from smartplay_tools.arguments import read
+from smartplay_tools.context.strategies import Strategies
+from smartplay_tools.context.strategies.files import Files
+from smartplay_tools.context.strategies.memory import COMMANDS
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one_line
 from smartplay_tools.messages import Message
 from smartplay_tools.tokens import TokenCounter, truncation
 from smartplay_tools.transcript.events import CallEvent, Event
-from smartplay_tools.types import NOTES_TOOL, Budget, CarriedStore, ResolvedBudget
+from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, Budget, CarriedStore, ResolvedBudget
 
 
 class StoreKind(Protocol):
@@ -32,16 +35,26 @@ class StoreKind(Protocol):
 
     field: str
     """The field of the budget that offers the tool."""
+    kept: str
+    """The field of `Carried` that holds it."""
 
-    def after(self, calls: Iterable[CallEvent], before: str | None) -> str | None:
+    def after(self, calls: Iterable[CallEvent], before: Any) -> Any:
         """Return what the store holds after these calls; `before` is what it held at the start, None for nothing."""
+        ...
+
+    def begin(self, held: Any, strategies: Strategies, counter: TokenCounter) -> None:
+        """Give the strategies of an episode what the store held."""
         ...
 
 
 class NotesStore:
-    """The newest notes that were accepted."""
+    """The newest notes that were accepted; the message that ends the head shows them."""
 
     field = "notes_tokens"
+    kept = "notes"
+
+    def begin(self, held: str | None, strategies: Strategies, counter: TokenCounter) -> None:
+        """Do nothing: they are in the head."""
 
     def after(self, calls: Iterable[CallEvent], before: str | None) -> str | None:
         """Return the newest notes; those of before if none were taken, None if the newest call cleared them."""
@@ -51,7 +64,34 @@ class NotesStore:
         return before
 
 
-STORES: Mapping[CarriedStore, StoreKind] = {"notes": NotesStore()}
+class FilesStore:
+    """The files of the tool `memory`, none of which is in view."""
+
+    field = "memory_tokens"
+    kept = "files"
+
+    def begin(self, held: Mapping[str, str] | None, strategies: Strategies, counter: TokenCounter) -> None:
+        """Let the tool begin with the files."""
+        if held and (memory := strategies.memory) is not None:
+            memory.files.apply(held)
+            memory.size = sum(counter.text(path) + counter.text(text) for path, text in held.items())
+
+    def after(self, calls: Iterable[CallEvent], before: Mapping[str, str] | None) -> dict[str, str] | None:
+        """Return the files after the commands that were carried out; None if there are none."""
+        files = Files(lambda path, text: 0)  # sizes are for answers, which are on record
+        files.apply(before or {})
+        for call in calls:
+            if call["name"] == MEMORY_TOOL and not call["is_error"]:
+                sent = read(call["arguments"]).values or {}
+                given = {name: value for name, value in sent.items() if value is not None}
+                command = given.pop("command")
+                if command not in COMMANDS:
+                    raise ValueError(f"{command!r} is not a command of the memory")
+                files.apply(getattr(files, command)(**given).changes)
+        return dict(files.texts) or None
+
+
+STORES: Mapping[CarriedStore, StoreKind] = {"notes": NotesStore(), "memory": FilesStore()}
 """The stores by the value of `Rules.carry`."""
 
 
@@ -65,7 +105,9 @@ class Carried(BaseModel):
     result: str | None = None
     """The last result of that trial, as it was given; None if it made no call."""
     notes: str | None = None
-    """The notes at its end; None if there were none."""
+    """The notes at its end; None if there were none, or they are not carried."""
+    files: Mapping[str, str] | None = None
+    """The files of its memory at its end, by their paths; None if there were none, or they are not carried."""
 
     @classmethod
     def of(cls, start: Event) -> Self | None:
@@ -92,10 +134,12 @@ class Carried(BaseModel):
         return _message(truncation.cut_end(self.result, longest, count), self.notes)
 
 
-def longest_message(budget: ResolvedBudget, counter: TokenCounter) -> int:
+def longest_message(carry: CarriedStore, budget: ResolvedBudget, counter: TokenCounter) -> int:
     """Return the tokens of the longest message that a trial can find in its head, under a cap on prompts."""
     results = (budget.result_tokens, budget.manual_tokens, budget.recall_tokens)
     longest = max((cap for cap in results if cap is not None), default=0)
+    if carry == "memory":
+        return counter.message(_message("", None)) + longest
     return counter.message(_message("", "")) + longest + (budget.notes_tokens or 0)
 
 
@@ -103,7 +147,9 @@ def check_carry(rules: Rules, budget: Budget) -> None:
     """Raise an `InvalidArgumentError` if what a run asks to carry is not kept, or cannot be shown."""
     if rules.carry is None:
         if rules.chain is not None:
-            raise InvalidArgumentError(f'chain={rules.chain} needs something to carry; ask for carry="notes".')
+            raise InvalidArgumentError(
+                f'chain={rules.chain} needs something to carry; ask for carry="notes" or carry="memory".'
+            )
         return
     field = STORES[rules.carry].field
     if getattr(budget, field) is None:

@@ -73,7 +73,7 @@ class Rules(Recorded):
     observation: ObservationForm = "text"
     """What an observation is: "text"; "picture", one that the game makes of itself; "both"."""
     carry: CarriedStore | None = None
-    """What a trial of a run takes over from the one before it in its chain: "notes"; None: nothing."""
+    """What a trial of a run takes over from the one before it in its chain: "notes", "memory"; None: nothing."""
     chain: Cap | None = None
     """How many trials a chain has, with `carry`; None: all trials of the cell."""
 

@@ -347,7 +347,9 @@ class Episode:
             "cut_results": int(cut),
             "versions": self._versions(),
         }
-        self._record(start if self.carried is None else {**start, "carried": self.carried.model_dump()})
+        self._record(
+            start if self.carried is None else {**start, "carried": self.carried.model_dump(exclude_none=True)}
+        )
 
     def _answer(
         self,

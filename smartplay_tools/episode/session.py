@@ -16,7 +16,7 @@ from smartplay_tools import prompts
 from smartplay_tools.arguments import Arguments
 from smartplay_tools.context.strategies import Strategies, StrategyTool
 from smartplay_tools.episode import budgets
-from smartplay_tools.episode.carried import Carried, check_carry, longest_message
+from smartplay_tools.episode.carried import STORES, Carried, check_carry, longest_message
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.episode.tools import MistakeError, ParsedCall, Tools
 from smartplay_tools.games.specs import GameSpec
@@ -79,13 +79,14 @@ class GameSession:
         least = 0
         if asked.prompt_tokens is not None and context == "window":
             least = counter.prompt(self.head, self.tools.specs)
-            longest = 0 if config.carry is None else longest_message(self.budget, counter)
+            longest = 0 if config.carry is None else longest_message(config.carry, self.budget, counter)
             budgets.check_head(self.budget, least, self.strategies, carried=longest)
         if observation != "text":
             words = counter.text(f"{prompts.PICTURE_SHOWN}\n{prompts.GAME_IS_OVER}")
             budgets.check_pictures(self.budget, least, self._picture_tokens, words)
-        if carried is not None:
-            cap = None if asked.prompt_tokens is None else longest_message(self.budget, counter)
+        if carried is not None and config.carry is not None:
+            STORES[config.carry].begin(getattr(carried, STORES[config.carry].kept), self.strategies, counter)
+            cap = None if asked.prompt_tokens is None else longest_message(config.carry, self.budget, counter)
             self.head = [*self.head, carried.message(counter, cap)]
 
     def end(self, reason: EndReason, error: BaseException | None = None, detail: str | None = None) -> None:

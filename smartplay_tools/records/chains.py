@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from smartplay_tools.context.strategies.files import FileError
 from smartplay_tools.episode.carried import STORES, Carried
-from smartplay_tools.errors import TranscriptError
+from smartplay_tools.errors import TranscriptError, in_one_line
+from smartplay_tools.records.error_location import SENSELESS
 from smartplay_tools.records.record import Record
 
 
@@ -19,8 +21,13 @@ def left_by(path: Path) -> Carried:
     if carry is None:
         raise TranscriptError(f"{path} is of an episode that leaves nothing to another one.")
     played = [call for call in record.calls if call["data"].get("mistake") != "over"]
-    notes = STORES[carry].after(record.calls, None if before is None else before.notes)
-    return Carried(record=record.events[-1]["chain"], result=played[-1]["text"] if played else None, notes=notes)
+    store = STORES[carry]
+    try:
+        held = store.after(record.calls, None if before is None else getattr(before, store.kept))
+    except (*SENSELESS, FileError) as error:
+        raise TranscriptError(f"{path} has calls that cannot have been answered so: {in_one_line(error)}.") from error
+    result = played[-1]["text"] if played else None
+    return Carried(record=record.events[-1]["chain"], result=result, **{store.kept: held})
 
 
 def carried_in(record: Record) -> Carried | None:

@@ -32,7 +32,7 @@ class StartEvent(TypedDict):
     """1 if the manual was pinned and cut to its cap, else 0."""
     versions: dict[str, str]
     carried: NotRequired[dict[str, Any]]
-    """What the episode takes over from the trial before it: `record`, the digest of its record, `result`, `notes`."""
+    """What it takes over from the trial before it: the digest of its `record`, `result`, `notes` or `files`."""
 
 
 class HeadEvent(TypedDict):

@@ -171,8 +171,9 @@ def test_a_rule_learns_from_trial_to_trial_how_often_a_better_machine_wins(playe
     ("options", "reason"),
     [
         ({"budgets": sp.Budget()}, "give notes_tokens a number"),
-        ({"carry": None}, 'ask for carry="notes"'),
-        ({"carry": "memories"}, "carry must be one of notes, not 'memories'"),
+        ({"carry": None}, 'ask for carry="notes" or carry="memory"'),
+        ({"carry": "memories"}, "carry must be one of notes, memory, not 'memories'"),
+        ({"carry": "memory"}, "give memory_tokens a number"),
         ({"repeats": 2}, "plays every world once"),
         ({"budgets": NOTING.model_copy(update={"result_tokens": None})}, "give result_tokens a number"),
         ({"budgets": sp.Budget(notes_tokens=100, prompt_tokens=450)}, "carried from the trial before"),
@@ -193,7 +194,7 @@ def test_the_longest_message_is_reserved_and_never_exceeded():
     counter, chance = shared_counter(), random.Random(1)
     with sp.Episode(BANDIT, seed=1, budget=NOTING) as episode:
         budget = episode.budget
-    longest = longest_message(budget, counter)
+    longest = longest_message("notes", budget, counter)
     pieces = ["\n", " ", "/", "a", "word", "'s", "1", "\u00e9", "\u4e2d", "[", "\r\n\n"]
     for _ in range(20):
         result, notes = ("".join(chance.choices(pieces, k=400)) for _ in range(2))
@@ -226,7 +227,55 @@ def test_notes_that_were_cleared_are_not_carried(tmp_path):
     first = sp.records.manifest.trial_seed(0, BANDIT, 0)
     done = run(tmp_path / "run", players={"clearing": Clearing}, player_options={"first": first}, trials=4, chain=None)
     carried = [sp.read_transcript(done.transcript(row["key"]))[0].get("carried") for row in done.rows]
-    assert [each and each["notes"] for each in carried] == [None, "remember", None, None]
+    assert [each and each.get("notes") for each in carried] == [None, "remember", None, None]
+
+
+class Filing:
+    """Looks at its files, and adds one with the number of the trial."""
+
+    name = "filing"
+
+    def __init__(self, *, seed: int, first: int) -> None:
+        trial = seed - first
+        path = f"/memories/{trial}.txt"
+        self._calls = [
+            {"command": "view", "path": "/memories"},
+            {"command": "create", "path": path, "file_text": f"trial {trial}"},
+            {"command": "create", "path": "/memories/long.txt", "file_text": "word " * 500},
+        ]
+        if trial == 2:
+            self._calls.append({"command": "delete", "path": "/memories/0.txt"})
+
+    def reply(self, prompt: sp.Prompt) -> sp.Reply:
+        if not self._calls:
+            return sp.Reply(act("1"))
+        call = {"name": "memory", "arguments": json.dumps(self._calls.pop(0))}
+        return sp.Reply({"role": "assistant", "tool_calls": [{"id": "m", "type": "function", "function": call}]})
+
+
+def test_files_are_carried_and_none_is_in_view(tmp_path):
+    options = {"first": sp.records.manifest.trial_seed(0, BANDIT, 0)}
+    budget = sp.Budget(memory_tokens=60, prompt_tokens=1500, tool_calls=8)
+    done = run(
+        tmp_path / "run",
+        players={"filing": Filing},
+        player_options=options,
+        trials=4,
+        chain=None,
+        carry="memory",
+        budgets=budget,
+    )
+    events = [sp.read_transcript(done.transcript(row["key"])) for row in done.rows]
+    carried = [each[0].get("carried", {}).get("files") for each in events]
+    first, second, third = ({f"/memories/{n}.txt": f"trial {n}"} for n in range(3))
+    assert carried == [None, first, first | second, second | third]
+    views = [next(event["text"] for event in each if event["event"] == "call") for each in events]
+    assert "/memories/0.txt" in views[1]
+    assert "/memories/1.txt" in views[3]
+    heads = [str(next(event for event in each if event["event"] == "head")["messages"]) for each in events]
+    assert not any("trial 0" in head for head in heads)
+    assert "The last result there was" in heads[1]
+    assert not any(finding.differences for finding in audit(done.folder, 1))
 
 
 SCRIPT = """
