@@ -545,3 +545,16 @@ def test_an_episode_of_ten_thousand_steps_is_made_opened_and_moved_through(show,
       return (performance.now() - began) / 10;
     }""")
     assert took < 500, "milliseconds for a step"
+
+
+def test_a_button_that_leads_nowhere_is_off(show, tmp_path):
+    run = tmp_path / "run"
+    for seed in (1, 2):
+        record(run / f"{seed}.jsonl", HANOI, seed=seed)
+    page = show(run, "#episode=1")
+    buttons = [page.locator("#episode-before"), page.locator("#episode-after")]
+    assert [button.is_disabled() for button in buttons] == [True, False]
+    buttons[1].click()
+    page.wait_for_url("**#episode=2*")
+    page.locator("#episode-after[disabled]").wait_for()
+    assert [button.is_disabled() for button in buttons] == [False, True]

@@ -23,6 +23,8 @@ function useEpisode(episode) {
   const tokens = episode.turns.map(({ view }) => view?.tokens ?? 0);
   episode.mostTokens = extent([0, ...tokens])[1];
   describeEpisode(episode);
+  $("episode-before").disabled = !besideEpisode(-1);
+  $("episode-after").disabled = !besideEpisode(1);
   renderSearch();
 }
 
@@ -146,13 +148,16 @@ function goToMistake(direction) {
   if (target !== undefined) goTo(target);
 }
 
-function goToEpisode(direction) {
-  if (served) {
-    const address = neighbour(direction);
-    if (address) location.assign(address);
-    return;
-  }
+// The address of the episode before or after this one; null if there is none.
+function besideEpisode(direction) {
+  if (served) return neighbour(direction) ?? null;
   const keys = page.episodes.map((episode) => episode.key);
   const at = keys.indexOf(shown.episode.key) + direction;
-  if (at in keys) location.hash = `#episode=${encodeURIComponent(keys[at])}&turn=0`;
+  return at in keys ? `#episode=${encodeURIComponent(keys[at])}&turn=0` : null;
+}
+
+function goToEpisode(direction) {
+  const address = besideEpisode(direction);
+  if (address?.startsWith("#")) location.hash = address;
+  else if (address) location.assign(address);
 }
