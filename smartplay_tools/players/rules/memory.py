@@ -26,6 +26,8 @@ PATH_TOKENS = 10
 """At least the tokens of its path."""
 CONTENT = f"Here's the content of {FILE} "
 NUMBERED = re.compile(r"^ *\d+\t", re.MULTILINE)
+IDS = {NOTES_TOOL: "notes"}
+"""How the ids of calls begin, where that is not the name of the tool."""
 CHARACTERS_A_TOKEN = 2
 """Fewer than any line here has: the player does not know the tokenizer, and notes that are too long are refused."""
 
@@ -172,7 +174,8 @@ def searched(message: Message, query: str) -> Message:
 def _with_call(message: Message, tool: str, **arguments: str) -> Message:
     (first,) = calls_of(call(tool, **arguments))
     others = calls_of(message)
-    return {**message, "tool_calls": [{**first, "id": f"{tool}_{len(others)}"}, *others]}
+    number = sum(other["function"]["name"] == tool for other in others)
+    return {**message, "tool_calls": [{**first, "id": f"{IDS.get(tool, tool)}_{number}"}, *others]}
 
 
 def _recalled(reading: Reading) -> dict[int, str]:
