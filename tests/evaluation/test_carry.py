@@ -310,6 +310,15 @@ def start(out: Path, executor: str, trials: int) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, preexec_fn=heed_interrupts)
 
 
+@pytest.mark.slow
+def test_a_ray_cluster_plays_the_same_records(tmp_path):
+    pytest.importorskip("ray", reason="the extra `ray` is not installed")
+    for executor in ("inline", "ray"):
+        with start(tmp_path / executor, executor, trials=6) as process:
+            assert process.wait(240) == 0
+    assert records(RunFolder(tmp_path / "ray")) == records(RunFolder(tmp_path / "inline"))
+
+
 @pytest.mark.parametrize(
     ("executor", "kills", "trials"),
     [("inline", 1, 4), pytest.param("processes", 8, 24, marks=pytest.mark.slow)],
