@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from smartplay_tools.games.crafter.balance import INTERVAL, balance, light
 from smartplay_tools.games.crafter.creatures import UPDATE
-from smartplay_tools.games.crafter.facts import NIGHT_PIXELS, UPDATE_DISTANCE
+from smartplay_tools.games.crafter.facts import NIGHT_PIXELS, UPDATE_DISTANCE, VIEW
 from smartplay_tools.games.crafter.player import CrafterPlayer
 from smartplay_tools.games.crafter.stream import world_seed
 from smartplay_tools.games.crafter.views import Scene, Sight, body_texture, thing_texture
@@ -20,6 +20,9 @@ from smartplay_tools.games.crafter.world import (
     position,
     without_margin,
 )
+
+IN_VIEW = VIEW[0] // 2 + VIEW[1] // 2
+"""The distance of a corner of the view: what is further away is not seen."""
 
 
 class FastEngine:
@@ -81,7 +84,9 @@ class FastEngine:
         player = self.player
         body = body_texture(player.facing, sleeping=player.sleeping)
         things = [
-            (thing_texture(thing.kind, thing.clock, thing.heading), position(thing.at)) for thing in self.world.things
+            (thing_texture(thing.kind, thing.clock, thing.heading), position(thing.at))
+            for thing in self.world.things
+            if DISTANCE[thing.at - player.at] <= IN_VIEW
         ]
         return Scene(
             ground=without_margin(self.world.ground),

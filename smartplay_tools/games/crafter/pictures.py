@@ -65,9 +65,12 @@ def cells_seen(scene: Scene) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Materials (0: outside the map) and the things on them (`textures.LAYERS`), by column and row of the view."""
     columns, rows = VIEW
     left, top = scene.position[0] - columns // 2, scene.position[1] - rows // 2
-    ground = np.zeros((AREA + 2 * columns, AREA + 2 * columns), np.uint8)
-    ground[columns:-columns, columns:-columns] = np.frombuffer(scene.ground, np.uint8).reshape(AREA, AREA)
-    materials = ground[left + columns : left + 2 * columns, top + columns : top + columns + rows]
+    ground = np.frombuffer(scene.ground, np.uint8).reshape(AREA, AREA)
+    if 0 <= left <= AREA - columns and 0 <= top <= AREA - rows:
+        materials = ground[left : left + columns, top : top + rows]
+    else:
+        wider = np.pad(ground, columns)
+        materials = wider[left + columns : left + 2 * columns, top + columns : top + columns + rows]
     layers = np.zeros(VIEW, np.uint8)
     for texture, (x, y) in scene.things:
         if 0 <= x - left < columns and 0 <= y - top < rows:

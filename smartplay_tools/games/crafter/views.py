@@ -30,7 +30,8 @@ class Scene(NamedTuple):
     ground: bytes
     """The material of each cell, column by column."""
     things: Sequence[tuple[str, tuple[int, int]]]
-    """Texture and position of the player and of all things, in the order in which they are drawn."""
+    """Texture and position of the player and of all things in the view, at least, in the order in which they are drawn.
+    """
     position: tuple[int, int]
     inventory: Mapping[str, int]
     sleeping: bool
