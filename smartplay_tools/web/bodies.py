@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from contextlib import suppress
 from typing import TypeVar
 
 from starlette.responses import PlainTextResponse, Response
@@ -46,7 +45,7 @@ class Bounded:
             await self._app(scope, receive, send)
             return
         parts, size, is_whole = [], 0, False
-        with suppress(TimeoutError):
+        try:
             async with asyncio.timeout(PATIENCE):
                 while not is_whole:
                     message = await receive()
@@ -56,6 +55,11 @@ class Bounded:
                     if size <= self._largest:
                         parts.append(message.get("body", b""))
                     is_whole = not message.get("more_body", False)
+        except TimeoutError:
+            pass  # what came is answered below
+        except asyncio.CancelledError:  # the server stops, and does not wait for the rest
+            await _refusal(503, "The server stops.")(scope, receive, send)
+            return
         if size > self._largest:
             await _refusal(413, f"The body of a request has at most {self._largest:,} bytes.")(scope, receive, send)
         elif not is_whole:

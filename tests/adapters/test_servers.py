@@ -26,6 +26,7 @@ import smartplay_tools as sp
 pytest.importorskip("uvicorn")
 
 from smartplay_tools.web import EpisodeStore, Server, bodies
+from smartplay_tools.web import server as web_server
 
 GAME = "Hanoi3Disk-v0"
 ROOT = Path(__file__).parents[2]
@@ -203,6 +204,26 @@ def test_what_is_half_sent_is_closed_and_others_are_answered(
             assert answer.endswith(sentence)
             assert (b" 408 " in answer) is bool(sentence)
         assert b" 408 " not in b"".join(iter(lambda: second.recv(4096), b""))
+
+
+@every_server
+def test_a_server_that_stops_answers_what_is_half_sent(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(web_server, "GRACE", 0.2)
+    with ExitStack() as later:
+        with ExitStack() as stack:
+            case = SERVERS[name][0](stack, tmp_path)
+            where = urlsplit(case.server.url)
+            connection = later.enter_context(socket.create_connection((where.hostname, where.port), timeout=30))
+            head = {"Host": "localhost", **case.headers, "Content-Type": "application/json", "Content-Length": "20"}
+            lines = "".join(f"{key}: {value}\r\n" for key, value in head.items())
+            connection.sendall(f'POST {case.path} HTTP/1.1\r\n{lines}\r\n{{"a": '.encode())
+            assert ask(case, padded(case.body, 1))[0] in (200, 201)
+        answer = b"".join(iter(lambda: connection.recv(4096), b""))
+    assert b" 503 " in answer
+    assert answer.endswith(b"The server stops.")
+    assert "Traceback" not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("name", [name for name, (_, largest) in SERVERS.items() if largest == REQUEST])
