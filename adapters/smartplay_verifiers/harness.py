@@ -13,10 +13,9 @@ from typing import Any
 import verifiers.v1 as vf
 
 from smartplay_tools import Conversation, Episode, EpisodeConfig, EpisodeResult, get_player
-from smartplay_tools.episode import reward_of
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.transcript import Event
-from smartplay_verifiers.tasks import INFO, SmartPlayData
+from smartplay_verifiers.tasks import INFO, SmartPlayData, outcome
 
 
 class SmartPlayHarnessConfig(vf.HarnessConfig):
@@ -58,11 +57,7 @@ class SmartPlayHarness(vf.Harness[SmartPlayHarnessConfig]):
             async with player:
                 await _play(episode, player, trace)
         assert episode.result is not None
-        trace.info[INFO] = {
-            "reward": reward_of(episode, task.reward),
-            "result": episode.result.model_dump(mode="json"),
-            "record": events,
-        }
+        trace.info[INFO] = outcome(episode, task.reward, events)
         return _program_result(episode.result)
 
 

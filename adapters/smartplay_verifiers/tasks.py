@@ -5,17 +5,19 @@ Options are the taskset's, not the harness's, because a task has to say by itsel
 
 from __future__ import annotations
 
+import asyncio
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
 import verifiers.v1 as vf
 from pydantic import Field, ValidationError, create_model
 
-from smartplay_tools import Budget, InvalidArgumentError
-from smartplay_tools.episode import EpisodeFactory, RewardName
+from smartplay_tools import Budget, Episode, EpisodeConfig, InvalidArgumentError, get_player, play
+from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.errors import in_one_line
 from smartplay_tools.records import trial_seed
+from smartplay_tools.transcript import Event
 
 INFO = "smartplay"
 """Where a trace keeps what the harness has played: reward, result and record."""
@@ -32,8 +34,36 @@ class SmartPlayData(vf.TaskData):
     reward: RewardName
 
 
+def outcome(episode: Episode, reward: RewardName, record: Sequence[Event]) -> dict[str, Any]:
+    """Return what a trace keeps of an episode that is over: reward, result and record."""
+    assert episode.result is not None
+    return {
+        "reward": reward_of(episode, reward),
+        "result": episode.result.model_dump(mode="json"),
+        "record": list(record),
+    }
+
+
 class SmartPlayTask(vf.Task[SmartPlayData, vf.State, vf.TaskConfig]):
-    """One episode."""
+    """One episode.
+
+    `vf-validate` checks it without a model: the oracle's episode has to be worth more than one in which nothing is
+    played, and that one less than 1.
+    """
+
+    async def finalize(self, trace: vf.Trace[Any, Any], runtime: vf.Runtime) -> None:
+        """Where no agent was, leave the outcome of an episode in which nothing is played."""
+        if INFO not in trace.info:
+            trace.info[INFO] = await asyncio.to_thread(_play, self.data, None)
+
+    async def validate(self, runtime: vf.Runtime) -> bool | None:
+        """Return whether the oracle earns more than nobody; None where the best play is not known."""
+        try:
+            best = await asyncio.to_thread(_play, self.data, "oracle")
+        except InvalidArgumentError:
+            return None
+        nothing = await asyncio.to_thread(_play, self.data, None)
+        return bool(best["reward"] > nothing["reward"])
 
     @vf.reward
     async def game_reward(self, trace: vf.Trace[Any, Any]) -> float:
@@ -47,6 +77,15 @@ class SmartPlayTask(vf.Task[SmartPlayData, vf.State, vf.TaskConfig]):
         figures = {name: float(result[name]) for name in FIGURES if result[name] is not None}
         tokens = result["tokens"]
         return {**figures, "prompt_tokens": float(tokens["prompt"]), "reply_tokens": float(tokens["reply"])}
+
+
+def _play(data: SmartPlayData, player: str | None) -> dict[str, Any]:
+    """Play a task without a model: by a scripted player, or not at all."""
+    record: list[Event] = []
+    with Episode.from_config(EpisodeConfig(**data.config), transcript=record) as episode:
+        if player is not None:
+            play(episode, get_player(player))
+    return outcome(episode, data.reward, record)
 
 
 Limit = Annotated[int | float | str | None, Field(union_mode="left_to_right")]

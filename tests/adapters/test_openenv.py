@@ -19,6 +19,7 @@ from openenv.core.env_server.mcp_types import CallToolAction
 from openenv.core.harness import HarnessRunLimits, ModelStepResult
 from openenv.core.llm_client import LLMResponse, ToolCall
 from openenv.core.mcp_client import MCPToolClient
+from openenv.validation.parsers.openenv_yaml import OpenEnvYamlParser
 from smartplay_openenv import (
     SPLITS,
     SmartPlayEnvironment,
@@ -31,6 +32,7 @@ from smartplay_openenv import (
 import smartplay_tools as sp
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.records import trial_seed
+from smartplay_tools.types import TOOL_NAMES
 from smartplay_tools.web import Server
 from tests.adapters import conformance
 from tests.adapters.conformance import (
@@ -265,3 +267,10 @@ def test_the_folder_for_the_hub_is_valid_and_serves(monkeypatch):
 
     with served(server.app.app) as address:
         assert httpx.get(f"{address}/health", trust_env=False).json()["status"] == "healthy"
+
+
+def test_the_hubs_package_declares_what_the_environment_has():
+    declared = OpenEnvYamlParser().parse(HUB).capabilities
+    assert declared.task_api
+    assert declared.declared_tools == list(TOOL_NAMES)
+    assert declared.declared_task_count == {split: chosen.tasks for split, chosen in SPLITS.items()}

@@ -86,6 +86,20 @@ def test_tasks_are_the_trials_of_an_evaluation():
     assert trials[2].data.name == f"{GAME}-2"
 
 
+@pytest.mark.parametrize(
+    ("game", "gold"),
+    [("Hanoi3Disk-v0", "valid"), ("BanditTwoArmedHighLowFixed-v0", "valid"), ("MessengerL1-v0", "unchecked")],
+)
+def test_tasks_are_validated_without_a_model(game, gold, tmp_path):
+    """The oracle is the reference, where there is one; and what nobody plays does not pass."""
+    command = [str(Path(sys.executable).with_name("vf-validate")), "smartplay_verifiers", "--taskset.game", game]
+    command += ["-n", "1", "--runtime.type", "subprocess"]
+    shown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert shown.returncode == 0, shown.stdout + shown.stderr
+    (row,) = map(json.loads, next(tmp_path.rglob("results.jsonl")).read_text(encoding="utf-8").splitlines())
+    assert (row["gold"]["reason"], row["noop"]["reason"]) == (gold, "valid")
+
+
 def test_a_wrong_budget_is_one_sentence():
     with pytest.raises(sp.InvalidArgumentError, match=r"budget is invalid: slack: .* less than or equal to 1\.$"):
         tasks(1, budget=BudgetConfig(slack=2))
