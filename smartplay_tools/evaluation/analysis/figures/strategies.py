@@ -16,6 +16,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 )
 from smartplay_tools.evaluation.analysis.names import series_name, strategy_name
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, family
+from smartplay_tools.quantities import typeset
 from smartplay_tools.types import STRATEGIES, ResolvedBudget
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ ALONG = tuple(STRATEGIES)
 
 
 MEASURES = {
-    "score": ("What a strategy does to the score", "score less that of dropping (points)"),
+    "score": ("What a strategy does to the score", "score less that of {reference} (points)"),
     "tokens": ("What it costs", "tokens an episode"),
     "prefix_share": ("What it does to the prompts", "prompt tokens in a stable prefix (%)"),
 }
@@ -54,12 +55,15 @@ def effects_of_strategies(comparisons: Sequence[WindowComparison]) -> Figure:
         rows += [None, *members]  # a row for the name of the window
         labels += [window.replace("\n", ", "), *(strategy_name(c.cell) for c in members)]
     drawn, axes = panels(len(MEASURES), columns=len(MEASURES), size=(4.2, ROW * len(rows) + 0.9))
+    # Without a cell that drops, another strategy is what the others are compared with.
+    references = {strategy_name(c.cell) for c in rows if c is not None and "score" not in c.differences}
+    reference = references.pop() if len(references) == 1 else "the first"
     for panel, (measure, (title, label)) in zip(axes, MEASURES.items(), strict=True):
         for index, name in enumerate(names):
             own = [(at, c) for at, c in enumerate(rows) if c is not None and strategy_name(c.cell) == name]
             _draw(panel, own, measure, Series.number(index))
-        panel.set(title=title, xlabel=label, ylim=(len(rows) - 0.5, -0.5))
-        panel.set_yticks(range(len(rows)), labels if panel is axes[0] else [])
+        panel.set(title=title, xlabel=typeset(label.format(reference=reference)), ylim=(len(rows) - 0.5, -0.5))
+        panel.set_yticks(range(len(rows)), list(map(typeset, labels)) if panel is axes[0] else [])
     for at, text in enumerate(axes[0].get_yticklabels()):
         text.set_fontweight("bold" if rows[at] is None else "normal")
     axes[0].axvline(0, color=GREY, linewidth=1)

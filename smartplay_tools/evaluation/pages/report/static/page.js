@@ -47,8 +47,15 @@ async function route() {
   if (wasOpen && last) document.querySelector(`#episodes tr[data-key="${CSS.escape(last)}"] a`)?.focus();
 }
 
+// A figure that is much wider than high has a row of its own.
+async function widen(image) {
+  await image.decode();
+  image.closest("figure").classList.toggle("wide", image.naturalWidth > 2.8 * image.naturalHeight);
+}
+
 function connect() {
   connectComparison();
+  for (const image of document.querySelectorAll(".figures img")) widen(image);
   connectNotes();
   window.addEventListener("hashchange", route);
   window.addEventListener("resize", again);
