@@ -80,7 +80,7 @@ class GraphSession(CallPlayer):
     ) -> None:
         super().__init__(HostChat(episode, player=player, not_run=NOT_RUN, pictures=pictures))
         self._only_game_tools, self._is_told = only_game_tools, False
-        self._before: Sequence[BaseMessage] = ()
+        self._longest: Sequence[BaseMessage] = ()
         """The most messages that the state has had."""
         self.prompt_settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
         self._other_tools = list(foreign_tools)
@@ -158,11 +158,12 @@ class GraphSession(CallPlayer):
 
     def _tell_of_removed(self, messages: Sequence[BaseMessage]) -> None:
         """Log once that something else shortens the state, which changes no prompt and may cost model calls."""
-        before, self._before = self._before, messages
-        there = {message.id for message in messages}
-        gone = [message for message in before if message.id not in there]
-        if gone and not self._is_told:
+        if len(messages) >= len(self._longest):
+            self._longest = messages
+        elif not self._is_told:
             self._is_told = True
+            there = {message.id for message in messages}
+            gone = [message for message in self._longest if message.id not in there]
             log.warning(
                 "%d messages with %d tokens of text are gone from the state: a SummarizationMiddleware, perhaps, "
                 "shortens it. The model still sees the window. A model call for each such summary, with at least these "
