@@ -19,8 +19,8 @@ from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from smartplay_tools.context.strategies import Choice, Past, Strategy, register_strategy
+    from smartplay_tools.conversation.agent_session import AgentSession, Conversation
     from smartplay_tools.conversation.loop import aplay, play
-    from smartplay_tools.conversation.session import AgentSession, Conversation
     from smartplay_tools.conversation.text_env import TextEnv
     from smartplay_tools.episode.config import EpisodeConfig
     from smartplay_tools.episode.episode import Episode
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
     from smartplay_tools.games.specs import GAMES, GameSpec, register
     from smartplay_tools.messages import Message
-    from smartplay_tools.players.reading import call
-    from smartplay_tools.players.registry import get_player
+    from smartplay_tools.players.player_registry import get_player
+    from smartplay_tools.players.prompt_reading import call
     from smartplay_tools.players.scripted import ScriptedPlayer
     from smartplay_tools.records.replays import replay
     from smartplay_tools.records.resumption import fork, resume
@@ -107,7 +107,7 @@ if not TYPE_CHECKING:
                 "aplay",
                 "play",
             ),
-            "conversation.session": (
+            "conversation.agent_session": (
                 "AgentSession",
                 "Conversation",
             ),
@@ -128,8 +128,8 @@ if not TYPE_CHECKING:
                 "register",
             ),
             "messages": ("Message",),
-            "players.reading": ("call",),
-            "players.registry": ("get_player",),
+            "players.prompt_reading": ("call",),
+            "players.player_registry": ("get_player",),
             "players.scripted": ("ScriptedPlayer",),
             "records.replays": ("replay",),
             "records.resumption": (

@@ -8,7 +8,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.testing import check_strategy
-from smartplay_tools.testing.strategies import check_reading, digests
+from smartplay_tools.testing.strategy_checks import check_reading, digests
 
 FILE = Path(__file__).parent / "data" / "broken_strategies.py"
 BROKEN = {

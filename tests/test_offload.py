@@ -7,7 +7,7 @@ import json
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.players.reading import Reading
+from smartplay_tools.players.prompt_reading import Reading
 from tests import scripts
 from tests.test_conversation import acting, calling
 

@@ -14,7 +14,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import UnknownNameError
-from smartplay_tools.games.registry import Games
+from smartplay_tools.games.game_registry import Games
 
 HANOI = sp.GAMES["Hanoi3Disk-v0"]
 TOWER = dataclasses.replace(HANOI, id="Tower-v0", kwargs={"disks": 5}, rollout=40)

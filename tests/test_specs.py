@@ -11,7 +11,7 @@ import smartplay_tools as sp
 from smartplay_tools.errors import UnknownNameError
 from smartplay_tools.games import PAPER_RESULTS, get_spec
 from smartplay_tools.games.messenger import rules
-from smartplay_tools.games.paper import CAPABILITIES, HUMAN_SCORES, MIN_SCORES, PAPER_SETTINGS, normalize
+from smartplay_tools.games.paper_tables import CAPABILITIES, HUMAN_SCORES, MIN_SCORES, PAPER_SETTINGS, normalize
 
 PLAYED = Path(__file__).parents[1] / "experiments" / "tools-v1"
 

@@ -28,7 +28,7 @@ from packaging.utils import canonicalize_name
 
 from smartplay_tools import tokens
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.games.minecraft.doctor import check_engines
+from smartplay_tools.games.minecraft.engine_checks import check_engines
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.models import KNOWN_MODELS, KnownModel, read_gguf
 from smartplay_tools.quantities import megabytes

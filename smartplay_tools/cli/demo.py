@@ -22,7 +22,7 @@ from smartplay_tools.conversation import loop
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
-from smartplay_tools.players.registry import get_player
+from smartplay_tools.players.player_registry import get_player
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records.replays import replay
 from smartplay_tools.transcript.file import comparable, read_transcript

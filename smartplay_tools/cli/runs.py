@@ -19,7 +19,7 @@ from smartplay_tools.cli.running import print_spending
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, RunOptions, player_of, run_plan
 from smartplay_tools.evaluation.runs.players import player_named
-from smartplay_tools.evaluation.runs.progress import not_shown
+from smartplay_tools.evaluation.runs.run_progress import not_shown
 from smartplay_tools.players import is_interactive, is_model
 from smartplay_tools.records.manifest import Until
 from smartplay_tools.records.prices import Price

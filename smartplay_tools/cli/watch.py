@@ -37,7 +37,7 @@ def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[LivePa
     Without a `transcript` the record is a temporary file.
     """
     from smartplay_tools.evaluation.pages.view import SiteRecord, ViewServer
-    from smartplay_tools.evaluation.pages.view.record import PLAYING
+    from smartplay_tools.evaluation.pages.view.site_record import PLAYING
 
     with tempfile.TemporaryDirectory() as folder:
         path = transcript or Path(folder) / "episode.jsonl"

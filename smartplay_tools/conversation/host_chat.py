@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-from smartplay_tools.conversation.session import NOT_RUN, AgentSession
+from smartplay_tools.conversation.agent_session import NOT_RUN, AgentSession
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.messages import Message, text_of
 from smartplay_tools.types import ToolResult, ToolSpec

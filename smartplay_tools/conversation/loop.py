@@ -7,9 +7,9 @@ import threading
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, Protocol, TypeAlias, get_args, runtime_checkable
 
+from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply
 from smartplay_tools.conversation.paper import PaperConversation
-from smartplay_tools.conversation.session import Conversation
 from smartplay_tools.episode.config import ProtocolName, check_choice
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.conversation.session import Conversation
+from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.factory import EpisodeFactory
 from smartplay_tools.episode.rewards import RewardName

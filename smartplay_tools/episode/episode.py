@@ -32,8 +32,8 @@ from smartplay_tools.episode.config import (
 )
 from smartplay_tools.episode.deviations import deviations, differs
 from smartplay_tools.episode.functions import tool_functions
+from smartplay_tools.episode.game_session import Answer, GameSession
 from smartplay_tools.episode.listeners import listeners_of
-from smartplay_tools.episode.session import Answer, GameSession
 from smartplay_tools.episode.stalls import Stalls
 from smartplay_tools.episode.stats import EpisodeStats, versions
 from smartplay_tools.episode.workers import SerialQueue

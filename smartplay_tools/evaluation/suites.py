@@ -16,7 +16,7 @@ from typing import Any
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.games.paper import PAPER_SETTINGS
+from smartplay_tools.games.paper_tables import PAPER_SETTINGS
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.types import Budget
 

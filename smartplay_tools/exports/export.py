@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
-from smartplay_tools.exports.card import dataset_card
+from smartplay_tools.exports.dataset_cards import dataset_card
 from smartplay_tools.exports.published import Publication
 from smartplay_tools.exports.selection import EpisodeSelection
 from smartplay_tools.records.record import Record

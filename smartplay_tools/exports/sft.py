@@ -24,9 +24,9 @@ from smartplay_tools.episode import schema
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Message, pictures_of, text_of
 from smartplay_tools.pictures import is_picture
-from smartplay_tools.records.pictures import recorded_pictures
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
+from smartplay_tools.records.replayed_pictures import recorded_pictures
 from smartplay_tools.types import Purpose, SampledTokens
 
 FILE = "data.jsonl"

@@ -16,7 +16,7 @@ from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame, with_action_list
-    from smartplay_tools.games.paper import PAPER_RESULTS
+    from smartplay_tools.games.paper_tables import PAPER_RESULTS
     from smartplay_tools.games.specs import GAMES, GameSpec, get_spec, register
 
 __all__ = ["GAMES", "PAPER_RESULTS", "GameSpec", "TextGame", "get_spec", "register", "with_action_list"]
@@ -26,7 +26,7 @@ if not TYPE_CHECKING:
         __name__,
         {
             "base": ("TextGame", "with_action_list"),
-            "paper": ("PAPER_RESULTS",),
+            "paper_tables": ("PAPER_RESULTS",),
             "specs": ("GAMES", "GameSpec", "get_spec", "register"),
         },
     )

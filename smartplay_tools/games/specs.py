@@ -1,7 +1,7 @@
 """The settings of the benchmark, as data.
 
 No game is imported: a setting names its class as a string, and the class is loaded when an episode asks for it.
-`GAMES` also has the settings of other packages and programs (`smartplay_tools.games.registry`).
+`GAMES` also has the settings of other packages and programs (`smartplay_tools.games.game_registry`).
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.games.paper import CAPABILITIES, HUMAN_SCORES, MIN_SCORES, normalize
-from smartplay_tools.games.registry import Games
+from smartplay_tools.games.game_registry import Games
+from smartplay_tools.games.paper_tables import CAPABILITIES, HUMAN_SCORES, MIN_SCORES, normalize
 from smartplay_tools.registry import resolve
 
 if TYPE_CHECKING:
@@ -170,6 +170,7 @@ def get_spec(game: str | GameSpec) -> GameSpec:
 def register(spec: GameSpec) -> GameSpec:
     """Register a setting of your own by its id, here and in Gymnasium, for this process; return it.
 
-    A package that declares it as an entry point makes it available in every process (`smartplay_tools.games.registry`).
+    A package that declares it as an entry point makes it available in every process: see
+    `smartplay_tools.games.game_registry`.
     """
     return GAMES.register(spec)

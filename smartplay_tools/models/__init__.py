@@ -7,7 +7,7 @@ files   the models that can be downloaded by name, and where they are kept
 gguf    what a model file says of itself: its vocabulary, its shape, the memory that it takes
 """
 
-from smartplay_tools.models.files import DEFAULT_MODEL, KNOWN_MODELS, KnownModel, fetch, find_model, name_of
-from smartplay_tools.models.gguf import GGUF, read_gguf
+from smartplay_tools.models.gguf_header import GGUF, read_gguf
+from smartplay_tools.models.model_files import DEFAULT_MODEL, KNOWN_MODELS, KnownModel, fetch, find_model, name_of
 
 __all__ = ["DEFAULT_MODEL", "GGUF", "KNOWN_MODELS", "KnownModel", "fetch", "find_model", "name_of", "read_gguf"]

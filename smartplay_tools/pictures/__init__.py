@@ -5,6 +5,6 @@ everywhere: the PNG writer (`png`) is our own.
 """
 
 from smartplay_tools.pictures.picture import NO_PICTURES, Picture, is_picture, picture_part
-from smartplay_tools.pictures.rules import DEFAULT_RULE, RULES, PictureRule
+from smartplay_tools.pictures.token_rules import DEFAULT_RULE, RULES, PictureRule
 
 __all__ = ["DEFAULT_RULE", "NO_PICTURES", "RULES", "Picture", "PictureRule", "is_picture", "picture_part"]

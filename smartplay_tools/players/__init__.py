@@ -11,8 +11,8 @@ scripted  a player that gives prepared replies
 from smartplay_tools.players.attempts import BrokenAnswerError, ModelCallError
 from smartplay_tools.players.model import ModelPlayer
 from smartplay_tools.players.noted import NotedPlayer
-from smartplay_tools.players.reading import Reading, call
-from smartplay_tools.players.registry import PLAYERS, get_player, is_interactive, is_model, player_names
+from smartplay_tools.players.player_registry import PLAYERS, get_player, is_interactive, is_model, player_names
+from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.scripted import ScriptedPlayer
 
 __all__ = [

@@ -6,7 +6,7 @@ scores as much as a model whose answers never name an action. It reads messages 
 
 from __future__ import annotations
 
-from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types import Prompt, Reply
 
 DOING_NOTHING = "Noop"

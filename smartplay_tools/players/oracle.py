@@ -10,7 +10,7 @@ from __future__ import annotations
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame
-from smartplay_tools.players.reading import call
+from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.types import Prompt, Reply
 
 

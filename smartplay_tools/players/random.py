@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import random
 
-from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types import Prompt, Reply
 
 

@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Message, calls_of
-from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules import (
     bandit,
     crafter,

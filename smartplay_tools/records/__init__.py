@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from smartplay_tools.records.caches import CacheFields, CacheRule, cache_rules, openai_cache_fields, rule_of
     from smartplay_tools.records.charges import Charge, calls_under, charge
     from smartplay_tools.records.manifest import Manifest, Until, trial_seed
-    from smartplay_tools.records.pictures import recorded_pictures
     from smartplay_tools.records.prices import Price
     from smartplay_tools.records.prompts import SentPrompt, recorded_turns, sent_prompts
     from smartplay_tools.records.record import Record
+    from smartplay_tools.records.replayed_pictures import recorded_pictures
     from smartplay_tools.records.replays import Replay, replay
     from smartplay_tools.records.requests import RequestLog, requests_of
     from smartplay_tools.records.resumption import Resumed, fork, resume
@@ -85,7 +85,7 @@ if not TYPE_CHECKING:
             "manifest": ("Manifest", "Until", "trial_seed"),
             "caches": ("CacheFields", "CacheRule", "cache_rules", "openai_cache_fields", "rule_of"),
             "charges": ("Charge", "calls_under", "charge"),
-            "pictures": ("recorded_pictures",),
+            "replayed_pictures": ("recorded_pictures",),
             "prices": ("Price",),
             "prompts": ("SentPrompt", "recorded_turns", "sent_prompts"),
             "record": ("Record",),

@@ -14,7 +14,7 @@ from pathlib import Path
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.players.reading import call
+from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.run_folder import records_in
 from smartplay_tools.types import Prompt, Reply

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby, zip_longest
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.conversation.paper import PaperConversation
-from smartplay_tools.conversation.session import AgentSession, Conversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode

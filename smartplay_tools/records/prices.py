@@ -119,7 +119,7 @@ class Price:
 
 def find_price(player: str, player_options: Mapping[str, Any]) -> Price | None:
     """Return the price of a player's model; None if there is no model or no known price."""
-    from smartplay_tools.players.registry import is_model
+    from smartplay_tools.players.player_registry import is_model
 
     if not is_model(player) or "base_url" in player_options:
         return None

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from smartplay_tools.conversation.session import AgentSession, Conversation
+from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.records.driver import Driven, Driver, unchained

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.players.registry import is_model
+from smartplay_tools.players.player_registry import is_model
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import Outcome, Record
 from smartplay_tools.records.rows import Row

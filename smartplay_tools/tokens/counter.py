@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from smartplay_tools.arguments import as_text, canonical
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import calls_of, pictures_of, reasoning_of, text_of
-from smartplay_tools.pictures.rules import DEFAULT_RULE
+from smartplay_tools.pictures.token_rules import DEFAULT_RULE
 from smartplay_tools.tokens.tokenizers import (
     DEFAULT_TOKENIZER,
     HUGGING_FACE,

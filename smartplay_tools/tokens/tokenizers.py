@@ -6,7 +6,8 @@ hf:PATH_OR_NAME   a `tokenizer.json` of Hugging Face tokenizers: a file, a folde
 gguf:MODEL        the vocabulary of a model file that the extra `local` plays: a known name or a path
 approximate       four characters a token
 
-A name may end with the rule by which pictures are counted (`smartplay_tools.pictures.rules`): o200k_base+claude-28.
+A name may end with the rule by which pictures are counted, as in o200k_base+claude-28: see
+`smartplay_tools.pictures.token_rules`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import hashlib
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
-from smartplay_tools.pictures.rules import DEFAULT_RULE, RULES, PictureRule
+from smartplay_tools.pictures.token_rules import DEFAULT_RULE, RULES, PictureRule
 from smartplay_tools.tokens.o200k import VOCABULARY_SHA256, o200k_base
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
 
         return HuggingFaceTokenizer(tokenizer.removeprefix(HUGGING_FACE))
     if tokenizer.startswith(MODEL_FILE):
-        from smartplay_tools.tokens.gguf import GgufTokenizer
+        from smartplay_tools.tokens.gguf_vocabulary import GgufTokenizer
 
         return GgufTokenizer(tokenizer.removeprefix(MODEL_FILE))
     if tokenizer != DEFAULT_TOKENIZER:

@@ -9,7 +9,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.capabilities import capability_scores
 from smartplay_tools.games import PAPER_RESULTS
-from smartplay_tools.games.paper import CAPABILITIES, PAPER_SETTINGS
+from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_SETTINGS
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 

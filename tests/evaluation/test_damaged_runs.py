@@ -71,7 +71,7 @@ def looked_at(folder: Path) -> None:
     try:
         shown.playing()
         for episode in shown.episodes():
-            assert len(episode) == len(view.runs.COLUMNS)
+            assert len(episode) == len(view.site_runs.COLUMNS)
             if episode[0] is not None:
                 shown.record(episode[0])
     except SmartPlayError as error:

@@ -17,13 +17,15 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.board.submissions import (
     NOT_PROVED,
     Checked,
-    card,
     check_submission,
     prepare_submission,
     report_json,
 )
-from smartplay_tools.evaluation.board.submissions.plan import read_plan
-from smartplay_tools.evaluation.board.submissions.results import cell_results
+from smartplay_tools.evaluation.board.submissions import (
+    rollout_cards as card,
+)
+from smartplay_tools.evaluation.board.submissions.submitted_plan import read_plan
+from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
 from smartplay_tools.evaluation.suites import SUITES, Suite
 from smartplay_tools.records import Record
 from smartplay_tools.records.prices import Price

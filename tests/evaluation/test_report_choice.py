@@ -131,7 +131,7 @@ def test_the_tables_are_of_all_episodes(run, monkeypatch):
 
 
 def test_several_processes_write_the_page_that_one_writes(run, tmp_path, monkeypatch):
-    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.reading")
+    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.episode_reading")
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
     pages = []
     for workers in (1, 3):
@@ -141,7 +141,7 @@ def test_several_processes_write_the_page_that_one_writes(run, tmp_path, monkeyp
 
 
 def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path, monkeypatch):
-    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.reading")
+    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.episode_reading")
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
     known_for_now(monkeypatch, dataclasses.replace(sp.GAMES[HANOI], id="MyHanoi-v0"))
     for seed in range(4):
@@ -153,7 +153,7 @@ def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path,
 
 
 def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, tmp_path, monkeypatch):
-    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.reading")
+    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.episode_reading")
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
     copied = shutil.copytree(run, tmp_path / "run")
     records = sorted((copied / "episodes").glob("*.jsonl"))
@@ -166,7 +166,7 @@ def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, 
 def test_a_script_whose_processes_cannot_begin_writes_the_page_all_the_same(run, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "from smartplay_tools.evaluation.pages.report import reading, write_report\n"
+        "from smartplay_tools.evaluation.pages.report import episode_reading as reading, write_report\n"
         "reading.WORTH_A_PROCESS = 1\n"
         f"write_report({str(run)!r}, {str(tmp_path / 'page.html')!r}, title='A run', episodes='all', workers=2)\n"
     )

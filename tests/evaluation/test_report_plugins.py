@@ -10,7 +10,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.errors import UnknownNameError
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
-from smartplay_tools.games.registry import importing_packages
+from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records import Record
 
 pytest.importorskip("jinja2")

@@ -39,7 +39,7 @@ class Looks:
 
 
 def test_it_is_there_while_the_run_is_played(tmp_path, monkeypatch):
-    monkeypatch.setattr("smartplay_tools.evaluation.runs.progress.PERIOD", 0.02)
+    monkeypatch.setattr("smartplay_tools.evaluation.runs.run_progress.PERIOD", 0.02)
     Looks.folder, Looks.status_and_results = tmp_path / "run", None
     sp.evaluate([HANOI], {"looks": Looks}, out=Looks.folder, trials=2, executor="inline")
     now, shown = Looks.status_and_results

@@ -229,7 +229,7 @@ def test_a_single_record_is_shown_before_during_and_after_its_episode(tmp_path):
         assert shown.episodes()[0][:5] == [one["record"], "running", HANOI, "rule", "prompts <= 900"]
     assert (shown.playing(), shown.summary()["finished"]) == ([], 1)
     (row,) = shown.episodes()
-    assert dict(zip(view.runs.COLUMNS, row, strict=True))["end"] == "closed"
+    assert dict(zip(view.site_runs.COLUMNS, row, strict=True))["end"] == "closed"
     with pytest.raises(sp.InvalidArgumentError):
         shown.record("episodes/0123456789abcdef")
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.games import GameSpec
-from smartplay_tools.games.minecraft.doctor import check_engines
+from smartplay_tools.games.minecraft.engine_checks import check_engines
 from smartplay_tools.games.minecraft.engines import ENGINES
 from smartplay_tools.games.minecraft.tasks import CORRECTED_GOALS, PAPER_GOALS, TICKS, Stride, strides, turn
 

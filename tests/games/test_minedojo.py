@@ -19,7 +19,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import EngineError
-from smartplay_tools.games.minecraft.doctor import check_engines
+from smartplay_tools.games.minecraft.engine_checks import check_engines
 from smartplay_tools.games.minecraft.minedojo import worker
 from smartplay_tools.games.minecraft.minedojo.engine import (
     CALL_SECONDS,
@@ -179,7 +179,7 @@ def test_an_interrupt_ends_a_worker_that_would_answer_later(tmp_path):
 
 KILLED = """
 import subprocess, sys, time
-from smartplay_tools.games.minecraft.doctor import check_engines
+from smartplay_tools.games.minecraft.engine_checks import check_engines
 from smartplay_tools.games.minecraft.minedojo import worker
 from smartplay_tools.games.minecraft.minedojo.engine import start
 process = start(sys.executable)

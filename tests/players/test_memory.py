@@ -8,7 +8,7 @@ from statistics import mean
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.players.reading import Reading
+from smartplay_tools.players.prompt_reading import Reading
 from smartplay_tools.players.rules import memory
 
 BANDIT, RPS = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0"

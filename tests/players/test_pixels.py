@@ -9,7 +9,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.games.crafter.balance import light
 from smartplay_tools.players.pixels import in_words
-from smartplay_tools.players.reading import Reading
+from smartplay_tools.players.prompt_reading import Reading
 
 BUDGET = sp.Budget(history=5)
 NIGHT = 148

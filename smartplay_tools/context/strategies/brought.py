@@ -17,7 +17,7 @@ from typing import Any
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
-from smartplay_tools.games.registry import packages_are_imported
+from smartplay_tools.games.game_registry import packages_are_imported
 from smartplay_tools.registry import Registry, is_in_file, read_file
 from smartplay_tools.types import Budget
 

@@ -13,7 +13,7 @@ from typing import Literal
 
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
-from smartplay_tools.games.paper import PAPER_RESULTS
+from smartplay_tools.games.paper_tables import PAPER_RESULTS
 
 Source = Literal["run", "paper"]
 

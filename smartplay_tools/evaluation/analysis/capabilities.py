@@ -19,7 +19,7 @@ from typing import Literal, get_args
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, weighted_estimates
-from smartplay_tools.games.paper import CAPABILITIES
+from smartplay_tools.games.paper_tables import CAPABILITIES
 from smartplay_tools.games.specs import get_spec
 
 Weights = Literal["paper", "zero-based"]

@@ -21,7 +21,7 @@ from smartplay_tools.evaluation.analysis.numbers import (
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.summary import CellSummary, Drift, Failures, Profile, RunSummary
-from smartplay_tools.games.paper import CAPABILITIES
+from smartplay_tools.games.paper_tables import CAPABILITIES
 from smartplay_tools.quantities import short
 
 PROFILES_PER_TABLE = 2

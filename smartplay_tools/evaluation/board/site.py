@@ -19,9 +19,9 @@ from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.board.chart import make_chart, short_name
 from smartplay_tools.evaluation.board.submissions.bundle import Limits
 from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked, checking
-from smartplay_tools.evaluation.board.submissions.plan import Allowed
-from smartplay_tools.evaluation.board.submissions.report import report_json
-from smartplay_tools.evaluation.board.submissions.results import by_cell
+from smartplay_tools.evaluation.board.submissions.check_report import report_json
+from smartplay_tools.evaluation.board.submissions.submitted_plan import Allowed
+from smartplay_tools.evaluation.board.submissions.submitted_results import by_cell
 from smartplay_tools.evaluation.board.table import Board, Charges, make_board
 from smartplay_tools.evaluation.pages import templates
 from smartplay_tools.quantities import short, typeset

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 from smartplay_tools.errors import SmartPlayError
 
 if TYPE_CHECKING:
-    from smartplay_tools.conversation.session import AgentSession
+    from smartplay_tools.conversation.agent_session import AgentSession
     from smartplay_tools.episode.episode import Episode
     from smartplay_tools.evaluation.runs.signals import StopFlag
 

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from smartplay_tools.context.strategies import load_strategy
+from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conversation, play
 from smartplay_tools.conversation.paper import PaperConversation
-from smartplay_tools.conversation.session import AgentSession, Conversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import DiskFullError, SmartPlayError, TranscriptError, is_disk_full
@@ -33,10 +33,10 @@ from smartplay_tools.evaluation.runs.signals import StopFlag
 from smartplay_tools.messages import assistant_message
 from smartplay_tools.players import get_player
 from smartplay_tools.records.manifest import player_seed
-from smartplay_tools.records.pictures import recorded_pictures
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
+from smartplay_tools.records.replayed_pictures import recorded_pictures
 from smartplay_tools.records.resumption import resume
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import append_exception, read_transcript

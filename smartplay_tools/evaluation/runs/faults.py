@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Callable, Mapping
 
-from smartplay_tools.conversation.session import Conversation
+from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.messages import calls_of, reasoning_of, text_of
 from smartplay_tools.records.rows import MORE_TOKENS
 from smartplay_tools.types import Reply

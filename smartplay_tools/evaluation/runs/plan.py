@@ -16,7 +16,7 @@ from typing import Any
 
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import RULES, CellConfig
-from smartplay_tools.episode.session import GameSession
+from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials, read_players
 from smartplay_tools.evaluation.suites import Suite

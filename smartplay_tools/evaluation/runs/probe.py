@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 from urllib.parse import urlsplit
 
-from smartplay_tools.conversation.session import Conversation
+from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.runs.faults import fault_of

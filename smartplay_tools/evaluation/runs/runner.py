@@ -30,8 +30,8 @@ from smartplay_tools.evaluation.runs.plan import (
     player_of,
 )
 from smartplay_tools.evaluation.runs.players import PlayerConfig, Players, given_prices, read_players
-from smartplay_tools.evaluation.runs.progress import Display, following, not_shown
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
+from smartplay_tools.evaluation.runs.run_progress import Display, following, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, Scheduler, Setup
 from smartplay_tools.evaluation.runs.sending import ELSEWHERE, is_known_only_here, why_only_here

@@ -20,7 +20,7 @@ from smartplay_tools.errors import PlayerLeftError
 from smartplay_tools.messages import Message
 from smartplay_tools.players.human.answers import Asked, asked_for, in_words, named_action
 from smartplay_tools.players.human.screen import Screen
-from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types import Prompt, Reply
 
 HELP = """\

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from smartplay_tools.messages import Message
-from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.memory import earlier, line, recall
 
 PULL = re.compile(r"You pulled slot machine (\d+), you received reward (-?\d+)\.")

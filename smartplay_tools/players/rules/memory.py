@@ -14,7 +14,7 @@ from typing import Any
 
 from smartplay_tools.arguments import read
 from smartplay_tools.messages import Message, calls_of, text_of
-from smartplay_tools.players.reading import Reading, call, is_carried
+from smartplay_tools.players.prompt_reading import Reading, call, is_carried
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, RECALL_TOOL
 
 LINE = re.compile(r"^Notes: (\{.*\})$", re.MULTILINE)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 
 from smartplay_tools.messages import Message
-from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.memory import line, recall
 
 ROUND = re.compile(r"the opponent chose (\w+)\.")

@@ -21,7 +21,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     spread,
 )
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
-from smartplay_tools.games.paper import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
+from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,8 +13,8 @@ from smartplay_tools.evaluation.analysis.figures.curves import (
     score_against_prompt_tokens,
 )
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
-from smartplay_tools.evaluation.analysis.figures.progress import score_over_steps, walk_of
-from smartplay_tools.evaluation.analysis.figures.strategies import ALONG, effects_of_strategies
+from smartplay_tools.evaluation.analysis.figures.step_scores import score_over_steps, walk_of
+from smartplay_tools.evaluation.analysis.figures.strategy_costs import ALONG, effects_of_strategies
 from smartplay_tools.evaluation.analysis.figures.style import FORMATS, save_figure
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.names import series_name, window_name

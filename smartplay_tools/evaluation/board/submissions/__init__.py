@@ -16,12 +16,12 @@ Nothing here imports what plays a run.
 
 from smartplay_tools.evaluation.board.submissions.bundle import BundleError, Limits
 from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked, check_submission
+from smartplay_tools.evaluation.board.submissions.check_report import report_json, report_text
 from smartplay_tools.evaluation.board.submissions.findings import Finding
+from smartplay_tools.evaluation.board.submissions.issued_seeds import IssuedSeed, issue_seed, read_seeds
 from smartplay_tools.evaluation.board.submissions.metadata import Submission
-from smartplay_tools.evaluation.board.submissions.plan import Allowed
 from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
-from smartplay_tools.evaluation.board.submissions.report import report_json, report_text
-from smartplay_tools.evaluation.board.submissions.seeds import IssuedSeed, issue_seed, read_seeds
+from smartplay_tools.evaluation.board.submissions.submitted_plan import Allowed
 
 __all__ = [
     "NOT_PROVED",

@@ -19,21 +19,21 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.board.submissions import card
+from smartplay_tools.evaluation.board.submissions import rollout_cards as card
 from smartplay_tools.evaluation.board.submissions.bundle import BundleError, Limits, unpacked
 from smartplay_tools.evaluation.board.submissions.findings import Finding, error, remark, some
+from smartplay_tools.evaluation.board.submissions.issued_seeds import IssuedSeed, read_seeds
+from smartplay_tools.evaluation.board.submissions.limited_workers import run_limited
 from smartplay_tools.evaluation.board.submissions.metadata import Submission, read_submission
-from smartplay_tools.evaluation.board.submissions.plan import (
+from smartplay_tools.evaluation.board.submissions.records import CheckedRecord, RecordJob, check_record
+from smartplay_tools.evaluation.board.submissions.submitted_plan import (
     Allowed,
     SubmittedPlan,
     check_plan,
     check_suite,
     read_plan,
 )
-from smartplay_tools.evaluation.board.submissions.records import CheckedRecord, RecordJob, check_record
-from smartplay_tools.evaluation.board.submissions.results import cell_results
-from smartplay_tools.evaluation.board.submissions.seeds import IssuedSeed, read_seeds
-from smartplay_tools.evaluation.board.submissions.workers import run_limited
+from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
 from smartplay_tools.records.process_pool import Lost
 from smartplay_tools.records.rows import Row
 

@@ -12,11 +12,11 @@ from typing import Any
 
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.board.submissions import card
+from smartplay_tools.evaluation.board.submissions import rollout_cards as card
 from smartplay_tools.evaluation.board.submissions.bundle import write_bundle
 from smartplay_tools.evaluation.board.submissions.metadata import Submission, read_submission
-from smartplay_tools.evaluation.board.submissions.plan import check_suite, read_plan
-from smartplay_tools.evaluation.board.submissions.results import cell_results
+from smartplay_tools.evaluation.board.submissions.submitted_plan import check_suite, read_plan
+from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
 from smartplay_tools.records.manifest import Manifest
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder

@@ -16,7 +16,7 @@ from smartplay_tools.arguments import read
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.games.registry import packages_are_imported
+from smartplay_tools.games.game_registry import packages_are_imported
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.prompts import GAME_IS_OVER, PICTURE_SHOWN
 from smartplay_tools.records.record import Record

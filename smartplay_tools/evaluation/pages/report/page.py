@@ -29,20 +29,20 @@ from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.pages import templates
 from smartplay_tools.evaluation.pages.report.choice import choose
+from smartplay_tools.evaluation.pages.report.episode_reading import pack, reading
 from smartplay_tools.evaluation.pages.report.episodes import WORDS
-from smartplay_tools.evaluation.pages.report.pairs import pairs_of
-from smartplay_tools.evaluation.pages.report.pictures import figures
-from smartplay_tools.evaluation.pages.report.reading import pack, reading
+from smartplay_tools.evaluation.pages.report.figure_images import figures
+from smartplay_tools.evaluation.pages.report.side_by_side import pairs_of
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, find_runs
-from smartplay_tools.evaluation.pages.report.summary import (
+from smartplay_tools.evaluation.pages.report.summary_tables import (
     failed_row,
     interval,
     lines,
     summarize_rows,
     totals,
 )
-from smartplay_tools.evaluation.pages.report.textures import sheet
-from smartplay_tools.games.registry import importing_packages
+from smartplay_tools.evaluation.pages.report.texture_sheet import sheet
+from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.quantities import typeset
 from smartplay_tools.records.accounts import PARTS

@@ -11,10 +11,10 @@ from pathlib import Path
 from string import ascii_uppercase
 from typing import Any
 
+from smartplay_tools.evaluation.pages.report.episode_reading import reading
 from smartplay_tools.evaluation.pages.report.page import render_runs
-from smartplay_tools.evaluation.pages.report.reading import reading
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources
-from smartplay_tools.games.registry import importing_packages
+from smartplay_tools.games.game_registry import importing_packages
 
 
 def render_episode(record: Path, key: str, title: str, site: Mapping[str, Any], *, plugins: bool = False) -> str:

@@ -35,7 +35,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.evaluation.pages.view.answers import HEADERS, missing, page, page_now, static
+from smartplay_tools.evaluation.pages.view.http_answers import HEADERS, missing, page, page_now, static
 from smartplay_tools.evaluation.pages.view.playing import (
     LONGEST_WAIT,
     LOOK_SECONDS,
@@ -44,8 +44,8 @@ from smartplay_tools.evaluation.pages.view.playing import (
     play_routes,
 )
 from smartplay_tools.evaluation.pages.view.run_list import RunList
-from smartplay_tools.evaluation.pages.view.runs import COLUMNS, ViewedRun
 from smartplay_tools.evaluation.pages.view.served_pages import ServedPages
+from smartplay_tools.evaluation.pages.view.site_runs import COLUMNS, ViewedRun
 from smartplay_tools.records.annotations import as_list, write_note
 from smartplay_tools.web import Guard, Names, carries, is_from_own_page
 

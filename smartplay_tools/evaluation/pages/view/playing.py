@@ -23,8 +23,8 @@ from starlette.responses import JSONResponse, PlainTextResponse, RedirectRespons
 from starlette.routing import Route
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.evaluation.pages.view.answers import HEADERS, missing, page_now
-from smartplay_tools.games.paper import PAPER_RESULTS
+from smartplay_tools.evaluation.pages.view.http_answers import HEADERS, missing, page_now
+from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.players.human.browser import BrowserPlayer, PassedError
 from smartplay_tools.records.run_folder import RunFolder

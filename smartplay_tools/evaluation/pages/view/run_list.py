@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.pages.view.runs import SiteRun, ViewedRun
+from smartplay_tools.evaluation.pages.view.site_runs import SiteRun, ViewedRun
 
 DEEPEST = 3
 """How many folders below the one that is named runs are looked for."""

@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from smartplay_tools.evaluation.pages.report import render_report
 from smartplay_tools.evaluation.pages.report.served import pack_episode, render_episode, render_side_by_side
-from smartplay_tools.evaluation.pages.view.runs import ViewedRun
+from smartplay_tools.evaluation.pages.view.site_runs import ViewedRun
 from smartplay_tools.quantities import duration, short
 
 EPISODES = 50

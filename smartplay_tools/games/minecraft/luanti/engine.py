@@ -15,7 +15,7 @@ import numpy as np
 
 from smartplay_tools.errors import EngineError
 from smartplay_tools.games.minecraft.luanti.install import find_installation
-from smartplay_tools.games.minecraft.luanti.names import display_name
+from smartplay_tools.games.minecraft.luanti.node_names import display_name
 from smartplay_tools.games.minecraft.luanti.server import LuantiServer
 from smartplay_tools.games.minecraft.observation import NEAR, RAY_RANGES, Observation, TextMode, heading, rays
 from smartplay_tools.games.minecraft.tasks import Goal, Stride

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_tools.errors import EngineError
-from smartplay_tools.games.minecraft.luanti import guard
+from smartplay_tools.games.minecraft.luanti import server_guard as guard
 from smartplay_tools.games.minecraft.luanti.install import Installation
 
 START_SECONDS = 60.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from smartplay_tools.messages import Message
-from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.crafter import player
 from smartplay_tools.players.rules.crafter.home import Home, dwell, find_site, has_water
 from smartplay_tools.players.rules.crafter.player import SOLID, WISHES

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from smartplay_tools.messages import Message
-from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.crafter.sight import ANY, BIT, DIRECTIONS, WALKABLE, Cell, Map, read_frame
 from smartplay_tools.players.rules.crafter.situation import Situation, direction
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from smartplay_tools.messages import Message
-from smartplay_tools.players.reading import Reading, call
+from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.memory import fits, line, recall
 from smartplay_tools.players.rules.messenger.belief import believe
 from smartplay_tools.players.rules.messenger.board import ACTIONS

@@ -19,8 +19,8 @@ from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import episode_data
 from smartplay_tools.evaluation.pages.report.excerpts import excerpt
 from smartplay_tools.evaluation.pages.report.sources import Source
-from smartplay_tools.evaluation.pages.report.summary import rules
-from smartplay_tools.games.registry import importing_packages
+from smartplay_tools.evaluation.pages.report.summary_tables import rules
+from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.json_text import encoder
 from smartplay_tools.records.annotations import as_list, read_notes
 from smartplay_tools.records.parallel import parallel_map, worth

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.pages.view.runs import RECORD, figures, live_figures
+from smartplay_tools.evaluation.pages.view.site_runs import RECORD, figures, live_figures
 from smartplay_tools.records.annotations import read_notes
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.run_follower import Result

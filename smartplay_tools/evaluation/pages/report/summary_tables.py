@@ -10,7 +10,7 @@ from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary, summarize
-from smartplay_tools.games.paper import HUMAN_SCORES, PAPER_RESULTS
+from smartplay_tools.games.paper_tables import HUMAN_SCORES, PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import MISTAKES, Budget, ResolvedBudget

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
 from smartplay_tools.evaluation.pages.view.playing import PlayedGames
 from smartplay_tools.evaluation.pages.view.run_list import RunList
-from smartplay_tools.evaluation.pages.view.runs import ViewedRun
+from smartplay_tools.evaluation.pages.view.site_runs import ViewedRun
 from smartplay_tools.web import is_loopback
 
 try:

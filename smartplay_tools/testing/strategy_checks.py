@@ -20,9 +20,9 @@ import sys
 from collections.abc import Sequence
 
 from smartplay_tools.context.strategies import Choice, Past, Strategy
-from smartplay_tools.conversation.session import Conversation
+from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.players.reading import call
+from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.replays import replay
 from smartplay_tools.records.resumption import resume
@@ -124,7 +124,7 @@ def _digests_elsewhere(budget: Budget, episodes: int, seconds: float) -> list[st
     asked = [budget.model_dump_json(exclude_unset=True), str(episodes)]
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "smartplay_tools.testing.strategies", *asked],
+            [sys.executable, "-m", "smartplay_tools.testing.strategy_checks", *asked],
             env=environment, capture_output=True, text=True, timeout=seconds, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:

@@ -2,7 +2,7 @@
 
 A name is looked up here, then among the entry points of the group `smartplay_tools.players` that installed packages
 declare. Text after a colon is the player's argument: `openai:MODEL` is a player that calls this model. The
-name `FILE.py:CLASS` is that of a class in a file of yours (`smartplay_tools.players.files`).
+name `FILE.py:CLASS` is that of a class in a file of yours (`smartplay_tools.players.player_files`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any, Literal, overload
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.players.files import load_from_file
+from smartplay_tools.players.player_files import load_from_file
 from smartplay_tools.registry import Registry, is_in_file
 from smartplay_tools.types import AsyncPlayer, Player
 
