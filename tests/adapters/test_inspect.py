@@ -428,14 +428,16 @@ class OpenAI(OpenAIStub):
         ({"model_args": {"prompt_cache_key": "mine"}}, "mine"),
     ],
 )
-def test_openai_is_told_which_prompts_belong_to_an_episode(options, key):
+@pytest.mark.parametrize("responses", [False, True])
+def test_openai_is_told_which_prompts_belong_to_an_episode(options, key, responses):
     episode, _ = fresh(sp.Budget(tool_calls=3))
-    arguments = {"responses_api": False, "api_key": "k", **options.get("model_args", {})}
-    with OpenAI([calling(act("A->C"))] * 3) as stub, rerouted.clients(stub.url) as clients, episode:
+    arguments = {"responses_api": responses, "api_key": "k", **options.get("model_args", {})}
+    # Before its first Responses request, Inspect asks whether the model can summarise its reasoning.
+    with OpenAI([calling(act("A->C"))] * 4) as stub, rerouted.clients(stub.url) as clients, episode:
         model = get_model("openai/gpt-5.5", memoize=False, http_client=clients["http_async_client"], **arguments)
         task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
         own = {name: value for name, value in options.items() if name != "model_args"}
         (log,) = evaluate(task, model=model, display="none", max_retries=0, **own)
     sample_of(log)
-    assert {body.get("prompt_cache_key") for body in stub.bodies} == {episode.config.key if key == "ours" else key}
-    assert len(stub.bodies) == 3
+    prompts = [body for body in stub.bodies if "tools" in body]
+    assert [body.get("prompt_cache_key") for body in prompts] == [episode.config.key if key == "ours" else key] * 3
