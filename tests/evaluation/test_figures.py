@@ -141,15 +141,15 @@ def test_scores_over_steps_come_from_the_record(tmp_path):
 
 
 def test_an_episode_that_is_over_keeps_its_score():
-    (axes,) = figures.step_scores({"two": [[0.0, 2.0], [0.0, 2.0, 4.0]]}).axes
+    (axes,) = figures.score_over_steps({"two": [[0.0, 2.0], [0.0, 2.0, 4.0]]}).axes
     assert lines(axes)["two"] == [[0, 0], [1, 2], [2, 3]]
     with pytest.raises(sp.InvalidArgumentError, match="at least one episode"):
-        figures.step_scores({"nobody": []})
+        figures.score_over_steps({"nobody": []})
 
 
 def test_groups_that_went_the_same_way_share_a_line():
     same, other = [[0.0, 1.0], [0.0, 3.0]], [[0.0, 5.0]]
-    (axes,) = figures.step_scores({"a": same, "b": other, "c": [list(walk) for walk in same]}).axes
+    (axes,) = figures.score_over_steps({"a": same, "b": other, "c": [list(walk) for walk in same]}).axes
     assert lines(axes) == {"a = c": [[0, 0], [1, 2]], "b": [[0, 0], [1, 5]]}
 
 

@@ -36,7 +36,7 @@ def job(
     record: Path, *, row: bytes | None = None, attempts: tuple[Path, ...] = (), standard: bool = False
 ) -> RecordJob:
     config = sp.EpisodeConfig.from_event(json.loads(record.read_bytes().splitlines()[0]))
-    return RecordJob(record, config, 0, row, None, attempts, None, standard)
+    return RecordJob(record, config, 0, row, None, attempts, None, None, standard)
 
 
 def said_of(asked: RecordJob, level: str = "error") -> str:
