@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.tokens import TokenCounter
-from smartplay_tools.types import Budget, ToolSpec
+from smartplay_tools.types import STRATEGIES, Budget, ToolSpec
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class BudgetStrategy:
     @classmethod
     def is_asked_for(cls, budget: Budget) -> bool:
         """Whether a budget asks for it."""
-        return cls.name in budget.strategies
+        return bool(getattr(budget, cls.name) != STRATEGIES[cls.name])
 
     @classmethod
     def refusal(cls, budget: Budget, history: int | None) -> str | None:
