@@ -75,6 +75,7 @@ def test_a_pilot_that_tells_too_little_is_refused():
     assert "no spread" in plan_pairs(mean_estimate([1.0] * 20), 1)
 
 
+@pytest.mark.slow
 def test_the_commands(tmp_path):
     for name, history in (("long", 50), ("short", 1)):
         sp.evaluate([BANDIT], ["rule"], budgets=sp.Budget(history=history), trials=10, out=tmp_path / name)

@@ -73,6 +73,7 @@ def kill_and_run_to_the_end(tmp_path: Path, executor: str, *, kills: int, trials
     assert list((tmp_path / "killed" / "running").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path):
     kill_and_run_to_the_end(tmp_path, "inline", kills=1, trials=2)
 

@@ -163,6 +163,7 @@ def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, 
             report.render_report(copied, episodes="all", workers=workers)
 
 
+@pytest.mark.slow
 def test_a_script_whose_processes_cannot_begin_writes_the_page_all_the_same(run, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
