@@ -130,7 +130,7 @@ def train(model: LlamaForCausalLM, samples: Sequence[Sample], tokens: int, seed:
 
 
 def _batches(samples: Sequence[Sample], at_once: int, draw: random.Random) -> Iterator[list[Sample]]:
-    """Yield batches of at most `at_once` tokens for ever; their order, and which are together, is drawn."""
+    """Yield batches of at most `at_once` tokens without end, in an order and in groups that are drawn at random."""
     while True:
         by_length = sorted(samples, key=lambda sample: (len(sample[0]) // 16, draw.random()))
         batches: list[list[Sample]] = [[]]

@@ -1,12 +1,13 @@
 """What is context worth to a model that was trained for it? The experiment of `docs/train-a-tiny-agent.md`.
 
     pip install 'smartplay-tools[train,evaluation]'
-    python experiments/learned.py play              # trains and plays; goes on where it stopped; two hours on one core
+    python experiments/learned.py play              # trains and plays, and continues where it stopped; takes hours
     python experiments/learned.py table --publish   # the tables and the figure, from the published rows
 
 Tiny transformers (`examples/tiny_agent.py`) learn to reply as a teacher did, each from windows of one kind, and play
 worlds that neither the teacher nor they have played, under caps and strategies that they were trained for and under
-others. Every episode is one line of `episodes.csv`; an episode of every cell has its record beside it.
+others. Every episode is one line of `episodes.csv`. `play` records the first episode of each cell; the records of six
+cells are published beside the rows.
 """
 
 from __future__ import annotations

@@ -95,7 +95,8 @@ def _place(messages: Sequence[Message], at: int) -> int:
 
 def _marked(message: AnyMessage, mark: Mapping[str, Any]) -> AnyMessage:
     whole = message.content
-    text, pictures = (whole, []) if isinstance(whole, str) else (whole[0]["text"], whole[1:])  # type: ignore[index]
-    content = [{"type": "text", "text": text, **mark}, *pictures]
+    first, *pictures = [whole] if isinstance(whole, str) else whole
+    text = {"type": "text", "text": first} if isinstance(first, str) else first
+    content = [{**text, **mark}, *pictures]
     marked: AnyMessage = message.model_copy(update={"content": content})
     return marked

@@ -100,7 +100,7 @@ def _row(key: str, start: Mapping[str, Any], result: Mapping[str, Any], facts: M
 
 
 LEVEL = 5
-"""Of compression: a page is 1 % larger than with the highest, which takes half as long again."""
+"""Of compression: higher levels make a page slower to write and hardly smaller."""
 
 
 def pack(value: Any) -> str:
