@@ -17,11 +17,12 @@ the cap alone limits what is shown, not the history. Beside it is what an episod
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+from page_tables import publish
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import MEASURES, MeanEstimate, by_cell, compare_windows, differences
@@ -90,7 +91,7 @@ def main() -> None:
         written = tables[name](asked, subjects)
         print(written)
         if asked.publish:
-            publish("arena" if name == "strategies" else "arena-areas", written)
+            publish(PAGE, "arena" if name == "strategies" else "arena-areas", written)
 
 
 def _strategies(asked: argparse.Namespace, subjects: Sequence[str | PlayerConfig]) -> str:
@@ -198,13 +199,6 @@ def _player(comparison: WindowComparison) -> str:
 def _way(comparison: WindowComparison) -> str:
     slack = comparison.cell.budget["slack"]
     return strategy_name(comparison.cell) + (f", slack {slack:g}" if slack else "")
-
-
-def publish(name: str, written: str) -> None:
-    """Write a table between its marks in the page."""
-    text = PAGE.read_text(encoding="utf-8")
-    marked = re.compile(rf"(<!-- table: {name} -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
-    PAGE.write_text(marked.sub(lambda match: f"{match[1]}\n{written}\n\n{match[3]}", text), encoding="utf-8")
 
 
 def _arguments() -> argparse.Namespace:

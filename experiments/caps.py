@@ -17,6 +17,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from page_tables import publish
+
 import smartplay_tools as sp
 from smartplay_tools.games import PAPER_RESULTS
 from smartplay_tools.tokens import get_tokenizer
@@ -41,9 +43,7 @@ def main() -> None:
     table = "\n".join(_table(asked.seeds))
     print(table)
     if asked.publish:
-        marked = re.compile(r"(<!-- table: caps -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
-        text = PAGE.read_text(encoding="utf-8")
-        PAGE.write_text(marked.sub(lambda match: f"{match[1]}\n{table}\n\n{match[3]}", text), encoding="utf-8")
+        publish(PAGE, "caps", table)
 
 
 def _table(seeds: int) -> Iterator[str]:

@@ -11,10 +11,11 @@ The same command continues where it stopped; `--publish` puts table and figure i
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+
+from page_tables import publish
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import MEASURES, MeanEstimate, by_cell
@@ -55,7 +56,7 @@ def main() -> None:
     written = "\n".join(table(rows))
     print(written)
     if asked.publish:
-        publish(written)
+        publish(DOCS / "experiments.md", "carry", written)
         save_figure(score_against_trial(rows), DOCS / "figures" / "carry-score-against-trial", formats=["svg"])
 
 
@@ -82,14 +83,6 @@ def _interval(estimate: MeanEstimate) -> str:
     if estimate.low is None or estimate.high is None:
         return f"{estimate.mean:+.2f} (all {estimate.episodes} equal)"
     return f"{estimate.mean:+.2f} [{estimate.low:+.2f}, {estimate.high:+.2f}]"
-
-
-def publish(written: str) -> None:
-    """Write the table between its marks in the page."""
-    page = DOCS / "experiments.md"
-    text = page.read_text(encoding="utf-8")
-    marked = re.compile(r"(<!-- table: carry -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
-    page.write_text(marked.sub(lambda match: f"{match[1]}\n{written}\n\n{match[3]}", text), encoding="utf-8")
 
 
 def _arguments() -> argparse.Namespace:

@@ -16,11 +16,12 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from functools import partial
 from pathlib import Path
 
 from context_questions import CONTROL, QUESTIONS
 from context_tables import table
+from page_tables import mark
+from page_tables import publish as publish_table
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep
@@ -84,26 +85,18 @@ def _ask(name: str, asked: argparse.Namespace) -> Sweep:
 
 def publish(tables: dict[str, str], out: Path) -> None:
     """Write the tables between their marks in the pages, and the figures into their folder."""
-    for page in PAGES:
-        text = page.read_text(encoding="utf-8")
-        for name, answer in tables.items():
-            marked = re.compile(rf"(<!-- table: {name} -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
-            text = marked.sub(partial(_filled, answer), text)
-        page.write_text(text, encoding="utf-8")
-        for name in tables:
-            for path in sorted((out / name / "figures").iterdir()):
-                if f"figures/{name}-{path.name})" in text:
-                    drawn = _compact(path.read_text(encoding="utf-8"))
-                    (DOCS / "figures" / f"{name}-{path.name}").write_text(drawn, encoding="utf-8", newline="\n")
+    texts = {page: page.read_text(encoding="utf-8") for page in PAGES}
+    for name, answer in tables.items():
+        publish_table(next(page for page, text in texts.items() if mark(name) in text), name, answer)
+        for path in sorted((out / name / "figures").iterdir()):
+            if any(f"figures/{name}-{path.name})" in text for text in texts.values()):
+                drawn = _compact(path.read_text(encoding="utf-8"))
+                (DOCS / "figures" / f"{name}-{path.name}").write_text(drawn, encoding="utf-8", newline="\n")
 
 
 def _compact(drawing: str) -> str:
     """A drawing with two decimals and without indentation: a repository keeps every version of it."""
     return re.sub(r"\n +", "\n", re.sub(r"(\.\d\d)\d+", r"\1", drawing))
-
-
-def _filled(answer: str, mark: re.Match[str]) -> str:
-    return f"{mark[1]}\n{answer}\n\n{mark[3]}"
 
 
 if __name__ == "__main__":

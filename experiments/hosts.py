@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
-import re
 import sys
 import tempfile
 from collections.abc import Awaitable, Callable, Iterator, Sequence
@@ -27,6 +26,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from page_tables import publish
 from smartplay_openai import LocalEndpoint
 
 import smartplay_tools as sp
@@ -244,7 +244,7 @@ def main() -> None:
     written = "\n".join(table(window.rows, hosted.rows, hosted.folder))
     print(written)
     if asked.publish:
-        publish(written)
+        publish(PAGE, "hosts", written)
 
 
 def table(window: Sequence[Row], hosted: Sequence[Row], folder: RunFolder) -> Iterator[str]:
@@ -282,13 +282,6 @@ def _interval(estimate: MeanEstimate) -> str:
     if estimate.low is None or estimate.high is None:
         return f"{estimate.mean:+.2f} (all {estimate.episodes} equal)"
     return f"{estimate.mean:+.2f} [{estimate.low:+.2f}, {estimate.high:+.2f}]"
-
-
-def publish(written: str) -> None:
-    """Write the table between its marks in the page."""
-    text = PAGE.read_text(encoding="utf-8")
-    marked = re.compile(r"(<!-- table: hosts -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
-    PAGE.write_text(marked.sub(lambda match: f"{match[1]}\n{written}\n\n{match[3]}", text), encoding="utf-8")
 
 
 def _arguments() -> argparse.Namespace:

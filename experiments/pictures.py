@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
+
+from page_tables import publish
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation import PlayerConfig
@@ -100,15 +101,6 @@ def _interval(estimate: MeanEstimate | None) -> str:
     return f"{estimate.mean:+,.0f} [{estimate.low:+,.0f}, {estimate.high:+,.0f}]"
 
 
-def publish(text: str) -> None:
-    """Write the table between its marks in the page."""
-    page = DOCS / "pictures.md"
-    marked = re.compile(r"(<!-- table: pictures -->\n)(.*?)(<!-- end -->)", flags=re.DOTALL)
-    page.write_text(
-        marked.sub(lambda m: f"{m[1]}\n{text}\n\n{m[3]}", page.read_text(encoding="utf-8")), encoding="utf-8"
-    )
-
-
 def main() -> None:
     """Play, print the table, draw the figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -126,7 +118,7 @@ def main() -> None:
     folder = DOCS / "figures" if asked.publish else asked.out
     save_figure(frontier(cells), folder / "pictures-frontier", formats=["svg"])
     if asked.publish:
-        publish(text)
+        publish(DOCS / "pictures.md", "pictures", text)
 
 
 def _value(text: str) -> Any:

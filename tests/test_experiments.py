@@ -20,15 +20,27 @@ pytestmark = pytest.mark.skipif(not SCRIPT.exists(), reason="not in a checkout")
 
 @pytest.fixture(scope="module")
 def experiment():
-    spec = importlib.util.spec_from_file_location("context_experiment", SCRIPT)
+    yield from script("context")
+
+
+@pytest.fixture(scope="module")
+def arena():
+    yield from script("arena")
+
+
+def script(name):
+    """The module of a script, which finds those beside it while it is loaded."""
+    before = set(sys.modules)
+    spec = importlib.util.spec_from_file_location(f"{name}_experiment", SCRIPT.with_name(f"{name}.py"))
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
-    sys.path.insert(0, str(SCRIPT.parent))  # as for a script that is run
+    sys.path.insert(0, str(SCRIPT.parent))
     spec.loader.exec_module(module)
-    yield module
     sys.path.remove(str(SCRIPT.parent))
-    for name in (spec.name, "context_questions", "context_tables"):
-        del sys.modules[name]
+    yield module
+    for loaded in set(sys.modules) - before:
+        if Path(getattr(sys.modules[loaded], "__file__", None) or "").parent == SCRIPT.parent:
+            del sys.modules[loaded]
 
 
 def published(name):
@@ -47,6 +59,15 @@ def test_every_question_has_its_table_in_the_page(experiment):
             cells *= len(values)
         assert len(rows) == cells, name
         assert {row.split(" | ")[3] for row in rows} == {str(question["trials"])}, name
+
+
+def test_a_table_is_renewed_between_its_marks_and_nowhere_else(tmp_path, experiment):
+    page = tmp_path / "page.md"
+    page.write_text("a\n<!-- table: b -->\n\nold\n\n<!-- end -->\nc <!-- end -->\n", encoding="utf-8")
+    experiment.publish_table(page, "b", "| new \\1 |")
+    assert page.read_text(encoding="utf-8") == "a\n<!-- table: b -->\n\n| new \\1 |\n\n<!-- end -->\nc <!-- end -->\n"
+    with pytest.raises(ValueError, match="no place for the table d"):
+        experiment.publish_table(page, "d", "")
 
 
 def test_figures_are_small_enough_for_a_repository():
@@ -79,16 +100,6 @@ def test_the_same_questions_go_to_another_player(experiment, tmp_path, monkeypat
     assert shown.count("| random |") == 2 * len(experiment.QUESTIONS["slack"]["vary"]["slack"])
     assert (tmp_path / "slack" / "figures" / "effects-of-slack.svg").exists()
     assert (tmp_path / "tables.md").read_text(encoding="utf-8").strip() in shown
-
-
-@pytest.fixture(scope="module")
-def arena():
-    spec = importlib.util.spec_from_file_location("arena_experiment", SCRIPT.with_name("arena.py"))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
 
 
 def cells_of(lines):
