@@ -7,6 +7,8 @@ DEMO ?= .venv-demo
 DEMO_MODEL ?= .venv-demo-model
 BIN := $(VENV)/bin
 PIP_OPTIONS := --quiet --disable-pip-version-check
+# The tests start thousands of Python processes, which should not compile everything that they import again.
+unexport PYTHONDONTWRITEBYTECODE
 NEW_ENOUGH := import sys; sys.exit("smartplay-tools needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)
 
 .PHONY: demo demo-model test test-lowest coverage constraints changelog lint types check board docs experiment benchmarks release clean
