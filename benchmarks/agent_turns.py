@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def fresh(turns: int) -> sp.Episode:
-    """An episode that ends after so many turns."""
+    """An episode that ends after the given number of turns."""
     long = dataclasses.replace(get_spec(GAME), rollout=10**9)
     return sp.Episode(long, seed=1, budget=sp.Budget(prompt_tokens=4096, history=200, tool_calls=turns))
 
@@ -68,7 +68,7 @@ def schema() -> dict[str, Any]:
 
 
 class ActingModel(BaseChatModel):
-    """Calls `act` so many times, then says so."""
+    """Calls `act` the given number of times, then says so."""
 
     left: int
 

@@ -70,7 +70,7 @@ def record_of(task: Task) -> bytes:
 
 
 def driven(folder: Path, episodes: int) -> float:
-    """Return the seconds that a run of so many simulated episodes takes."""
+    """Return the seconds that a run of `episodes` simulated episodes takes."""
     plan = plan_episodes(make_cells([GAME], ["rule"], [sp.Budget()]), trials=episodes)
     players = {player_key(cell): PlayerConfig(name="rule") for cell in plan.cells}
     began = time.process_time()
@@ -87,7 +87,7 @@ def driven(folder: Path, episodes: int) -> float:
 
 
 def least(folder: Path, row: dict[str, Any], episodes: int) -> float:
-    """Return the seconds in which so many records are written and moved, with two rows added for each."""
+    """Return the seconds in which `episodes` records are written and moved, with two rows added for each."""
     for name in ("running", "episodes"):
         (folder / name).mkdir(parents=True)
     text = b"".join(Simulated.played)

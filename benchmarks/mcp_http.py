@@ -76,7 +76,7 @@ def share(times: Sequence[float], of: float) -> float:
 
 @contextmanager
 def served(episodes: int) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
-    """Start a server with so many open episodes."""
+    """Start a server with `episodes` open episodes."""
     options = ["--http", "--port", "0", "--episodes", str(episodes), "--most", str(episodes), "--tool-calls", "none"]
     command = [sys.executable, "-m", "smartplay_tools", "serve", "mcp", GAME, *options]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

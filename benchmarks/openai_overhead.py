@@ -34,7 +34,7 @@ STEPS = int(os.environ.get("STEPS", "2000"))
 BUDGET = sp.Budget(prompt_tokens=4096, history=200, tool_calls=None)
 """200 steps are more than the prompt holds: the cap decides."""
 SAMPLED = 100
-"""Every so many calls, the same request is timed in the other two ways."""
+"""At regular intervals, the same request is timed in the other two ways."""
 
 
 def main() -> None:

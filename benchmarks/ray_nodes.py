@@ -52,7 +52,7 @@ class Billed(RulePlayer):
 
 
 class Machines:
-    """The cluster; every so many episodes one machine is lost and another one joins."""
+    """The cluster; at regular intervals one machine is lost and another one joins."""
 
     def __init__(self, every: int) -> None:
         self._every = every

@@ -88,7 +88,7 @@ def read_by_tiktoken() -> Measured:
     with tempfile.TemporaryDirectory() as folder:
         published = Path(folder, "o200k_base.tiktoken")
         published.write_bytes(vocabulary())
-        os.environ["TIKTOKEN_CACHE_DIR"] = ""  # what is read is not written to a cache besides
+        os.environ["TIKTOKEN_CACHE_DIR"] = ""  # what is read is not also written to a cache
         return within(PUBLISHED, str(published))
 
 

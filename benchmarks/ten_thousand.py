@@ -168,7 +168,7 @@ def around() -> Table:
 
 
 def read_again(records: int) -> Table:
-    """What a finished run of so many episodes costs to replay, and to write as a page."""
+    """What a finished run of `records` episodes costs to replay, and to write as a page."""
     columns = ("episodes", "floor", "replay", "in one process", "report", "in one process")
     table = Table(*columns, title="A run read again, milliseconds an episode", title_justify="left")
     with tempfile.TemporaryDirectory() as name:

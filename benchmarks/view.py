@@ -26,7 +26,7 @@ from smartplay_tools.evaluation.pages.view import SiteRun, ViewServer
 
 
 def large_run(folder: Path, count: int) -> Path:
-    """Make a run of so many finished episodes from one that is played."""
+    """Make a run of `count` finished episodes from one that is played."""
     small, large = folder / "small", folder / "large"
     sp.evaluate(["Hanoi3Disk-v0"], ["rule"], out=small, trials=1, executor="inline")
     manifest = json.loads((small / "manifest.json").read_text(encoding="utf-8"))

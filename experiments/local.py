@@ -82,7 +82,7 @@ def encode(tokenizer: Any, row: dict[str, Any]) -> Sample:
 
 
 def tune(out: Path, *, worlds: int, tokens: int, rate: float) -> None:
-    """Train the last layers until so many tokens were read, and write the model's file."""
+    """Train the last layers until `tokens` tokens were read, and write the model's file."""
     import torch
     from transformers import AutoModelForCausalLM, AutoTokenizer
 

@@ -34,7 +34,7 @@ Count = Callable[[str], int]
 
 
 def turns_of(events: Sequence[Json]) -> list[Json]:
-    """Turns as plain data: `messages`, and for each which observation it shows and the step of the moment.
+    """Turns as plain data: `messages`, and for each which observation it shows and the current step.
 
     Observations are numbered anew here: an action that was played shows the next one, `observe` the current one.
     """

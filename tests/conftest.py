@@ -1,5 +1,5 @@
 """How many examples property tests draw: 100 in `make test`, 1,000 with `--hypothesis-profile=thorough`. No clock
-decides about an example, since a busy machine is no fault.
+decides about an example, since a busy machine is not a fault.
 
 And how many processes `-n auto` starts: half as many again as there are processors, because tests of servers, terminals
 and engines wait. With one for each, two processors were idle for two fifths of the time of `make test`.

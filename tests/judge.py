@@ -70,7 +70,7 @@ class Judge:
         return max((o for turn in self.turns[:k] for o in turn["shows"] if o is not None), default=0)
 
     def step(self, i: int) -> int:
-        """The step of a turn: of its newest item, or of the moment at which it was made if it has none."""
+        """The step of a turn: of its newest item, or the step at which it was made if it has none."""
         made = self.turns[i]["made"]
         return max(made[1:], default=made[0])
 

@@ -34,7 +34,7 @@ def test_prompts_follow_and_the_record_replays():
         session.change_head([{"role": "system", "content": "Be careful."}], [SEARCH])
         third = play_turn(session, calling(act("C->B")))
     heads = [event for event in events if event["event"] == "head"]
-    assert len(heads) == 2, "the same head again is no change"
+    assert len(heads) == 2, "the same head again is not a change"
     assert [prompt.messages[2]["content"] for prompt in (first, second, third)] == ["Be quick."] + ["Be careful."] * 2
     assert [len(prompt.tools) for prompt in (first, second, third)] == [3, 4, 4]
     assert all(sent.sha256 == sent.recorded_sha256 for sent in sent_prompts(events))

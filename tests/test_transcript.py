@@ -104,7 +104,7 @@ def test_a_torn_last_line_costs_that_line_only(played):
 
 
 def line_by_line(written: bytes) -> list[dict] | None:
-    """The events of a file; None if a line other than an incomplete last one is no event."""
+    """The events of a file; None if a line other than an incomplete last one is not an event."""
     events = []
     lines = written.splitlines(keepends=True)
     for number, line in enumerate(lines):

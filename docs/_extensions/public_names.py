@@ -191,7 +191,7 @@ def _process_signature(
         return "", None
     if signature is not None and len(returns or "") > LONGEST_TYPE:
         returns = str(inspect.signature(thing).return_annotation)
-    return signature and signature.replace("<factory>", "..."), returns  # which is no Python, and would not be laid out
+    return signature and signature.replace("<factory>", "..."), returns  # not Python, and not laid out
 
 
 def _fields(model: type[BaseModel]) -> str:

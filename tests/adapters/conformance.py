@@ -126,7 +126,7 @@ BROKEN: Script = [
     calling(act(WAY[0]), ("act", "[1]"), ("act", "Rock")),
     calling(*map(act, WAY[1:])),
 ]
-"""Arguments that are no JSON, or no object: alone in a message, and after one that is."""
+"""Arguments that are not JSON, or not an object: alone in a message, and after one that is."""
 
 FOREIGN: Script = [calling(("weather", '{"city":')), calling(*map(act, WAY))]
 """A call of the agent's own tool whose arguments are not JSON, alone in its message."""

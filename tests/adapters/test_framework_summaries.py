@@ -95,7 +95,7 @@ def purpose_of(body: dict[str, Any]) -> str:
     return "summary" if body.get("tool_choice") == "none" else "play"
 
 
-# --- The hosts: each plays an episode to its end, and retries a failed call of the model so many times --------------
+# --- The hosts: each plays an episode to its end, and retries failed calls of the model as often as asked ------------
 
 
 def client(stub: OpenAIStub) -> Any:

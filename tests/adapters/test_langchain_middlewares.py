@@ -479,7 +479,7 @@ def test_callbacks_see_the_calls_and_one_model_run_for_each_reply():
     with OpenAIStub([calling(act("A->C"), ("observe", {})), *[calling(say="Well.")] * 3]) as stub, episode:
         agent = create_agent(client(stub), middleware=[SmartPlayMiddleware(episode)])
         agent.invoke({"messages": []}, {"callbacks": [watching]})
-    # The tool node begins the calls of a message in threads; they are played in the message's order all the same.
+    # The tool node begins the calls of a message in threads; they are still played in the message's order.
     watching.seen[1:3] = sorted(watching.seen[1:3])
     assert watching.seen == ["model: 2", "act", "observe", "model: 5", "model: 7", "model: 7"]
 

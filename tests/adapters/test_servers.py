@@ -156,7 +156,7 @@ def ask(
 
 
 def padded(body: Any, size: int) -> bytes:
-    """Return a body as JSON of exactly so many bytes."""
+    """Return a body as JSON of exactly `size` bytes."""
     return json.dumps(body).encode().ljust(size)
 
 

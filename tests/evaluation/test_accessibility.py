@@ -67,7 +67,7 @@ def assert_accessible(page: Any) -> None:
         for rule in rules
         for node in rule["nodes"]
     ] == []
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "the page is no wider than the screen"
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "the page fits the width of the screen"
 
 
 def records(folder: Path) -> list[str]:

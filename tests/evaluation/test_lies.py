@@ -265,7 +265,7 @@ FIELDS: dict[str, tuple[str, Lie]] = {
     "no list of prices": ("plan", in_manifest(lambda plan: plan["prices"]["paid"].update(input=[]))),
     "less spending": ("plan", in_manifest(lambda plan: plan.update(spending={"total": {}}))),
     "a better result": ("results", in_submission(lambda facts: facts["results"][0].update(score=99.0))),
-    "a result that is no number": (
+    "a result that is not a number": (
         "metadata",
         in_submission(lambda facts: facts["results"][0].update(score=float("nan"))),
     ),

@@ -113,7 +113,7 @@ def test_what_is_then_played_is_within_the_estimate(strategy, tmp_path):
 
 @pytest.mark.slow
 def test_the_longest_episode_of_a_model_has_room_for_its_summaries():
-    """A model makes the calls to play that an episode allows, and those for summaries besides."""
+    """A model makes the calls to play that an episode allows, and also those for summaries."""
     command = ("eval", "--games", BANDIT, "--players", "openai:gpt-5-mini", "--trials", 1, "--dry-run", "--json")
     room = ("--history", 10, "--slack", 0.5, "--prompt-tokens", 900, "--reply-tokens", 40)
     (plain,) = json.loads(run(*command, *room)[1])

@@ -203,7 +203,7 @@ def test_a_player_that_was_given_the_game_is_found(tmp_path):
 
 
 def test_messages_of_a_host_are_found(bundle, tmp_path):
-    """The same episode played with a hint in every prompt replays, and is no episode with the library's prompts."""
+    """The same episode played with a hint in every prompt replays, and is not an episode with the library's prompts."""
 
     def hint(files: Files) -> None:
         name = records(files, HANOI)[0]

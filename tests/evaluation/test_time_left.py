@@ -22,7 +22,7 @@ from tests.evaluation.test_progress import half_played
 
 @dataclass
 class Cell:
-    """Episodes of these lengths, of a player that takes so many seconds for a reply."""
+    """Episodes of these lengths, of a player that takes `seconds` for a reply."""
 
     lengths: list[int]
     most: int

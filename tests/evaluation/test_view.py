@@ -187,7 +187,7 @@ def test_damaged_folders_are_sentences(runs, tmp_path):
 
 
 def large(folder: Path, one: Path, count: int) -> Path:
-    """Make a run of so many episodes from the rows of a small one."""
+    """Make a run of `count` episodes from the rows of a small one."""
     manifest = json.loads((one / "manifest.json").read_text())
     row = json.loads((one / "results.jsonl").read_text().splitlines()[0])
     keys = [f"{number:016x}" for number in range(count)]

@@ -162,7 +162,7 @@ def test_ten_thousand_episodes_are_few_elements(show, site):
 def test_names_and_replies_stay_text(show, site, width, scheme):
     page = show(site, "#run=two", viewport={"width": width, "height": 900}, color_scheme=scheme)
     assert SCRIPT in page.locator("#rows > div").first.inner_text()
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "the page is no wider than the screen"
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "the page fits the width of the screen"
     page.locator("#rows a").first.click()
     page.wait_for_selector("body[data-ready] #player:not([hidden])")
     page.keyboard.press("ArrowRight")

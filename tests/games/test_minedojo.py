@@ -87,7 +87,7 @@ UNTRUSTWORTHY = {
     ),
     "half an answer": ("answer('{\"ok\": ')\ntime.sleep(60)", "has not answered 'act' within 0.5 seconds"),
     "no JSON": ("answer('Loaded 3131 tasks\\n')", "sent an invalid answer: b'Loaded 3131 tasks"),
-    "JSON that is no answer": ("answer('[1, 2]\\n')", "sent an invalid answer"),
+    "JSON that is not an answer": ("answer('[1, 2]\\n')", "sent an invalid answer"),
     "two answers": ('answer(\'{"ok": 1}\\n{"ok": 2}\\n\')', "sent an invalid answer"),
     "a failure": ('answer(\'{"error": "EOFError: no game"}\\n\')', "has failed in 'act': EOFError: no game"),
 }
@@ -361,7 +361,7 @@ def test_an_environment_is_made_in_a_new_folder_only(tmp_path):
     ("lines", "sentence"),
     [
         (["echo 3 12"], "MineDojo needs Python 3.11; .* is 3.12"),
-        (["exit 1"], "MineDojo needs Python 3.11; .* is no Python"),
+        (["exit 1"], "MineDojo needs Python 3.11; .* is not a Python"),
     ],
 )
 def test_another_python_is_refused(lines, sentence, tmp_path):

@@ -66,7 +66,7 @@ def _maker(python: str | None) -> str:
         raise InvalidArgumentError(f"{python} cannot be run: {error.strerror}; name a Python {wanted}.") from None
     version = ".".join(shown.stdout.split())
     if version != wanted:
-        raise InvalidArgumentError(f"MineDojo needs Python {wanted}; {python} is {version or 'no Python'}.")
+        raise InvalidArgumentError(f"MineDojo needs Python {wanted}; {python} is {version or 'not a Python'}.")
     return python
 
 

@@ -40,7 +40,7 @@ function budgetBar({ short, share }) {
   return element("li", {}, bar, short);
 }
 
-// The keys of actions: digits, then letters that have no other meaning; arrows for directions besides.
+// The keys of actions: digits, then letters that have no other meaning; arrows for directions.
 const LETTERS = [..."123456789", ..."qwertyuiasdfghjklzxcvbn"].filter((letter) => !"ompt".includes(letter));
 const ARROWS = [
   ["ArrowLeft", "←", /\b(west|left)\b/i],
@@ -75,7 +75,7 @@ function addedTool({ name, parameters }) {
   return element("p", { class: "buttons" }, ...fields.map(([, , input]) => input), button);
 }
 
-// What is left empty is null where a schema allows that; what is no text is JSON.
+// What is left empty is null where a schema allows that; anything but text is JSON.
 function argumentOf([key, schema, input]) {
   const kinds = schema.anyOf ?? [schema];
   if (!input.value && kinds.some(({ type }) => type === "null")) return [key, null];
