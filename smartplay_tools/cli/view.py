@@ -6,7 +6,7 @@ import webbrowser
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,14 +15,16 @@ from smartplay_tools.cli.episode_options import BUDGET, OTHERS, RULES, EpisodeOp
 from smartplay_tools.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from smartplay_tools.evaluation.pages.view import RunList
-    from smartplay_tools.evaluation.runs import BrowserGames, BrowserPlay
+    from smartplay_tools.evaluation.runs import BrowserGames
 
 _PLAY = "Play in the browser"
 ANY = "any"
 """In place of a game: the page lets the person choose."""
 
-ONLY_FOR_PLAY = (*BUDGET, *RULES, *OTHERS, "out", "seed", "pictures")
+FOR_PLAY = (*BUDGET, *RULES, *OTHERS, "seed", "pictures")
+"""Options that say what is played."""
+
+MISSING = "for --play GAME, which is missing"
 
 
 @with_episode_options()
@@ -38,7 +40,7 @@ def view(
         str | None,
         typer.Option(
             metavar="GAME",
-            help="Play this game in the browser, as a model would; any: choose.",
+            help="Play this game in the browser, as a model would; any: choose; or the link of a challenge.",
             rich_help_panel=_PLAY,
         ),
     ] = None,
@@ -75,12 +77,16 @@ def view(
     """
     from smartplay_tools.evaluation.pages.view import RunList, ViewServer
 
-    playing = None if play is None else _play(play, out, seed, episode, pictures=pictures)
-    if playing is None:
-        _check_no_play(context)
-        runs = RunList(folders or [Path()])
-    else:
-        runs = _runs_with(playing, folders or [])
+    is_link = play is not None and "?" in play
+    if play is None or is_link:
+        names, why = (FOR_PLAY, "fixed by the challenge") if is_link else ((*FOR_PLAY, "out"), MISSING)
+        _check_not_given(context, names, why)
+    playing = None if play is None else _games(None if is_link else play, out, seed, episode, pictures=pictures)
+    begin = "" if playing is None else "play"
+    if playing is not None and play is not None and is_link:
+        begin = f"play/{playing.take(play)}"
+    own = () if playing is None else (playing.folder, playing.challenges)
+    runs = RunList(folders or ([] if playing else [Path()]), own=own)
     server = ViewServer(
         runs,
         host=host,
@@ -93,48 +99,39 @@ def view(
     )
     count = len(runs.current())
     counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet, but new ones appear,"
-    to_play = "games" if play == ANY else play
+    to_play = "games" if play == ANY else "a challenge" if is_link else play
     served = counted if playing is None else f"{counted}, and {to_play} to play (recorded in {out}),"
-    typer.echo(f"{served} at {server.entry} - Ctrl-C stops.", err=True)
+    # A token is shown at the first page, which leads on.
+    entry = f"{server.url}{begin}" if server.entry == server.url else server.entry
+    typer.echo(f"{served} at {entry} - Ctrl-C stops.", err=True)
     with playing or nullcontext():
         if open_browser:
-            webbrowser.open(server.entry)
+            webbrowser.open(entry)
         server.run()
 
 
-def _runs_with(playing: BrowserPlay | BrowserGames, folders: Sequence[Path]) -> RunList:
-    """The runs of a site in which a person plays, and those of other folders."""
-    from smartplay_tools.evaluation.pages.view import RunList, SiteRun
-    from smartplay_tools.evaluation.runs import BrowserPlay
-
-    if isinstance(playing, BrowserPlay):
-        own = playing.folder.path.resolve()
-        return RunList(folders, always=[SiteRun(own, own.name)])
-    playing.folder.mkdir(parents=True, exist_ok=True)
-    return RunList([playing.folder, *folders])
-
-
-def _play(game: str, out: Path, seed: int, episode: EpisodeOptions, *, pictures: bool) -> BrowserPlay | BrowserGames:
-    from smartplay_tools.evaluation.runs import BrowserGames, BrowserPlay
+def _games(game: str | None, out: Path, seed: int, episode: EpisodeOptions, *, pictures: bool) -> BrowserGames:
+    """The games to play: one, all that are here, or none but a challenge."""
+    from smartplay_tools.evaluation.runs import BrowserGames
     from smartplay_tools.games.specs import GAMES
 
-    chosen: dict[str, Any] = {
-        "budget": episode.budget,
-        "seed": seed,
-        "pictures": pictures,
-        "options": episode.options,
-        "engine": episode.engine,
-        "tokenizer": episode.tokenizer,
+    games = [name for name in GAMES if GAMES.is_loaded(name)] if game == ANY else [game] if game else []
+    return BrowserGames(
+        games,
+        out,
+        seed=seed,
+        budget=episode.budget,
+        pictures=pictures,
+        options=episode.options,
+        engine=episode.engine,
+        tokenizer=episode.tokenizer,
         **episode.rules,
-    }
-    if game != ANY:
-        return BrowserPlay(game, out, **chosen)
-    return BrowserGames([name for name in GAMES if GAMES.is_loaded(name)], out, **chosen)
+    )
 
 
-def _check_no_play(context: typer.Context) -> None:
+def _check_not_given(context: typer.Context, names: Sequence[str], why: str) -> None:
     """Options that would have no effect are a mistake."""
-    for name in ONLY_FOR_PLAY:
+    for name in names:
         source = context.get_parameter_source(name)
         if source is not None and source.name == "COMMANDLINE":
-            raise InvalidArgumentError(f"--{name.replace('_', '-')} is for --play GAME, which is missing.")
+            raise InvalidArgumentError(f"--{name.replace('_', '-')} is {why}.")

@@ -90,10 +90,10 @@ def serve_operator(stack: ExitStack, folder: Path, **address: Any) -> Case:
 
 def view_and_play(stack: ExitStack, folder: Path, **address: Any) -> Case:
     view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
-    from smartplay_tools.evaluation.runs import BrowserPlay
+    from smartplay_tools.evaluation.runs import BrowserGames
 
-    play = BrowserPlay(GAME, folder / "human")
-    server = view.ViewServer([view.SiteRun(play.folder.path, "human")], play=play, **address)
+    play = BrowserGames([GAME], folder / "human")
+    server = view.ViewServer(view.RunList(own=[play.folder]), play=play, **address)
     stack.enter_context(play)
     stack.enter_context(server)
     token = {"Authorization": "Bearer token"}

@@ -101,7 +101,7 @@ def test_a_page_to_send(opened, runs, tmp_path):
 def test_playing_in_the_browser(opened, tmp_path):
     budget = sp.Budget(prompt_tokens=900, notes_tokens=50, tool_calls=2)
     play = BrowserGames([game for game in sp.GAMES if sp.GAMES.is_loaded(game)], tmp_path / "human", budget=budget)
-    with play, view.ViewServer(view.RunList([play.folder]), play=play) as server:
+    with play, view.ViewServer(view.RunList(own=[play.folder]), play=play) as server:
         page = opened(f"{server.url}play")
         assert_accessible(page)
         assert page.locator(".game svg").count() == 6
@@ -112,6 +112,13 @@ def test_playing_in_the_browser(opened, tmp_path):
             page.wait_for_selector(f"body[data-number='{number}']")
             page.keyboard.press("o")
         page.locator("#beside table").wait_for()
+        assert_accessible(page)
+        page.wait_for_function("document.querySelector('#challenge-link').value")
+        page = opened(page.input_value("#challenge-link"))
+        assert_accessible(page)
+        page.locator("#take").click()
+        page.locator("#beat:not([hidden])").wait_for()
+        assert page.locator("#beat").inner_text() == "Score to beat: 0."
         assert_accessible(page)
 
 

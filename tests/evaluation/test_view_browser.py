@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs import BrowserPlay
+from smartplay_tools.evaluation.runs import BrowserGames
 from tests.evaluation.test_view import BANDIT, HANOI, large
 
 view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
@@ -232,8 +232,8 @@ def test_a_new_run_appears_and_the_focus_stays(show, runs, tmp_path):
 @pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (400, "dark")])
 def test_a_person_plays_an_episode(show, tmp_path, width, scheme):
     budget = sp.Budget(history=1, tool_calls=4)
-    playing = BrowserPlay(HANOI, tmp_path / "human", budget=budget)
-    with playing as play, view.ViewServer([view.SiteRun(play.folder.path, "human")], play=play) as server:
+    playing = BrowserGames([HANOI], tmp_path / "human", budget=budget)
+    with playing as games, view.ViewServer(view.RunList(own=[games.folder]), play=games) as server:
         page = show(server.url, "play", viewport={"width": width, "height": 900}, color_scheme=scheme)
         page.locator("#actions button").nth(1).wait_for()
         page.keyboard.press("m")
@@ -249,7 +249,7 @@ def test_a_person_plays_an_episode(show, tmp_path, width, scheme):
         page.locator("#replay").click()
         page.wait_for_selector("body[data-ready] #player:not([hidden])")
         assert "/episode/human/episodes/" in page.url
-        assert play.folder.rows()[0]["steps"] == 1
+        assert games.run_of(HANOI).folder.rows()[0]["steps"] == 1
 
 
 def test_a_note_is_written_with_a_key_and_is_in_the_list(show, runs, tmp_path):
@@ -296,8 +296,8 @@ def test_the_picture_of_a_turn_is_copied_or_saved(show, site, tmp_path):
 
 
 def test_arrows_and_letters_play_the_actions_that_show_them(show, tmp_path):
-    playing = BrowserPlay("Crafter-v0", tmp_path / "human", budget=sp.Budget(tool_calls=2))
-    with playing as play, view.ViewServer([view.SiteRun(play.folder.path, "human")], play=play) as server:
+    playing = BrowserGames(["Crafter-v0"], tmp_path / "human", budget=sp.Budget(tool_calls=2))
+    with playing as games, view.ViewServer(view.RunList(own=[games.folder]), play=games) as server:
         page = show(server.url, "play")
         assert page.url.endswith("/play/Crafter-v0"), "one game has no list to choose from"
         page.locator("#actions button", has_text="Move West").wait_for()
@@ -308,6 +308,6 @@ def test_arrows_and_letters_play_the_actions_that_show_them(show, tmp_path):
         page.keyboard.press(letter)
         page.locator("#beside table .you").wait_for(timeout=60_000)
         page.close()  # it asks its server until then
-        (record,) = play.folder.records()
+        (record,) = games.run_of("Crafter-v0").folder.records()
     calls = [event["arguments"] for event in sp.read_transcript(record) if event["event"] == "call"]
     assert [json.loads(sent)["action"] for sent in calls] == ["Move West", "Make Wood Pickaxe"]

@@ -17,12 +17,14 @@ sweeps        runs over a grid of budgets, compared with full context
 merge         merging shards
 audit         replaying every episode of a run
 browser_play  the episodes that a person plays in the browser
+challenge     an episode to play and the score to beat, as the address of a link
 """
 
 from smartplay_tools.episode.cells import most_calls
 from smartplay_tools.evaluation.runs.agents import Agent, AgentFailedError, Held
 from smartplay_tools.evaluation.runs.audit import audit
-from smartplay_tools.evaluation.runs.browser_play import BrowserGames, BrowserPlay
+from smartplay_tools.evaluation.runs.browser_play import BrowserGames, BrowserPlay, human_cell
+from smartplay_tools.evaluation.runs.challenge import Challenge
 from smartplay_tools.evaluation.runs.estimate import Estimate, estimate
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.merge import merge
@@ -47,6 +49,7 @@ __all__ = [
     "BrowserGames",
     "BrowserPlay",
     "Caps",
+    "Challenge",
     "Estimate",
     "Held",
     "Plan",
@@ -59,6 +62,7 @@ __all__ = [
     "cell_name",
     "estimate",
     "evaluate",
+    "human_cell",
     "make_cells",
     "merge",
     "most_calls",

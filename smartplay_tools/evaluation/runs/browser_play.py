@@ -7,17 +7,18 @@ is continued from its record by the same command.
 
 from __future__ import annotations
 
-import shlex
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from smartplay_tools.conversation.loop import play
-from smartplay_tools.episode.config import EpisodeConfig
+from smartplay_tools.episode.config import CellConfig, EpisodeConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.evaluation.runs.challenge import Challenge
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
@@ -37,59 +38,66 @@ LONGEST_BESIDE = 300
 """Steps of the longest game that they play while a person waits."""
 
 
-class BrowserPlay:
-    """A person's run of one game; `with` plays it in a thread.
+def human_cell(
+    game: str,
+    *,
+    budget: Budget | None = None,
+    pictures: bool = False,
+    options: Mapping[str, Any] | None = None,
+    **rules: Any,
+) -> CellConfig:
+    """Return what a person plays.
 
     Arguments:
         game: the id of a setting.
-        out: the run's folder; one that holds this run already is continued.
         budget: what may be seen and spent in an episode.
-        seed: the seed of the run.
         pictures: whether the person may ask for pictures, in games that make some.
         options: the game's own options.
         rules: engine, tokenizer, and the fields of `Rules`.
     """
+    draws_itself = pictures and PICTURES in get_spec(game).load().metadata["render_modes"]
+    own = {"render_mode": PICTURES} if draws_itself else {}
+    (cell,) = make_cells([game], ["human"], [budget or Budget()], options={**(options or {}), **own}, **rules)
+    return cell
 
-    def __init__(
-        self,
-        game: str,
-        out: str | Path,
-        *,
-        budget: Budget | None = None,
-        seed: int = 0,
-        pictures: bool = False,
-        options: Mapping[str, Any] | None = None,
-        **rules: Any,
-    ) -> None:
-        self.game, self.folder, self.player = game, RunFolder(out), BrowserPlayer()
-        draws_itself = pictures and PICTURES in get_spec(game).load().metadata["render_modes"]
-        own = {"render_mode": PICTURES} if draws_itself else {}
-        self._cells = make_cells([game], ["human"], [budget or Budget()], options={**(options or {}), **own}, **rules)
-        self._seed = seed
+
+class BrowserPlay:
+    """A person's run of one game; `with` plays it in a thread.
+
+    Arguments:
+        cell: what is played (`human_cell`).
+        out: the run's folder; one that holds this run already is continued.
+        seed: the seed of the run.
+        challenge: what the run answers to; its first trial is that of the challenge.
+    """
+
+    def __init__(self, cell: CellConfig, out: str | Path, *, seed: int = 0, challenge: Challenge | None = None) -> None:
+        self.game, self.folder, self.player = cell.game, RunFolder(out), BrowserPlayer()
+        self.challenge = challenge
+        self._cell, self._seed = cell, seed
         self._row: Row | None = None
         self._error: str | None = None
         self._wants_next = False
         self._plan = self._next_plan()
+        if challenge is not None and self._is_made:
+            # One that was played already is shown, and not played again.
+            self._row = next((row for row in self.folder.rows() if row["trial"] == challenge.trial), None)
+            self.player.number += self._row is not None
         self._thread = threading.Thread(target=self._play, name="play", daemon=True)
 
     def __enter__(self) -> BrowserPlay:
         self._thread.start()
         return self
 
+    def begun(self, until: ExitStack) -> BrowserPlay:
+        """Begin, if it has not yet, to be left when `until` is closed."""
+        if self._thread.ident is None:
+            until.enter_context(self)
+        return self
+
     def __exit__(self, *_: object) -> None:
         self.player.leave()
         self._thread.join()
-
-    @property
-    def games(self) -> tuple[str, ...]:
-        """The one game; a `BrowserGames` has more."""
-        return (self.game,)
-
-    def run_of(self, game: str) -> BrowserPlay:
-        """Return the run of a game."""
-        if game != self.game:
-            raise InvalidArgumentError(f"{self.game} is played here, and not {game!r}.")
-        return self
 
     @property
     def number(self) -> int:
@@ -102,31 +110,37 @@ class BrowserPlay:
             asked = self.player.asked
             over = None if self._row is None or asked is not None else self._row
             state = "asking" if asked else "failed" if self._error else "over" if over else "waiting"
-            return {"number": self.number, "state": state, "asked": asked, "over": over, "error": self._error}
+            shown = {"number": self.number, "state": state, "asked": asked, "over": over, "error": self._error}
+            return {**shown, "beat": self._to_beat()}
+
+    def _to_beat(self) -> float | None:
+        """The score to beat in the episode that is shown; those after the challenge have none."""
+        trial = self._plan.episodes[-1].trial if self._row is None else self._row["trial"]
+        return None if self.challenge is None or trial != self.challenge.trial else self.challenge.score
 
     def beside(self) -> dict[str, float | None]:
         """Return what `rule` and `random` score in the world of the latest episode, under the same budget and rules.
 
         None stands for a game that is too long to be played meanwhile.
         """
-        row = self._row
+        row, beat = self._row, self._to_beat()
         if row is None:
             return {}
-        (cell,) = self._cells
+        cell = self._cell
+        share = cell.spec.normalize
+        challenger = {} if beat is None else {"challenger": beat if share(beat) is None else share(beat)}
         if cell.setting.rollout > LONGEST_BESIDE:
-            return dict.fromkeys(BESIDE)
+            return {**dict.fromkeys(BESIDE), **challenger}
         options = {name: value for name, value in cell.options.items() if name != "render_mode"}
         cell = cell.model_copy(update={"options": options})
-        return {name: _played(cell.with_seed(row["seed"]), name) for name in BESIDE}
+        return {**{name: _played(cell.with_seed(row["seed"]), name) for name in BESIDE}, **challenger}
 
-    def challenge(self) -> str:
-        """Return the command that has somebody else play the same worlds under the same budget."""
-        (cell,) = self._cells
-        words = ["smartplay-tools", "view", "--play", self.game, "--seed", str(self._seed)]
-        usual = dict(Budget())
-        for name, value in ((name, value) for name, value in cell.budget if value != usual[name]):
-            words += [f"--{name.replace('_', '-')}", "none" if value is None else str(value)]
-        return shlex.join([*words, "--open"])
+    def challenges(self) -> str:
+        """Return the query of a link that challenges somebody to the latest episode, which is over."""
+        row = self._row
+        if row is None:
+            raise InvalidArgumentError("No episode is over yet.")
+        return Challenge(self._cell, self._seed, row["trial"], row["score"]).query()
 
     def gone(self) -> tuple[int, int]:
         """Return how many turns the last prompt of the latest episode did not show, of how many before it."""
@@ -142,22 +156,28 @@ class BrowserPlay:
 
     def _play(self) -> None:
         while not self.player.has_left:
-            try:
-                run = run_plan(
-                    self._plan,
-                    self.folder.path,
-                    {"human": self._player},
-                    RunOptions(executor="inline", on_progress=self._take_in),
-                )
-                error = None if run.complete or self.player.has_left else _failure(run)
-            except SmartPlayError as problem:
-                error = str(problem)
+            if self._row is None:
+                error = self._play_one()
+                with self.player.changed:
+                    self._error = error
+                    self.player.number += 1
             with self.player.changed:
-                self._error = error
-                self.player.number += 1
                 self.player.changed.wait_for(lambda: self._wants_next or self.player.has_left)
                 self._wants_next, self._row, self._error = False, None, None
             self._plan = self._next_plan()
+
+    def _play_one(self) -> str | None:
+        """Play an episode; return what went wrong."""
+        try:
+            run = run_plan(
+                self._plan,
+                self.folder.path,
+                {"human": self._player},
+                RunOptions(executor="inline", on_progress=self._take_in),
+            )
+        except SmartPlayError as problem:
+            return str(problem)
+        return None if run.complete or self.player.has_left else _failure(run)
 
     def _player(self, *, seed: int, **options: Any) -> BrowserPlayer:
         return self.player
@@ -166,51 +186,85 @@ class BrowserPlay:
         if progress.row is not None:
             self._row = progress.row
 
+    @property
+    def _is_made(self) -> bool:
+        return (self.folder.path / "manifest.json").exists()
+
     def _next_plan(self) -> Plan:
         """The plan of the folder's run, with one more trial if all are finished."""
-        trials = 1
-        if (self.folder.path / "manifest.json").exists():
+        first = 0 if self.challenge is None else self.challenge.trial
+        trials = first + 1
+        if self._is_made:
             planned = self.folder.manifest().planned
             finished = {row["key"] for row in self.folder.rows()}
             left = any(episode.key not in finished for episode in planned)
-            trials = max((episode.trial for episode in planned), default=-1) + (1 if left else 2)
-        return plan_episodes(self._cells, trials=trials, seed=self._seed)
+            trials = max((episode.trial for episode in planned), default=first - 1) + (1 if left else 2)
+        plan = plan_episodes([self._cell], trials=trials, seed=self._seed)
+        return replace(plan, episodes=plan.episodes[first:])
 
 
 class BrowserGames:
-    """Games to choose from; each has a run of its own, which begins when the game is first chosen.
+    """The games that a person may play in a site; each has a run of its own, which begins when it is first chosen.
 
     Arguments:
         games: the ids of the settings.
-        out: the folder of the runs; each is in a folder with the name of its game.
-        options: those of `BrowserPlay`, the same for all games.
+        out: the folder of the run; of several games, that of their runs, each in a folder with the name of its game.
+        seed: the seed of the runs.
+        options: those of `human_cell`, the same for all games.
     """
 
-    def __init__(self, games: Sequence[str], out: str | Path, **options: Any) -> None:
+    def __init__(self, games: Sequence[str], out: str | Path, *, seed: int = 0, **options: Any) -> None:
         self.games, self.folder = tuple(games), Path(out)
-        if (self.folder / "manifest.json").exists():
-            raise InvalidArgumentError(f"{out} holds the run of one game; name another folder for several (--out).")
-        self._options = options
+        self.challenges = self.folder.with_name(f"{self.folder.name}-challenges")
+        """The folder of the runs that answer to challenges."""
+        self._seed, self._options = seed, options
         self._runs: dict[str, BrowserPlay] = {}
         self._begun = ExitStack()
         self._lock = threading.Lock()
+        if len(self.games) == 1:
+            self._make(self.games[0])  # what cannot be played is refused now
+        elif self.games and (self.folder / "manifest.json").exists():
+            raise InvalidArgumentError(f"{out} holds the run of one game; name another folder for several (--out).")
 
     def __enter__(self) -> BrowserGames:
-        self.folder.mkdir(parents=True, exist_ok=True)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._begun.close()
 
-    def run_of(self, game: str) -> BrowserPlay:
-        """Return the run of a game, which begins now if it has not yet."""
-        if game not in self.games:
-            raise InvalidArgumentError(f"There is no game {game!r} to play here; /play has the list.")
+    def run_of(self, name: str) -> BrowserPlay:
+        """Return the run of a game, or of a challenge that was taken, which begins now if it has not yet."""
         with self._lock:
-            if game not in self._runs:
-                run = BrowserPlay(game, self.folder / game, **self._options)
-                self._runs[game] = self._begun.enter_context(run)
-            return self._runs[game]
+            if name in self.games and name not in self._runs:
+                self._make(name)
+            if name not in self._runs:
+                raise InvalidArgumentError(
+                    f"There is no game {name!r} to play here; /play has the list. A challenge begins with its link."
+                )
+            return self._runs[name].begun(self._begun)
+
+    def read(self, link: str) -> Challenge:
+        """Return the challenge of a link; `InvalidArgumentError` says what is wrong with it."""
+        return Challenge.read(link)
+
+    def take(self, link: str) -> str:
+        """Take a challenge, given as its link; return the name of its run."""
+        challenge = Challenge.read(link)
+        name = f"challenge-{challenge.key}"
+        with self._lock:
+            if name not in self._runs:
+                out = self.challenges / challenge.key
+                self._runs[name] = BrowserPlay(challenge.cell, out, seed=challenge.seed, challenge=challenge)
+        return name
+
+    @property
+    def taken(self) -> dict[str, Challenge]:
+        """The challenges that were taken, by the names of their runs."""
+        return {name: run.challenge for name, run in self._runs.items() if run.challenge is not None}
+
+    def _make(self, game: str) -> None:
+        out = self.folder if len(self.games) == 1 else self.folder / game
+        self._runs[game] = BrowserPlay(human_cell(game, **self._options), out, seed=self._seed)
 
 
 def _played(config: EpisodeConfig, name: str) -> float | None:

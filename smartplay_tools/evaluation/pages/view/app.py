@@ -37,6 +37,7 @@ from starlette.types import ASGIApp
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.pages.view.http_answers import HEADERS, missing, page, page_now, static
 from smartplay_tools.evaluation.pages.view.playing import (
+    CHALLENGE,
     LONGEST_WAIT,
     LOOK_SECONDS,
     PlayedGames,
@@ -89,7 +90,7 @@ def view_app(
     listed = runs if isinstance(runs, RunList) else RunList(always=runs)
     site = _Site(listed, is_stopping, plugins=plugins, key=key if annotate else None)
     routes = [
-        Route("/", page("index.html.j2", games=() if play is None else play.games)),
+        Route("/", page("index.html.j2", games=None if play is None else play.games)),
         Route("/compare", site.compare),
         Route("/watch/{rest:path}", _moved),
         Route("/episode/{run:path}/{kind}/{stem}", site.episode),
@@ -104,6 +105,8 @@ def view_app(
         routes.append(Route("/api/notes/{run:path}/{kind}/{stem}", site.note, methods=["POST"]))
     if play is not None and key is not None:
         routes += play_routes(play, key, is_stopping)
+    else:
+        routes += [Route(path, _no_games) for path in (CHALLENGE, "/play", "/play/{game}")]
     # A stream that is compressed waits for its compressor, so the middleware leaves event streams as they are.
     app = GZipMiddleware(Starlette(routes=routes), minimum_size=10_000)
     return Guard(app, _Conditions(token, key).admit, Names(hosts), headers=HEADERS)
@@ -146,6 +149,10 @@ def _same(given: str, token: str) -> bool:
 async def _moved(request: Request) -> Response:
     """Lead from the address that a live page once had to that of the episode, which is live itself."""
     return RedirectResponse(f"/episode/{quote(request.path_params['rest'])}", 301, HEADERS)
+
+
+async def _no_games(request: Request) -> Response:
+    return missing("No game is played in this site. Start one where that is possible: smartplay-tools view --play any")
 
 
 class _Site:

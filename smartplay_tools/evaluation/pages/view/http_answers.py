@@ -13,7 +13,8 @@ from smartplay_tools.evaluation.pages import templates
 
 STATIC = {
     **dict.fromkeys(
-        ("site.js", "view.js", "play.js", "games.js", "waiting.js", "view.css"), "smartplay_tools.evaluation.pages.view"
+        ("site.js", "view.js", "play.js", "games.js", "challenge.js", "waiting.js", "view.css"),
+        "smartplay_tools.evaluation.pages.view",
     ),
     **dict.fromkeys(("basics.js", "page.css"), "smartplay_tools.evaluation.pages.report"),
 }

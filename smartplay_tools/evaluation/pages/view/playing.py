@@ -1,6 +1,8 @@
 """The routes of the site by which a person plays; the only ones that change anything.
 
 /play                             the games to choose from; the page of the game, if there is one only
+/challenge?...                    what a challenge is about, with a button that takes it
+/api/challenge                    POST: take a challenge, given as the query of its link
 /play/GAME                        the page of a game
 /api/play/GAME?after=N            what is to be shown, as soon as it is something else than number N
 /api/play/GAME/reply              POST: the answer to a prompt
@@ -22,11 +24,13 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
+from smartplay_tools.episode.config import RULES, CellConfig, Rules
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.pages.view.http_answers import HEADERS, missing, page_now
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.players.human.browser import BrowserPlayer, PassedError
+from smartplay_tools.quantities import typeset
 from smartplay_tools.records.run_folder import RunFolder
 
 LONGEST_WAIT = 15.0
@@ -34,6 +38,8 @@ LONGEST_WAIT = 15.0
 
 LOOK_SECONDS = 0.05
 
+CHALLENGE = "/challenge"
+"""The path of challenges."""
 
 FAMILIES: Mapping[str, tuple[str, str]] = {
     "bandit": ("Two-armed bandit", "Find the machine that pays."),
@@ -70,8 +76,8 @@ class PlayedRun(Protocol):
         """Return what other players score in the same world."""
         ...
 
-    def challenge(self) -> str:
-        """Return the command that plays the same worlds."""
+    def challenges(self) -> str:
+        """Return the query of a link that challenges somebody to the latest episode."""
         ...
 
     def gone(self) -> tuple[int, int]:
@@ -79,16 +85,43 @@ class PlayedRun(Protocol):
         ...
 
 
+class Challenged(Protocol):
+    """What a challenge is about: `evaluation.runs.challenge.Challenge`."""
+
+    @property
+    def cell(self) -> CellConfig:
+        """What is played."""
+        ...
+
+    @property
+    def score(self) -> float:
+        """The score to beat."""
+        ...
+
+
 class PlayedGames(Protocol):
-    """The games that a person may play: a `BrowserPlay`, or `BrowserGames` to choose from."""
+    """The games that a person may play: `BrowserGames`."""
 
     @property
     def games(self) -> Sequence[str]:
         """The ids of their settings."""
         ...
 
-    def run_of(self, game: str) -> PlayedRun:
-        """Return the run of a game; `InvalidArgumentError` if it is not to be played here."""
+    @property
+    def taken(self) -> Mapping[str, Challenged]:
+        """The challenges that were taken, by the names of their runs."""
+        ...
+
+    def run_of(self, name: str) -> PlayedRun:
+        """Return the run of a game or of a challenge; `InvalidArgumentError` if it is not to be played here."""
+        ...
+
+    def read(self, link: str) -> Challenged:
+        """Return the challenge of a link; `InvalidArgumentError` says what is wrong with it."""
+        ...
+
+    def take(self, link: str) -> str:
+        """Take the challenge of a link; return the name of its run."""
         ...
 
 
@@ -98,6 +131,8 @@ def play_routes(play: PlayedGames, key: str, is_stopping: Callable[[], bool]) ->
     api = "/api/play/{game}"
     return [
         Route("/play", site.games),
+        Route(CHALLENGE, site.challenge),
+        Route("/api/challenge", site.take, methods=["POST"]),
         Route("/play/{game}", site.of_run(site.page)),
         Route(api, site.of_run(site.state)),
         Route(f"{api}/reply", site.of_run(site.reply), methods=["POST"]),
@@ -113,13 +148,28 @@ class _Playing:
 
     async def games(self, request: Request) -> Response:
         """Answer with the games to choose from; the page of the game, if there is one only."""
-        if len(self._play.games) == 1:
+        if len(self._play.games) == 1 and not self._play.taken:
             return RedirectResponse(f"/play/{quote(self._play.games[0])}", 303, HEADERS)
         families: dict[str, list[str]] = {family: [] for family in FAMILIES}
         for game in self._play.games:
             families.setdefault(GAMES[game].family, []).append(game)
         shown = [(family, *FAMILIES.get(family, (family, "")), games) for family, games in families.items() if games]
-        return page_now("games.html.j2", families=shown)
+        return page_now("games.html.j2", families=shown, taken=self._play.taken)
+
+    async def challenge(self, request: Request) -> Response:
+        """Answer with what a challenge is about. It begins when a person wants it, as other pages can open this one."""
+        try:
+            about = await run_in_threadpool(self._play.read, request.url.query)
+        except SmartPlayError as error:
+            return missing(str(error))
+        cell = about.cell
+        share = cell.spec.normalize(about.score)
+        facts = {"game": cell.game, "budget": typeset(cell.budget.describe()), "score": about.score, "share": share}
+        return page_now("challenge.html.j2", key=self._key, rules=_other_rules(cell), **facts)
+
+    async def take(self, request: Request) -> Response:
+        """Take a challenge; answer with the address of its page."""
+        return await _take(request, lambda given: {"play": f"/play/{self._play.take(str(given.get('link')))}"})
 
     def of_run(
         self, answer: Callable[[Request, PlayedRun], Awaitable[Response]]
@@ -137,7 +187,9 @@ class _Playing:
 
     async def page(self, request: Request, run: PlayedRun) -> Response:
         """Answer with the page of a game."""
-        return page_now("play.html.j2", game=run.game, key=self._key, several=len(self._play.games) > 1)
+        several = len(self._play.games) > 1 or bool(self._play.taken)
+        name = request.path_params["game"]
+        return page_now("play.html.j2", game=run.game, name=name, key=self._key, several=several)
 
     async def state(self, request: Request, run: PlayedRun) -> Response:
         """Answer with what is to be shown, when it has changed."""
@@ -154,7 +206,11 @@ class _Playing:
         paper = {result.player: result.normalized.get(run.game) for result in PAPER_RESULTS}
         scores = {name: score for name, score in {**paper, **ours}.items() if score is not None}
         gone, turns = await run_in_threadpool(run.gone)
-        answer = {"scores": scores, "challenge": run.challenge(), "gone": gone, "turns": turns}
+        answer: dict[str, Any] = {"scores": scores, "gone": gone, "turns": turns}
+        try:
+            answer["challenge"] = f"{CHALLENGE}?{run.challenges()}"
+        except SmartPlayError as error:
+            answer["unshared"] = str(error)
         return JSONResponse(answer, headers=HEADERS)
 
     async def reply(self, request: Request, run: PlayedRun) -> Response:
@@ -168,6 +224,13 @@ class _Playing:
     async def next(self, request: Request, run: PlayedRun) -> Response:
         """Begin another episode."""
         return await _take(request, lambda given: run.next())
+
+
+def _other_rules(cell: CellConfig) -> str:
+    """The rules and options that are not the usual ones, in words."""
+    usual = Rules()
+    differing = {name: getattr(cell, name) for name in RULES if getattr(cell, name) != getattr(usual, name)}
+    return ", ".join(f"{name} {value}" for name, value in {**differing, **cell.options}.items())
 
 
 async def _take(request: Request, do: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Response:

@@ -21,12 +21,18 @@ PERIOD = 1.0
 class RunList:
     """The runs in folders, each a run or one that holds some, and others that are always shown first.
 
-    A run is known by its name, which is the path of its folder below the one that was named.
+    A run is known by its name, which is the path of its folder below the one that was named. `own` are folders that may
+    not exist yet, those of the games that are played in the site.
     """
 
-    def __init__(self, folders: Sequence[str | Path] = (), always: Sequence[ViewedRun] = ()) -> None:
-        self._folders, self._always = list(map(Path, folders)), list(always)
-        for folder in self._folders:
+    def __init__(
+        self,
+        folders: Sequence[str | Path] = (),
+        always: Sequence[ViewedRun] = (),
+        own: Sequence[str | Path] = (),
+    ) -> None:
+        self._folders, self._always = [*map(Path, own), *map(Path, folders)], list(always)
+        for folder in map(Path, folders):
             if not folder.is_dir():
                 raise InvalidArgumentError(f"There is no folder {folder}; name a run's folder, or one that holds runs.")
         self._shown: dict[Path, SiteRun] = {}

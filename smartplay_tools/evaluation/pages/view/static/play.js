@@ -6,13 +6,6 @@ const play = { number: 0, asked: null, busy: false };
 
 const PLAYED = `/api/play/${encodeURIComponent(document.body.dataset.game)}`;
 
-async function send(path, body = {}) {
-  const headers = { "Content-Type": "application/json", "X-SmartPlay-Key": document.body.dataset.key };
-  const answer = await fetch(path, { method: "POST", headers, body: JSON.stringify(body) });
-  $("problem").textContent = answer.ok ? "" : await answer.text();
-  return answer.ok ? answer.json() : null;
-}
-
 // --- What is shown ---------------------------------------------------------------------------------------------------
 
 const NAMES = { system: "system", user: "user", assistant: "you", tool: "game" };
@@ -132,8 +125,9 @@ function showEnd(over) {
 async function showBeside(over) {
   const found = await fetch(`${PLAYED}/beside`);
   if (!found.ok) return;
-  const { scores, challenge, gone, turns } = await found.json();
-  $("challenge").value = challenge;
+  const { scores, challenge, unshared, gone, turns } = await found.json();
+  if (unshared) $("challenge").replaceChildren(element("p", { class: "small" }, unshared));
+  else showChallenge(location.origin + challenge);
   $("gone").textContent = gone
     ? `When you made your last move, ${plural(gone, "turn")} of ${number(turns)} had left your window.`
     : "When you made your last move, all that you had done was still in your window.";
@@ -153,6 +147,20 @@ async function showBeside(over) {
   $("beside").replaceChildren(element("table", {}, head, element("tbody", {}, ...rows)));
 }
 
+// The link is percent-encoded, so that it can stand between quotation marks in every shell.
+function showChallenge(link) {
+  $("challenge-link").value = link;
+  $("challenge-command").value = `smartplay-tools view --play "${link}" --open`;
+}
+
+function showBeat(beat, over) {
+  $("beat").hidden = beat === null;
+  if (beat === null) return;
+  const more = over && over.score - beat;
+  const outcome = !over ? "" : more > 0 ? `: you have beaten it by ${number(more)}` : more < 0 ? `: you are ${number(-more)} short of it` : ": you have the same";
+  $("beat").textContent = `Score to beat: ${number(beat)}${outcome}.`;
+}
+
 function show(state) {
   [play.number, play.asked, play.busy] = [state.number, state.asked, false];
   document.body.dataset.number = state.number;
@@ -163,6 +171,7 @@ function show(state) {
   $("problem").textContent = "";
   $("budget-bars").replaceChildren(...(state.asked?.budget_bars ?? []).map(budgetBar));
   if (state.asked) showPrompt(state.asked);
+  showBeat(state.beat, state.over);
   if (state.over) showEnd(state.over);
   if (state.error) $("live").textContent = state.error;
 }
@@ -238,9 +247,11 @@ $("observe").addEventListener("click", () => answer({ tool: "observe" }));
 $("manual").addEventListener("click", () => answer({ tool: "read_manual" }));
 $("take-notes").addEventListener("click", () => answer({ tool: "take_notes", text: $("note").value }));
 $("picture").addEventListener("click", showPicture);
-$("copy-challenge").addEventListener("click", async () => {
-  await navigator.clipboard.writeText($("challenge").value).catch(() => $("challenge").select());
-  $("copy-challenge").textContent = "copied";
-});
+for (const id of ["challenge-link", "challenge-command"]) {
+  $(`copy-${id}`).addEventListener("click", async () => {
+    await navigator.clipboard.writeText($(id).value).catch(() => $(id).select());
+    $(`copy-${id}`).textContent = "copied";
+  });
+}
 $("next").addEventListener("click", () => send(`${PLAYED}/next`));
 follow();

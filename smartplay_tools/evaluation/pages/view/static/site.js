@@ -1,5 +1,5 @@
 "use strict";
-// What the site's pages share: light and dark, and the list of keys.
+// What the site's pages share: light and dark, the list of keys, and requests that change something.
 
 function toggleTheme() {
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;
@@ -24,4 +24,12 @@ function connectKeys(keys) {
   $("theme").addEventListener("click", toggleTheme);
   $("help").addEventListener("click", () => $("keys").showModal());
   $("close-keys").addEventListener("click", () => $("keys").close());
+}
+
+// Only a page with the key may change something; what is refused is said where the page has a place for it.
+async function send(path, body = {}) {
+  const headers = { "Content-Type": "application/json", "X-SmartPlay-Key": document.body.dataset.key };
+  const answer = await fetch(path, { method: "POST", headers, body: JSON.stringify(body) });
+  $("problem").textContent = answer.ok ? "" : await answer.text();
+  return answer.ok ? answer.json() : null;
 }
