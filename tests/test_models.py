@@ -173,4 +173,6 @@ def test_the_commands_list_and_get(index):
     assert got.exit_code == 0
     assert got.stdout.strip().endswith("SmolLM2-135M-Instruct.Q4_1.gguf")
     assert runner.invoke(app, ["model", "get", "gpt-9"]).exit_code != 0
-    assert "--player local:FILE.gguf" in runner.invoke(app, ["model", "list"]).output
+    shown = runner.invoke(app, ["model", "list"]).output
+    assert "smollm2-135m 98 MB yes SmolLM2-135M-Instruct" in " ".join(shown.split())
+    assert "--player local:FILE.gguf" in shown

@@ -12,6 +12,7 @@ from rich.console import Console
 from smartplay_tools.cli import options
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.models import DEFAULT_MODEL, KNOWN_MODELS, fetch
+from smartplay_tools.models.model_files import models_folder
 from smartplay_tools.quantities import megabytes
 
 app = typer.Typer(help="Download and list the models that --player local plays on this machine.", no_args_is_help=True)
@@ -45,7 +46,8 @@ def show(as_json: options.Json = False) -> None:
         return
     table = compact_table("model", "size", "here", "what it is")
     for model in models:
-        table.add_row(model.name, megabytes(model.bytes), str(model.path) if model.is_here else "no", model.about)
+        table.add_row(model.name, megabytes(model.bytes), "yes" if model.is_here else "no", model.about)
     console = Console()
     console.print(table)
+    console.print(f"They are kept in {models_folder()}.", highlight=False, soft_wrap=True)
     console.print("Any other GGUF file is played by its path: --player local:FILE.gguf", highlight=False)

@@ -3,8 +3,8 @@
     fetch("smollm2-135m", print)        # once: downloads it into the user's cache folder and compares its sha256
     find_model("smollm2-135m")          # its path; any other name is the path of a file of yours
 
-files   the models that can be downloaded by name, and where they are kept
-gguf    what a model file says of itself: its vocabulary, its shape, the memory that it takes
+model_files   the models that can be downloaded by name, and where they are kept
+gguf_header   what a model file says of itself: its vocabulary, its shape, the memory that it takes
 """
 
 from smartplay_tools.models.gguf_header import GGUF, read_gguf
