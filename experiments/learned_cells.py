@@ -1,0 +1,127 @@
+"""Who plays in `experiments/learned.py`, under what, and what the models among them are trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation import PlayerConfig
+from smartplay_tools.records.manifest import trial_seed
+
+GAME, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
+CAPS = (600, 800, 1_200, None)
+SMALL = 700
+EPISODES = 240
+"""Episodes of the teacher for each kind of window."""
+TOKENS = 3_000_000
+"""Tokens that a model reads in training, in its own tokenizer, whatever its windows are."""
+WORLDS = 40
+PLAY_SEED, TEACH_SEED, REWARD_SEED = 0, 1, 2
+"""The worlds of play, of the teacher's records and of the training by reward."""
+
+WAYS: Mapping[str, Mapping[str, Any]] = {
+    "drop": {},
+    "mask": {"beyond_history": "mask", "history": 2},
+    "recall": {"recall_tokens": 100},
+    "notes": {"notes_tokens": 60},
+    "summary": {"summary_tokens": 60, "slack": 0.5},
+}
+"""What happens to what no longer fits, as fields of a budget."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Who plays, and under what."""
+
+    player: str
+    """A scripted player; or a model: its regime and the seed of its training, such as `small-1`.
+
+    `small-1-rewarded` was trained further by reward.
+    """
+    cap: int | None
+    way: str = "drop"
+    manual: str = "tool"
+    game: str = GAME
+
+
+@dataclass(frozen=True)
+class Regime:
+    """What a model is trained on: the windows of a teacher, and one of them in which it is trained by reward."""
+
+    budgets: Sequence[sp.Budget]
+    teacher: PlayerConfig
+    rewarded: sp.Budget
+
+
+def _budget(cap: int | None, way: str = "drop") -> sp.Budget:
+    return sp.Budget(prompt_tokens=cap, **WAYS[way])
+
+
+TEACHERS: Mapping[str, PlayerConfig] = {
+    "random": PlayerConfig(name="random"),
+    "rule": PlayerConfig(name="rule"),
+    "rule-notes": PlayerConfig(name="rule-notes", options={"words": False}),
+    "tally": PlayerConfig(name=f"{Path(__file__).parent / 'learned_teacher.py'}:TallyPlayer", options={"words": False}),
+}
+"""The scripted players."""
+RULE, NOTES, TALLY = TEACHERS["rule"], TEACHERS["rule-notes"], TEACHERS["tally"]
+REGIMES: Mapping[str, Regime] = {
+    "small": Regime([_budget(SMALL)], RULE, _budget(CAPS[0])),
+    "all": Regime([_budget(cap) for cap in CAPS], RULE, _budget(CAPS[0])),
+    "full": Regime([_budget(None)], RULE, _budget(CAPS[0])),
+    "notes": Regime([_budget(SMALL, "notes")], NOTES, _budget(SMALL, "notes")),
+    "summary": Regime([_budget(SMALL, "summary")], NOTES, _budget(SMALL, "summary")),
+    "tally-notes": Regime([_budget(SMALL, "notes")], TALLY, _budget(SMALL, "notes")),
+    "tally-summary": Regime([_budget(SMALL, "summary")], TALLY, _budget(SMALL, "summary")),
+}
+TOKENIZED: Mapping[str, Sequence[str]] = {
+    GAME: ("small", "all", "full", "notes", "summary"),
+    BANDIT: ("small", "full"),
+}
+"""The regimes of whose rows the one tokenizer of a game's models is made."""
+
+
+def cells() -> Iterator[Cell]:
+    """All cells, in the order in which they are played: what matters most comes first."""
+    for player in ("rule", "random"):
+        yield from (Cell(player, cap, game=game) for game in (GAME, BANDIT) for cap in CAPS)
+    for player in ("rule", "rule-notes", "tally"):
+        yield from (Cell(player, SMALL, way) for way in WAYS)
+    for player in ("small-1", "full-0", "all-0", "full-0-rewarded"):
+        yield from (Cell(player, cap) for cap in CAPS)
+    for player in ("tally-notes-0", "tally-notes-0-rewarded", "small-1", "notes-0", "summary-0"):
+        yield from (Cell(player, SMALL, way) for way in WAYS)
+    for player in ("rule", "small-1"):
+        yield from (Cell(player, cap, manual="none") for cap in (CAPS[0], None))
+    for player in ("small-0", "full-1", "small-1-rewarded", "small-2", "full-2"):
+        yield from (Cell(player, cap) for cap in CAPS)
+    for player in ("small-0", "full-0"):
+        yield from (Cell(player, cap, game=BANDIT) for cap in CAPS)
+    yield from (Cell("tally-summary-0", SMALL, way) for way in WAYS)
+    for player in ("all-1", "all-2", "full-1-rewarded", "full-2-rewarded"):
+        yield from (Cell(player, cap) for cap in CAPS)
+    for player in ("tally-notes-1", "tally-notes-2"):
+        yield from (Cell(player, SMALL, way) for way in ("drop", "notes"))
+    yield from (Cell("full-0", SMALL, way) for way in WAYS)
+
+
+def episodes_of(cell: Cell, folder: Path | None) -> list[sp.Episode]:
+    """The episodes of a cell; the first is recorded."""
+    names = [cell.player, str(cell.cap or "none"), cell.way]
+    names += ["manual-none"] * (cell.manual == "none") + ["bandit"] * (cell.game == BANDIT)
+    record = None if folder is None else folder / f"{'.'.join(names)}.jsonl"
+    if record is not None:
+        record.unlink(missing_ok=True)
+    return [
+        sp.Episode(
+            cell.game,
+            seed=trial_seed(PLAY_SEED, cell.game, trial),
+            budget=_budget(cell.cap, cell.way),
+            manual=cell.manual,
+            transcript=None if trial else record,
+        )
+        for trial in range(WORLDS)
+    ]
