@@ -66,7 +66,7 @@ class Played:
         return [row["score"] for row in self.rows[cell]]
 
     def failures(self, cell: Cell) -> int:
-        """In how many worlds the score is no higher than that of `random` on average."""
+        """In how many worlds the score is at most the mean score of `random`."""
         floor = fmean(self.scores(Cell("random", None, game=cell.game)))
         return sum(score <= floor for score in self.scores(cell))
 
