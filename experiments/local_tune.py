@@ -3,7 +3,7 @@
 The weights are read from a GGUF file, the last layers learn the replies of exported rows, and a copy of the file is
 written with those layers replaced. What the other layers make of a row is computed once and kept, so reading a row
 again costs the last layers alone. Every few minutes the state of training and the file are saved; a training that was
-stopped goes on from there.
+stopped continues from there.
 """
 
 from __future__ import annotations
