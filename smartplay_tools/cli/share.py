@@ -1,4 +1,4 @@
-"""The command `share`, which writes one episode, or some turns of it, as a small page, a card or a GIF."""
+"""The command `share`, which writes one episode, or some turns of it, as a small page, a card or an animation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from smartplay_tools.errors import InvalidArgumentError
 def share(
     record: Annotated[Path, typer.Argument(metavar="EPISODE", help="The record of an episode.", show_default=False)],
     out: Annotated[
-        Path, typer.Option(help="The .html, .png or .gif file to write; an existing one is replaced.")
+        Path, typer.Option(help="The .html, .png, .gif or .mp4 file to write; an existing one is replaced.")
     ] = Path("share.html"),
     turns: Annotated[
         str | None, typer.Option(metavar="FIRST-LAST", help="The turns that the page plays; all if not given.")
@@ -25,16 +25,16 @@ def share(
 ) -> None:
     """Write one episode, or some turns of it, as one small HTML page without lists, to send or to embed.
 
-    A name that ends in .png makes a card of the last of the turns, one that ends in .gif an animation of them.
+    A name that ends in .png makes a card of the last of the turns, one that ends in .gif or .mp4 an animation of them.
 
     Example: smartplay-tools share episode.jsonl --turns 20-40 --out lost.html
     """
     from smartplay_tools.evaluation.pages.report import write_excerpt
 
-    if out.suffix not in (".html", ".png", ".gif"):
-        raise InvalidArgumentError(f"The name of what is shared ends in .html, .png or .gif, unlike {out}.")
+    if out.suffix not in (".html", ".png", ".gif", ".mp4"):
+        raise InvalidArgumentError(f"The name of what is shared ends in .html, .png, .gif or .mp4, unlike {out}.")
     span = None if turns is None else _range(turns)
-    if out.suffix in (".png", ".gif"):
+    if out.suffix != ".html":
         path = _draw(record, out, span)
     else:
         path = write_excerpt(record, out, turns=span, title=title, plugins=plugins)
@@ -48,10 +48,10 @@ def share(
 
 
 def _draw(record: Path, out: Path, turns: tuple[int, int] | None) -> Path:
-    from smartplay_tools.evaluation.pages.cards import write_card, write_gif
+    from smartplay_tools.evaluation.pages.cards import write_card, write_gif, write_mp4
 
-    if out.suffix == ".gif":
-        return write_gif(record, out, turns=turns)
+    if out.suffix != ".png":
+        return (write_gif if out.suffix == ".gif" else write_mp4)(record, out, turns=turns)
     return write_card(record, out, turn=None if turns is None else turns[1])
 
 
