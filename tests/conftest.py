@@ -1,4 +1,4 @@
-"""How many examples property tests draw: 100 in `make test`, 1,000 with `--hypothesis-profile=thorough`. No clock
+"""How many examples property tests draw: 50 in `make test`, 1,000 with `--hypothesis-profile=thorough`. No clock
 decides about an example, since a busy machine is not a fault.
 
 And how many processes `-n auto` starts: half as many again as there are processors, because tests of servers, terminals
@@ -10,7 +10,7 @@ import os
 import pytest
 from hypothesis import settings
 
-settings.register_profile("quick", max_examples=100, deadline=None)
+settings.register_profile("quick", max_examples=50, deadline=None)
 settings.register_profile("thorough", max_examples=1_000, deadline=None)
 settings.load_profile("quick")
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import textwrap
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,11 @@ def modules() -> list[Path]:
     return [path for path in sorted(PACKAGE.rglob("*.py")) if path.parent != PACKAGE or not path.stem.startswith("__")]
 
 
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def imported(tree: ast.AST) -> set[str]:
     """The modules of this package that a module imports when it is loaded or when its functions are called.
 
@@ -80,20 +86,20 @@ def imported(tree: ast.AST) -> set[str]:
     return {name for name in names if name.split(".")[0] == sp.__name__}
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_never_point_up(path):
-    layer = LAYERS.index(path.relative_to(PACKAGE).parts[0].removesuffix(".py"))
-    for module in imported(ast.parse(path.read_text(encoding="utf-8"))):
-        assert LAYERS.index(module.split(".")[1]) <= layer, f"{path.name} imports {module}"
+def test_imports_never_point_up():
+    for path in modules():
+        layer = LAYERS.index(path.relative_to(PACKAGE).parts[0].removesuffix(".py"))
+        for module in imported(tree(path)):
+            assert LAYERS.index(module.split(".")[1]) <= layer, f"{path.name} imports {module}"
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "evaluation").rglob("*.py")), ids=lambda path: path.stem)
-def test_a_room_of_evaluation_imports_only_lower_ones(path):
-    room = path.relative_to(PACKAGE / "evaluation").parts[0].removesuffix(".py")
-    for module in imported(ast.parse(path.read_text(encoding="utf-8"))):
-        parts = module.split(".")
-        if parts[1] == "evaluation" and parts[2] != room:
-            assert ROOMS[parts[2]] < ROOMS[room], f"{path.name} imports {module}"
+def test_a_room_of_evaluation_imports_only_lower_ones():
+    for path in sorted((PACKAGE / "evaluation").rglob("*.py")):
+        room = path.relative_to(PACKAGE / "evaluation").parts[0].removesuffix(".py")
+        for module in imported(tree(path)):
+            parts = module.split(".")
+            if parts[1] == "evaluation" and parts[2] != room:
+                assert ROOMS[parts[2]] < ROOMS[room], f"{path.name} imports {module}"
 
 
 DEFERRED = """
@@ -155,7 +161,7 @@ def test_only_records_tell_events_apart():
         where = path.relative_to(PACKAGE).as_posix()
         if where.startswith(KINDS_ARE_TESTED_BY):
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree(path)):
             tested = node.left if isinstance(node, ast.Compare) else getattr(node, "subject", None)
             assert tested is None or not ast.unparse(tested).endswith(("['event']", ".get('event')")), (
                 f"{where}:{node.lineno} tests the kind of an event; ask a Record"
@@ -164,7 +170,7 @@ def test_only_records_tell_events_apart():
 
 def test_nothing_is_keyed_by_identity():
     for path in modules():
-        calls = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
+        calls = [node for node in ast.walk(tree(path)) if isinstance(node, ast.Call)]
         assert not [node for node in calls if isinstance(node.func, ast.Name) and node.func.id == "id"], path
 
 
@@ -185,7 +191,7 @@ def test_every_public_name_is_documented():
 
 def test_every_module_says_what_it_is():
     for path in modules():
-        assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
+        assert ast.get_docstring(tree(path)), path
 
 
 def test_every_adapter_is_packaged_typed_and_an_extra():
@@ -206,7 +212,7 @@ OFFERED_TO_SEVERAL_HOSTS = {"PlayerModel", "SmartPlayHarness"}
 def test_a_class_name_is_defined_once():
     places: dict[str, list[str]] = {}
     for path in [*sorted(PACKAGE.rglob("*.py")), *sorted((ROOT / "adapters").rglob("*.py"))]:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
     doubled = {name: paths for name, paths in places.items() if len(paths) > 1}
@@ -241,7 +247,7 @@ BUILT_ON = {"smartplay_local": "smartplay_openai"}
 def test_no_adapter_imports_another():
     for path in sorted((ROOT / "adapters").rglob("*.py")):
         own = path.relative_to(ROOT / "adapters").parts[0]
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree(path)):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             for name in names:

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from tests.games.marks import COMPILED
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(path for path in [ROOT / "README.md", *ROOT.glob("docs/**/*.md")] if path.exists())
@@ -50,10 +51,10 @@ def forget_what_a_page_registers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sp.GAMES, "_specs", dict(sp.GAMES._specs))
 
 
-COMPILED = "rl.md"
-"""The page whose Python compiles the engine of Crafter, in `make test` for the second time."""
+COMPILED_PAGE = "rl.md"
+"""The page whose Python compiles the engine of Crafter."""
 PYTHON = [
-    pytest.param(page, code, id=page.name, marks=pytest.mark.slow if page.name == COMPILED else ())
+    pytest.param(page, code, id=page.name, marks=COMPILED if page.name == COMPILED_PAGE else ())
     for page, code in blocks("python")
 ]
 

@@ -282,6 +282,7 @@ def test_more_episodes_than_a_process_may_open_files(tmp_path, monkeypatch):
     assert len(records.pop().splitlines()) == 2
 
 
+@pytest.mark.slow
 def test_threads_that_share_few_handles_lose_no_line(tmp_path, monkeypatch):
     monkeypatch.setattr(appended, "HANDLES", 3)
     monkeypatch.setattr(appended, "_OPEN", OrderedDict())

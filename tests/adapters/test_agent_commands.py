@@ -68,6 +68,7 @@ def printed(server: subprocess.Popen[str]) -> list[str]:
 WON = "score 3  terminated  7 steps  4,390 prompt and 255 reply tokens"
 
 
+@pytest.mark.slow
 def test_an_endpoint_says_who_has_won_and_at_its_end_how_all_did():
     needs_unix()
     with serving(2, "--prompt-tokens", "700", "--seed", "7") as (agents, server):
@@ -110,6 +111,7 @@ def agent(out: Path, *command: str, options: tuple[str, ...] = ()) -> Result:
 PLAYS = (sys.executable, str(Path(window_host.__file__)))
 
 
+@pytest.mark.slow
 def test_a_program_plays_a_run(tmp_path: Path):
     result = agent(tmp_path / "run", *PLAYS, options=("--at-once", "2"))
     assert result.exit_code == 0, result.output

@@ -80,6 +80,7 @@ class TestWhatHostsShow:
 
 
 class TestStdio:
+    @pytest.mark.slow
     @pytest.mark.parametrize("mode", MODES)
     async def test_a_session_for_each_call_keeps_the_game(self, mode, tmp_path):
         """langchain-mcp-adapters' `get_tools()` starts the server anew for every call."""

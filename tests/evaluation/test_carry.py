@@ -319,9 +319,10 @@ def test_a_ray_cluster_plays_the_same_records(tmp_path):
     assert records(RunFolder(tmp_path / "ray")) == records(RunFolder(tmp_path / "inline"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("executor", "kills", "trials"),
-    [("inline", 1, 4), pytest.param("processes", 8, 24, marks=pytest.mark.slow)],
+    [("inline", 1, 4), ("processes", 8, 24)],
 )
 def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path, executor, kills, trials):
     chance = random.Random(executor)

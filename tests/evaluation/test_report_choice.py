@@ -130,6 +130,7 @@ def test_the_tables_are_of_all_episodes(run, monkeypatch):
     assert "This page holds" not in report.render_report(run, episodes="all")
 
 
+@pytest.mark.slow
 def test_several_processes_write_the_page_that_one_writes(run, tmp_path, monkeypatch):
     reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.episode_reading")
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)

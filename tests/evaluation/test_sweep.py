@@ -172,6 +172,7 @@ def test_shards_that_were_merged_are_a_sweep(played, tmp_path):
 # The command.
 
 
+@pytest.mark.slow
 def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
     command = ["sweep", "--games", BANDIT, "--history", "1,game,50", "--manual", "tool,pinned", "--trials", "2",
                "--executor", "inline", "--out", str(tmp_path)]  # fmt: skip

@@ -15,6 +15,9 @@ from smartplay_tools.games.crafter.compiled.worlds import CompiledWorlds
 from smartplay_tools.games.crafter.fast import FastEngine
 from smartplay_tools.games.crafter.reference import ReferenceEngine
 from tests.games.crafter_worlds import POLICIES, Policy, canonical, compare, doing, lockstep, random_play
+from tests.games.marks import COMPILED
+
+pytestmark = COMPILED
 
 ONE = np.zeros(1, np.intp)
 
@@ -24,7 +27,6 @@ def test_both_engines_agree(policy: Policy) -> None:
     lockstep(policy, count=8, steps=320, seed=1, pictures=True)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("policy", POLICIES, ids=lambda policy: policy.__name__)
 def test_both_engines_agree_for_long(policy: Policy) -> None:
     lockstep(policy, count=50, steps=500, seed=2, pictures=True)

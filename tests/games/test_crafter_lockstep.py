@@ -21,9 +21,10 @@ from tests.games.crafter_edits import (
     sleep_a_lot,
     walk_the_border,
 )
+from tests.games.marks import COMPILED
 
 
-@pytest.fixture(params=[Fast, Compiled], ids=["fast", "compiled"])
+@pytest.fixture(params=[Fast, pytest.param(Compiled, marks=COMPILED)], ids=["fast", "compiled"])
 def engine(request: pytest.FixtureRequest) -> type[Edited]:
     if request.param is Compiled:
         pytest.importorskip("numba", reason="the compiled engine is the extra rl")

@@ -13,6 +13,9 @@ from smartplay_tools.games.crafter import compiled
 from smartplay_tools.games.crafter.facts import FURNACE
 from smartplay_tools.games.crafter.observations import CARRIED
 from tests.games.crafter_edits import POLICIES, Compiled, play
+from tests.games.marks import COMPILED
+
+pytestmark = COMPILED
 
 DIAMOND = CARRIED.index("diamond")
 MUTANTS = {

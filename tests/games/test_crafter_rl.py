@@ -15,10 +15,11 @@ import smartplay_tools  # noqa: F401 - it registers the environments
 from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
 from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.worlds import SLOW
+from tests.games.marks import COMPILED
 
 ID = "smartplay/Crafter-v0"
 SEEN = ("image", "semantic", "symbolic")
-ENGINES = ("compiled", "fast")
+ENGINES = (pytest.param("compiled", marks=COMPILED), "fast")
 
 
 @pytest.fixture(params=ENGINES)

@@ -13,6 +13,9 @@ from smartplay_tools.games.crafter.stream import Stream, world_seed
 from smartplay_tools.games.crafter.worldgen import CELLS, FIELDS, nearness, points
 from smartplay_tools.games.crafter.worlds import PlainWorlds
 from tests.games.crafter_worlds import compare
+from tests.games.marks import COMPILED
+
+pytestmark = COMPILED
 
 
 def begin(seeds: list[int]) -> tuple[CompiledWorlds, PlainWorlds]:
@@ -65,7 +68,6 @@ def test_noise_on_a_threshold_is_computed_exactly(monkeypatch: pytest.MonkeyPatc
         compare(compiled, plain, number)
 
 
-@pytest.mark.slow
 def test_a_thousand_worlds_are_the_same() -> None:
     for first in range(1000, 2000, 100):
         compiled, plain = begin(list(range(first, first + 100)))

@@ -253,6 +253,7 @@ class Terminal:
             self.seen += data.decode(errors="ignore")
 
 
+@pytest.mark.slow
 def test_on_a_terminal_what_has_left_the_window_is_gone(tmp_path):
     record = tmp_path / "human.jsonl"
     words = ["play", RPS, "--player", "human", "--history", "0", "--transcript", str(record)]
@@ -277,6 +278,7 @@ def test_on_a_terminal_what_has_left_the_window_is_gone(tmp_path):
     assert calls(sp.read_transcript(record)) == [("act", '{"action": "Rock"}'), ("act", '{"action": "Scissor"}')]
 
 
+@pytest.mark.slow
 def test_a_prompt_taller_than_the_terminal_is_paged():
     with Terminal("play", CRAFTER, "--player", "human", "--manual", "pinned", rows=24, columns=80) as terminal:
         screens = [terminal.screen()]
@@ -301,6 +303,7 @@ def test_a_prompt_taller_than_the_terminal_is_paged():
     assert all(action in pages for action in sp.GAMES[CRAFTER].load().actions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("game", [RPS, CRAFTER])
 def test_a_small_terminal_is_enough(game):
     """40 columns by 12 lines: prompt, budget, keys and help fit, in pages."""
@@ -323,6 +326,7 @@ def test_a_small_terminal_is_enough(game):
     assert all(len(line) <= columns for screen in screens for line in screen.splitlines())
 
 
+@pytest.mark.slow
 def test_an_interrupt_gives_the_terminal_back(tmp_path):
     record = tmp_path / "human.jsonl"
     with Terminal("play", RPS, "--player", "human", "--transcript", str(record)) as terminal:
@@ -339,6 +343,7 @@ def test_an_interrupt_gives_the_terminal_back(tmp_path):
     assert sp.read_transcript(record)[-1]["result"]["end_reason"] == "closed"
 
 
+@pytest.mark.slow
 def test_a_run_with_a_person_stops_when_the_person_leaves(tmp_path):
     out = tmp_path / "run"
     with Terminal("eval", "--games", HANOI, "--players", "human", "--trials", "3", "--out", str(out)) as terminal:
