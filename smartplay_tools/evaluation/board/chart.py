@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from smartplay_tools.evaluation.board.table import Board
 from smartplay_tools.quantities import short
 
-WIDTH, HEIGHT = 760, 300
-LEFT, RIGHT, TOP, BOTTOM = 48, 200, 14, 40
-"""The edges of the plot; names stand to the right of their points."""
+WIDTH, HEIGHT = 520, 300
+LEFT, RIGHT, TOP, BOTTOM = 48, 40, 14, 40
+"""The edges of the plot; a point has a number, whose name is in the list below."""
 
 STEPS = (1, 2, 5)
 """Ticks of a decade."""
@@ -42,8 +42,6 @@ class Chart:
     points: tuple[Point, ...]
     across: tuple[tuple[float, str], ...]
     up: tuple[tuple[float, str], ...]
-    budgets: tuple[tuple[int, str], ...]
-    """The colour of each budget, and its name."""
 
 
 def make_chart(board: Board) -> Chart | None:
@@ -77,7 +75,6 @@ def make_chart(board: Board) -> Chart | None:
         tuple(points),
         tuple((across(tick), short(tick)) for tick in ticks if low <= math.log10(tick) <= high),
         tuple((up(tick), f"{tick:.2g}") for tick in (0.0, 0.25, 0.5, 0.75, 1.0)),
-        tuple((at % COLOURS, group.name) for at, group in enumerate(board.classes)),
     )
 
 

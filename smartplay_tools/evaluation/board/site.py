@@ -15,7 +15,6 @@ from importlib import metadata, resources
 from pathlib import Path
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.board.chart import make_chart, short_name
 from smartplay_tools.evaluation.board.submissions.bundle import Limits
 from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked, checking
@@ -124,7 +123,6 @@ def _page(board: Board, title: str, replays: int) -> str:
     environment = templates.environment(__package__, "A board")
     environment.filters |= {
         "figure": figure,
-        "estimate": estimate,
         "short": short,
         "brief": short_name,
         "typeset": typeset,
@@ -148,13 +146,3 @@ def figure(value: float | None, digits: int = 2) -> str:
     if value is None:
         return "\N{EN DASH}"
     return f"{value:,.{digits}f}".replace("-", "\N{MINUS SIGN}")
-
-
-def estimate(value: MeanEstimate | None, digits: int = 2) -> str:
-    """Print an estimate with the ends of its interval, where there are any."""
-    if value is None:
-        return "\N{EN DASH}"
-    if value.low is None or value.high is None:
-        return figure(value.mean, digits)
-    low, high = figure(value.low, digits), figure(value.high, digits)
-    return f"{figure(value.mean, digits)} [{low}, {high}]"
