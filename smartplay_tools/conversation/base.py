@@ -8,9 +8,11 @@ sends the prompts and receives the replies.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import compress, count
 from operator import is_not
 from types import MappingProxyType
@@ -22,8 +24,8 @@ from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError
-from smartplay_tools.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
-from smartplay_tools.pictures.picture import NO_PICTURES, Picture
+from smartplay_tools.messages import Call, Message, assistant_message, calls_of, read_calls
+from smartplay_tools.pictures.picture import NO_PICTURES, Picture, is_picture
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult, Prompt, SampledTokens, ToolSpec, Usage
 
@@ -277,25 +279,27 @@ class BaseConversation(ABC):
         """The pictures in a view, by their sha256."""
         if not self._pictures:
             return NO_PICTURES
-        if view.purpose == "play":
-            self._forget_pictures()
-        named = [pictures_of(message) for message in view.shown if isinstance(message["content"], list)]
-        return {part["sha256"]: self._pictures[part["sha256"]] for parts in named for part in parts}
+        kept = self._pictures
+        while view.purpose == "play" and len(kept) > self._most_pictures:
+            del kept[next(iter(kept))]
+        contents = [content for message in view.shown if isinstance(content := message["content"], list)]
+        named = [part["sha256"] for content in contents for part in content if is_picture(part)]
+        return {sha256: kept[sha256] for sha256 in named}
 
     def _keep_picture(self, picture: Picture) -> None:
         """Keep a picture for the views that may show it."""
         self._pictures.pop(picture.sha256, None)
         self._pictures[picture.sha256] = picture
 
-    def _forget_pictures(self) -> None:
-        """Forget the pictures that are beyond the history, or more than the cap can hold: no later view shows them."""
-        pictures, budget = self._pictures, self.episode.budget
-        limits = [] if budget.history is None else [budget.history]
+    @cached_property
+    def _most_pictures(self) -> float:
+        """How many pictures a view can show: no more than the history has or the cap can hold."""
+        budget = self.episode.budget
+        limits = [math.inf if budget.history is None else budget.history + 1]
         if budget.prompt_tokens is not None and not budget.strategies:  # a strategy may go back to any turn
-            each = next(iter(pictures.values()))  # all pictures of an episode have one size
-            limits.append(budget.prompt_tokens // max(1, self.episode.counter.image(each.width, each.height)))
-        while limits and len(pictures) > min(limits) + 1:
-            del pictures[next(iter(pictures))]
+            each = self.episode.counter.image(*self.episode.game.picture_shape)
+            limits.append(budget.prompt_tokens // max(1, each) + 1)
+        return min(limits)
 
     def _max_tokens(self, prompt_tokens: int) -> int | None:
         budget = self.episode.budget

@@ -3,9 +3,9 @@
 What `zlib` compresses depends on its version, so nothing here is compressed by it. A picture of a game has few pixels,
 each of them repeated `scale` times in both directions, and that is all the compression that is needed. The data is one
 deflate block whose Huffman code is chosen so that a pixel takes 32 bits: three literals of 9 bits, and a match that
-repeats them. A row takes its pixels and a constant, the match that repeats the row, which ends on a whole byte. So a
-file is a constant pattern with one table look-up for each pixel, and needs no loop. A picture may be made of tiles; the
-pixels of one that stands in several places are looked up once.
+repeats them. A row takes its pixels and a constant, the match that repeats the row, which ends on a whole byte. So the
+pixels of a part of a picture are the same bytes wherever it stands: a picture is put together from encoded tiles, and
+who has shown a tile before can keep it.
 
 Pictures whose pixels are not enlarged, or with rows too long to be repeated, are stored uncompressed.
 """
@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import functools
 import itertools
+import operator
 import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +49,6 @@ _DISTANCES = (1, 2, *(1 + 2**bits + half * 2 ** (bits - 1) for bits in range(1, 
 _ORDER = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15]
 """The order in which a header lists the lengths of the codes for lengths of codes (3.2.7)."""
 
-Pixel = TypeVar("Pixel", np.uint8, np.uint32)
-
 Bits = list[tuple[int, int]]
 """Values and how many bits each has, lowest bit first."""
 
@@ -59,150 +58,157 @@ def encode(pixels: NDArray[np.uint8], scale: int) -> Picture:
 
     `pixels` are rows x columns x red, green and blue; `scale` is from 1 to `LARGEST_SCALE`.
     """
-    return encode_tiles(pixels.transpose(2, 0, 1)[:, None], _ALONE, scale)
+    layout = layout_of(1, 1, *pixels.shape[:2], scale)
+    return layout.picture([layout.joined(layout.encoded(pixels.transpose(2, 0, 1)[None]))])
 
 
-def encode_tiles(tiles: NDArray[np.uint8], places: NDArray[np.intp], scale: int) -> Picture:
-    """Return the picture that tiles make, as `encode` would; one that stands in several places is encoded once.
+class Tile(NamedTuple):
+    """A part of pictures of a layout, encoded: it is the same wherever it stands."""
 
-    `tiles` are planes (red, green, blue) of tiles of rows x columns, and `places` has the number of the tile that
-    stands in each row and column of them.
+    lines: Sequence[bytes]
+    """The bytes of its rows of pixels."""
+    first: int
+    """How much it adds to the first sum of the picture's Adler-32."""
+    second: int
+    """How much it adds to the second sum where it stands at the top left."""
+
+
+class Row(NamedTuple):
+    """Tiles side by side, from the left border to the right one."""
+
+    lines: bytes
+    first: int
+    second: int
+    """How much it adds to the second sum as the first row."""
+
+
+class Layout:
+    """Pictures of one size, made of tiles of one size."""
+
+    _before: bytes
+    """The zlib stream up to the first pixel."""
+    _joint: bytes
+    """What follows a row of pixels if another does."""
+
+    def __init__(self, down: int, across: int, rows: int, columns: int, scale: int) -> None:
+        self._scale = scale
+        self._width, self._height = across * columns * scale, down * rows * scale
+        self._beginning = _beginning(self._width, self._height)
+        self._joints = [self._joint] * rows
+        line = 1 + 3 * self._width
+        self._length = self._height * line
+        self._across = [-3 * columns * scale * at % _ADLER for at in range(across)]
+        self._down = [-rows * scale * line * at % _ADLER for at in range(down)]
+        """What a byte counts less, for each byte between the first tile or row and another."""
+
+    def encoded(self, tiles: NDArray[np.uint8]) -> list[Tile]:
+        """Return tiles, encoded; the array is tiles x red, green and blue x rows x columns."""
+        raise NotImplementedError
+
+    def joined(self, tiles: Sequence[Tile]) -> Row:
+        """Return a row of tiles."""
+        lines, firsts, seconds = zip(*tiles, strict=True)
+        parts: list[bytes] = []
+        for line in zip(*lines, self._joints, strict=True):
+            parts += line
+        return Row(b"".join(parts), sum(firsts), sum(seconds) + sum(map(operator.mul, firsts, self._across)))
+
+    def picture(self, rows: Sequence[Row]) -> Picture:
+        """Return the picture of rows, from above to below."""
+        lines = [self._before, *[row.lines for row in rows]]
+        lines[-1] = lines[-1][: -len(self._joint)]
+        chunk = _chunk(b"IDAT", self._data(lines, rows))
+        return Picture(b"".join((self._beginning, *chunk, *_IEND)), self._width, self._height)
+
+    def _data(self, lines: list[bytes], rows: Sequence[Row]) -> list[bytes]:
+        """The zlib stream, in parts; `lines` are the bytes from the beginning to the last line."""
+        raise NotImplementedError
+
+
+class _Stored(Layout):
+    """Pictures in stored blocks; before each row is the number of the filter that is not used."""
+
+    _before = _joint = b"\0"
+
+    def __init__(self, down: int, across: int, rows: int, columns: int, scale: int) -> None:
+        super().__init__(down, across, rows * scale, columns * scale, 1)
+        self._enlarged = scale
+
+    def encoded(self, tiles: NDArray[np.uint8]) -> list[Tile]:
+        pixels = tiles.transpose(0, 2, 3, 1).repeat(self._enlarged, 1).repeat(self._enlarged, 2)
+        return [Tile([line.tobytes() for line in tile], 0, 0) for tile in pixels]
+
+    def _data(self, lines: list[bytes], rows: Sequence[Row]) -> list[bytes]:
+        raw, stream = b"".join(lines), [_ZLIB_HEADER]
+        for at in range(0, len(raw), _STORED):
+            block = raw[at : at + _STORED]
+            stream += [struct.pack("<BHH", at + _STORED >= len(raw), len(block), len(block) ^ 0xFFFF), block]
+        return [*stream, struct.pack(">I", zlib.adler32(raw))]
+
+
+class _Compressed(Layout):
+    """Pictures whose pixels are words of 32 bits.
+
+    Adler-32's second sum has each byte as often as there are bytes from it to the end: as often as the same byte of the
+    tile at the top left, less the bytes between the two. All are remainders of whole numbers, and the sums over a tile
+    are far below 2**53, so floats have them exactly, in any order.
     """
-    rows, columns = places.shape[0] * tiles.shape[2], places.shape[1] * tiles.shape[3]
-    width, height = columns * scale, rows * scale
+
+    def __init__(self, down: int, across: int, rows: int, columns: int, scale: int) -> None:
+        code = _code(across * columns, scale)
+        self._joint = _pack([*code.repeat_row, code.literals[0]])
+        super().__init__(down, across, rows, columns, scale)
+        self._before = _ZLIB_HEADER + _pack([*code.header, code.literals[0]])
+        self._after = _pack([*code.repeat_row, code.end])
+        repeat, used = _joined(code.repeat_pixel)
+        assert used + 3 * _LITERAL == 32
+        values = np.array([value for value, _ in code.literals], np.uint32)
+        self._words = values, values << _LITERAL, values << 2 * _LITERAL | repeat << 3 * _LITERAL
+        down_from_top = np.arange(rows * scale)[:, None, None] * (1 + 3 * self._width)
+        before = 1 + down_from_top + np.arange(3 * columns * scale).reshape(1, -1, 3)
+        second = (self._length - before).reshape(rows, scale, columns, scale, 3).sum((1, 3)).transpose(2, 0, 1).ravel()
+        self._sums = np.stack([np.full_like(second, scale * scale), second % _ADLER], axis=1).astype(np.float64)
+
+    def encoded(self, tiles: NDArray[np.uint8]) -> list[Tile]:
+        number, _, rows, columns = tiles.shape
+        red, green, blue = self._words
+        words = red.take(tiles[:, 0])
+        words |= green.take(tiles[:, 1])
+        words |= blue.take(tiles[:, 2])
+        encoded, wide = words.astype("<u4", copy=False).tobytes(), 4 * columns
+        lines = [encoded[at : at + wide] for at in range(0, len(encoded), wide)]
+        sums = (tiles.reshape(number, -1).astype(np.float64) @ self._sums).astype(np.int64).tolist()
+        return [Tile(lines[at * rows : at * rows + rows], *sums[at]) for at in range(number)]
+
+    def _data(self, lines: list[bytes], rows: Sequence[Row]) -> list[bytes]:
+        firsts = [row.first for row in rows]
+        second = self._length + sum([row.second for row in rows]) + sum(map(operator.mul, firsts, self._down))
+        return [*lines, self._after, struct.pack(">I", second % _ADLER << 16 | (1 + sum(firsts)) % _ADLER)]
+
+
+@functools.lru_cache(16)
+def layout_of(down: int, across: int, rows: int, columns: int, scale: int) -> Layout:
+    """Return the layout of pictures of `down` x `across` tiles, each of rows x columns, enlarged `scale` times."""
     if not 1 <= scale <= LARGEST_SCALE:
         raise InvalidArgumentError(f"A picture is enlarged 1 to {LARGEST_SCALE} times, not {scale}.")
-    is_stored = scale == 1 or 1 + 3 * width > _WINDOW
-    data = (
-        _stored(joined_tiles(tiles, places).transpose(1, 2, 0).repeat(scale, 0).repeat(scale, 1))
-        if is_stored
-        else _layout(rows, columns, scale).data(tiles, places)
-    )
-    return Picture(b"".join((_beginning(width, height), _chunk(b"IDAT", data), _IEND)), width, height)
+    is_stored = scale == 1 or 1 + 3 * across * columns * scale > _WINDOW
+    return (_Stored if is_stored else _Compressed)(down, across, rows, columns, scale)
 
 
-def joined_tiles(tiles: NDArray[Pixel], places: NDArray[np.intp]) -> NDArray[Pixel]:
-    """Return the planes of the picture that tiles make: ... x rows x columns."""
-    *planes, _, rows, columns = tiles.shape
-    down, across = places.shape
-    laid = tiles.take(places, axis=-3).swapaxes(-3, -2)
-    return laid.reshape(*planes, down * rows, across * columns)
-
-
-_ALONE = np.zeros((1, 1), np.intp)
-"""The place of a tile that is a whole picture."""
-
-
-@functools.lru_cache(16)
 def _beginning(width: int, height: int) -> bytes:
-    return _SIGNATURE + _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"".join((_SIGNATURE, *_chunk(b"IHDR", [header])))
 
 
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    return b"".join((struct.pack(">I", len(data)), kind, data, struct.pack(">I", zlib.crc32(data, zlib.crc32(kind)))))
+def _chunk(kind: bytes, parts: Sequence[bytes]) -> list[bytes]:
+    """The parts of a chunk whose data is in parts: they are joined once, with the rest of the file."""
+    checksum = zlib.crc32(kind)
+    for part in parts:
+        checksum = zlib.crc32(part, checksum)
+    return [struct.pack(">I", sum(map(len, parts))), kind, *parts, struct.pack(">I", checksum)]
 
 
-_IEND = _chunk(b"IEND", b"")
-
-
-def _stored(pixels: NDArray[np.uint8]) -> bytes:
-    """The zlib stream of a picture in stored blocks."""
-    rows, columns, _ = pixels.shape
-    lines = np.zeros((rows, 1 + 3 * columns), np.uint8)
-    lines[:, 1:] = pixels.reshape(rows, -1)
-    raw = lines.tobytes()
-    parts = [_ZLIB_HEADER]
-    for at in range(0, len(raw), _STORED):
-        block = raw[at : at + _STORED]
-        parts += [struct.pack("<BHH", at + _STORED >= len(raw), len(block), len(block) ^ 0xFFFF), block]
-    return b"".join((*parts, struct.pack(">I", zlib.adler32(raw))))
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """The stream of every picture of a size: a pattern of bytes, and where the words of its pixels go."""
-
-    before: bytes
-    pattern: NDArray[np.uint8]
-    """Row by row, room for its pixels, and then the bits that are the same for each row."""
-    joint: int
-    """How many bytes these bits are."""
-    after: bytes
-    words: NDArray[np.uint32]
-    """By channel and value: its part of a pixel's word."""
-    scale: int
-    length: int
-    """The bytes of the picture as they are checked: rows of pixels with a zero before each."""
-
-    def data(self, tiles: NDArray[np.uint8], places: NDArray[np.intp]) -> bytes:
-        """Return the zlib stream of the picture that tiles make."""
-        red, green, blue = self.words
-        words = red.take(tiles[0])
-        words |= green.take(tiles[1])
-        words |= blue.take(tiles[2])
-        filled = self.pattern.copy()
-        pixels = joined_tiles(words, places).astype("<u4", copy=False)
-        filled[:, : 4 * pixels.shape[1]] = pixels.view(np.uint8)
-        body = filled.ravel()[: -self.joint].tobytes()
-        return b"".join((self.before, body, self.after, struct.pack(">I", self.checksum(tiles, places))))
-
-    def checksum(self, tiles: NDArray[np.uint8], places: NDArray[np.intp]) -> int:
-        """Return Adler-32 of the enlarged picture, from sums over its tiles.
-
-        Its second sum has each byte as often as there are bytes from it to the end. The sums are whole numbers, far
-        below 2**53, so floats have them exactly.
-        """
-        _, number, rows, columns = tiles.shape
-        inside = tiles.reshape(3, number, -1).astype(np.float64) @ _inside(rows, columns)
-        where = (places.ravel() + np.array([[0], [number], [2 * number]])).ravel()
-        standing = np.bincount(where, _weights(*places.shape), 3 * number).reshape(3, number)
-        # By colour: the sum of each tile, and those by row and column, times how often, in which row and column it is.
-        sums = np.rint(standing @ inside).astype(np.int64).tolist()
-        total = sum(colour[0][0] for colour in sums)
-        by_row = sum(rows * colour[1][0] + colour[0][1] for colour in sums)
-        by_column = sum(columns * colour[2][0] + colour[0][2] for colour in sums)
-        scale, copies = self.scale, self.scale * self.scale
-        row = self.length // (scale * rows * places.shape[0])
-        enlarged = total * copies * (scale - 1) // 2
-        down, across = copies * by_row * scale + enlarged, copies * by_column * scale + enlarged
-        colour = copies * (sums[1][0][0] + 2 * sums[2][0][0])
-        second = self.length + (self.length - 1) * copies * total - row * down - 3 * across - colour
-        return int(second % _ADLER << 16 | (1 + copies * total) % _ADLER)
-
-
-@functools.lru_cache(16)
-def _inside(rows: int, columns: int) -> NDArray[np.float64]:
-    """By pixel of a tile: 1, its row, its column."""
-    down, across = np.divmod(np.arange(rows * columns), columns)
-    return np.stack([np.ones(rows * columns), down, across], axis=1)
-
-
-@functools.lru_cache(16)
-def _weights(rows: int, columns: int) -> NDArray[np.float64]:
-    """1 for every place of a tile, then the rows, then the columns."""
-    return np.ascontiguousarray(_inside(rows, columns).T).ravel()
-
-
-@functools.lru_cache(16)
-def _layout(rows: int, columns: int, scale: int) -> _Layout:
-    code = _code(columns, scale)
-    row = 1 + 3 * columns * scale
-    before = _pack([*code.header, code.literals[0]])
-    pattern = np.zeros((rows, 4 * columns + code.joint_bits // 8), np.uint8)
-    pattern[:, 4 * columns :] = np.frombuffer(_pack([*code.repeat_row, code.literals[0]]), np.uint8)
-    repeat, used = _joined(code.repeat_pixel)
-    values = np.array([value for value, _ in code.literals], np.uint32)
-    words = np.stack([values, values << _LITERAL, values << 2 * _LITERAL | repeat << 3 * _LITERAL])
-    assert used + 3 * _LITERAL == 32
-    return _Layout(
-        before=_ZLIB_HEADER + before,
-        pattern=pattern,
-        joint=code.joint_bits // 8,
-        after=_pack([*code.repeat_row, code.end]),
-        words=words,
-        scale=scale,
-        length=rows * scale * row,
-    )
+_IEND = _chunk(b"IEND", [])
 
 
 @dataclass(frozen=True)

@@ -23,15 +23,14 @@ from smartplay_tools.games.crafter.balance import light
 from smartplay_tools.games.crafter.facts import (
     AREA,
     ARROW,
+    CARRIED,
     COW,
-    ITEMS,
     MATERIALS,
     MOST,
     PLANT,
     PLAYER,
     SKELETON,
     VIEW,
-    VITALS,
     ZOMBIE,
 )
 from smartplay_tools.games.crafter.pictures import (
@@ -130,7 +129,7 @@ def _read(sha256: str, picture: Picture) -> PictureView:
 def _amounts(cells: NDArray[np.uint8]) -> dict[str, int]:
     """The vitals and items below the view, which are always lit."""
     digits, amounts = _carried(), {}
-    for number, name in enumerate((*VITALS, *ITEMS)):
+    for number, name in enumerate(CARRIED):
         amounts[name] = digits[number].get(cells[number % GRID, number // GRID].tobytes(), 0)
     return amounts
 

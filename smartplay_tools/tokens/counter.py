@@ -140,10 +140,9 @@ class TokenCounter:
 
     def content(self, message: Mapping[str, Any]) -> int:
         """Count the text and the pictures of a message."""
+        pictures = pictures_of(message)
         count = self.text(text_of(message))
-        for part in pictures_of(message):
-            count += self.image(part["width"], part["height"])
-        return count
+        return count + sum([self.image(part["width"], part["height"]) for part in pictures]) if pictures else count
 
     def message(self, message: Mapping[str, Any], arguments: Sequence[str] | None = None) -> int:
         """Count a chat message. Anything in it but text and pictures of the game raises a ValueError.

@@ -10,8 +10,7 @@ import pytest
 pytest.importorskip("numba", reason="the compiled engine is the extra rl")
 
 from smartplay_tools.games.crafter import compiled
-from smartplay_tools.games.crafter.facts import FURNACE
-from smartplay_tools.games.crafter.observations import CARRIED
+from smartplay_tools.games.crafter.facts import CARRIED, FURNACE
 from tests.games.crafter_edits import POLICIES, Compiled, play
 from tests.games.marks import COMPILED
 

@@ -11,9 +11,9 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
-from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, ACTIONS, LENGTH, NOOP
+from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, ACTIONS, CARRIED, LENGTH, NOOP
 from smartplay_tools.games.crafter.game import SMALLEST_PICTURE, Crafter
-from smartplay_tools.games.crafter.observations import CARRIED, IMAGE, OBSERVATIONS, TEXT, space_of
+from smartplay_tools.games.crafter.observations import IMAGE, OBSERVATIONS, TEXT, space_of
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.worlds import make_worlds
 from smartplay_tools.games.seeds import check_seed

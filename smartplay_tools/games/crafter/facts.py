@@ -86,6 +86,7 @@ ITEMS = (
     "stone_sword",
     "iron_sword",
 )
+CARRIED = (*VITALS, *ITEMS)
 MOST = 9
 """The largest amount of any vital or item; vitals start at it, items at 0."""
 

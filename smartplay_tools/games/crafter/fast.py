@@ -9,20 +9,18 @@ from numpy.typing import NDArray
 
 from smartplay_tools.games.crafter.balance import INTERVAL, balance, light
 from smartplay_tools.games.crafter.creatures import UPDATE
-from smartplay_tools.games.crafter.facts import NIGHT_PIXELS, UPDATE_DISTANCE, VIEW
+from smartplay_tools.games.crafter.facts import NIGHT_PIXELS, UPDATE_DISTANCE
 from smartplay_tools.games.crafter.player import CrafterPlayer
 from smartplay_tools.games.crafter.stream import world_seed
-from smartplay_tools.games.crafter.views import Scene, Sight, body_texture, thing_texture
+from smartplay_tools.games.crafter.views import CENTER, Scene, Sight, body_texture, thing_texture
 from smartplay_tools.games.crafter.world import (
     DISTANCE,
     RELIST_STEPS,
     World,
+    cell_in_view,
+    cells_around,
     position,
-    without_margin,
 )
-
-IN_VIEW = VIEW[0] // 2 + VIEW[1] // 2
-"""The distance of a corner of the view: what is further away is not seen."""
 
 
 class FastEngine:
@@ -82,16 +80,17 @@ class FastEngine:
     def scene(self) -> Scene:
         """The part of the state that a picture shows."""
         player = self.player
+        at = player.at
         body = body_texture(player.facing, sleeping=player.sleeping)
         things = [
-            (thing_texture(thing.kind, thing.clock, thing.heading), position(thing.at))
-            for thing in self.world.things
-            if DISTANCE[thing.at - player.at] <= IN_VIEW
+            (thing_texture(thing.kind, thing.clock, thing.heading), *cell)
+            for thing in self.world.near
+            if (cell := cell_in_view(thing.at, at)) is not None
         ]
         return Scene(
-            ground=without_margin(self.world.ground),
-            things=[(body, position(player.at)), *things],
-            position=position(player.at),
+            ground=cells_around(self.world.ground, at),
+            things=[(body, *CENTER), *things],
+            position=position(at),
             inventory=player.inventory,
             sleeping=player.sleeping,
             daylight=light(self.steps).daylight,

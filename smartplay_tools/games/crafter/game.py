@@ -131,11 +131,9 @@ class Crafter(TextGame):
 
     def picture(self) -> Picture:
         """Return the picture of the current state, as the original draws it, enlarged."""
-        from smartplay_tools.games.crafter.pictures import draw_cells
-        from smartplay_tools.pictures.png import encode_tiles
+        from smartplay_tools.games.crafter.pictures import encode
 
-        unit, scale = self._cell
-        return encode_tiles(*draw_cells(self._world.scene(), unit), scale)
+        return encode(self._world.scene(), *self._cell)
 
     def drawing(self) -> dict[str, Any]:
         """The part of the scene that the player sees: ground and things by cell, body, inventory, light."""

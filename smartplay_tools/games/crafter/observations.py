@@ -17,6 +17,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from smartplay_tools.games.crafter.facts import (
+    CARRIED,
     COAL,
     COW,
     DIAMOND,
@@ -42,11 +43,10 @@ from smartplay_tools.games.crafter.facts import (
 from smartplay_tools.games.crafter.pictures import USUAL, cells_seen, draw
 from smartplay_tools.games.crafter.textures import BODIES, LAYERS
 from smartplay_tools.games.crafter.views import CrafterEngine
-from smartplay_tools.games.crafter.world import COLUMN, DIRECTIONS
+from smartplay_tools.games.crafter.world import DIRECTIONS, cells_around
 
 TEXT, IMAGE, SEMANTIC, SYMBOLIC = OBSERVATIONS = ("text", "image", "semantic", "symbolic")
 
-CARRIED = (*VITALS, *ITEMS)
 CELLS = VIEW[0] * VIEW[1]
 
 # --- Semantic --------------------------------------------------------------------------------------------------------
@@ -110,9 +110,8 @@ def observe(engine: CrafterEngine, observation: str) -> NDArray[Any]:
 
 
 def _semantic(engine: CrafterEngine) -> NDArray[np.uint8]:
-    sight, (columns, rows) = engine.sight(), VIEW
-    corner = sight.at - columns // 2 * COLUMN - rows // 2
-    cells = b"".join(sight.surface[start : start + rows] for start in range(corner, corner + columns * COLUMN, COLUMN))
+    sight = engine.sight()
+    cells = cells_around(sight.surface, sight.at)
     rest = [*sight.inventory.values(), DIRECTIONS.index(sight.facing), sight.sleeping]
     return np.concatenate([np.frombuffer(cells, np.uint8), np.array(rest, np.uint8)])
 
@@ -122,7 +121,7 @@ _MOB_LAYERS = [[LAYERS.index(body) for body in BODIES if body.startswith(NAMES[k
 
 def _symbolic(engine: CrafterEngine) -> NDArray[np.float32]:
     scene, sight = engine.scene(), engine.sight()
-    materials, layers = (cells.T for cells in cells_seen(scene))
+    materials, layers = cells_seen(scene)
     blocks = BLOCK_OF[materials]
     blocks[layers == LAYERS.index("plant")] = PLANT_BLOCK
     blocks[layers == LAYERS.index("plant-ripe")] = RIPE_BLOCK

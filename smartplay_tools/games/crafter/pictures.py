@@ -7,15 +7,17 @@ show larger textures under the same grain. Every sum is rounded where the origin
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.games.crafter.facts import AREA, ITEMS, MOST, VIEW, VITALS
+from smartplay_tools.games.crafter.facts import CARRIED, MATERIALS, MOST, VIEW
 from smartplay_tools.games.crafter.textures import LAYERS, tiles, vignette
 from smartplay_tools.games.crafter.views import Scene
-from smartplay_tools.pictures.png import joined_tiles
+from smartplay_tools.pictures.picture import Picture
+from smartplay_tools.pictures.png import Layout, Row, Tile, layout_of
 
 GRID = 9
 """A picture is a square of this many cells: the view, and the inventory below."""
@@ -35,106 +37,122 @@ Planes = NDArray[np.uint8]
 """Red, green and blue, each rows by columns; or first by cell."""
 
 
+_FIRST_LAYER = bytes(range(0, len(LAYERS) * (len(MATERIALS) + 1), len(LAYERS)))
+"""By material (0: outside the map), the number of a cell with nothing on it."""
+_LAYER = {texture: number for number, texture in enumerate(LAYERS)}
+
+
 def draw(scene: Scene, size: int = USUAL) -> NDArray[np.uint8]:
     """Draw a square picture; the array is rows x columns x red, green and blue."""
     unit = size // GRID
     border = (size - unit * GRID) // 2
     picture = np.zeros((size, size, 3), np.uint8)
     inside = slice(border, border + unit * GRID)
-    picture[inside, inside] = joined_tiles(*draw_cells(scene, unit)).transpose(1, 2, 0)
+    if scene.daylight < 0.5:
+        view = _by_night(scene, unit)
+    else:
+        different, places = np.unique(np.frombuffer(numbers_seen(scene), np.uint8), return_inverse=True)
+        view = _by_day(different.tolist(), scene, unit).take(places, axis=0)
+    cells = np.concatenate((view, _amounts(unit, [scene.inventory[name] for name in CARRIED])))
+    picture[inside, inside] = _joined(cells, GRID).transpose(1, 2, 0)
     return picture
 
 
-class Cells(NamedTuple):
-    """The cells of a picture: each that looks different once, and where they stand."""
+def encode(scene: Scene, unit: int, scale: int) -> Picture:
+    """Return the picture that a model is shown: its cells have `unit` pixels and are enlarged `scale` times."""
+    layout = layout_of(GRID, GRID, unit, unit, scale)
+    if scene.daylight < 0.5:
+        view = layout.encoded(_by_night(scene, unit))
+    else:
+        numbers, known = numbers_seen(scene), _known_by_day(scene.daylight, scene.sleeping, layout)
+        if missing := sorted(set(numbers) - known.keys()):
+            known.update(zip(missing, layout.encoded(_by_day(missing, scene, unit)), strict=True))
+        view = [known[number] for number in numbers]
+    rows = [layout.joined(view[at : at + GRID]) for at in range(0, len(view), GRID)]
+    return layout.picture(rows + _encoded_amounts(layout, unit, *[scene.inventory[name] for name in CARRIED]))
 
-    planes: NDArray[np.uint8]
-    """Red, green and blue of each cell, of its rows, of its columns."""
-    places: NDArray[np.intp]
-    """By row and column of cells, which cell stands there."""
+
+@functools.lru_cache(512)
+def _known_by_day(daylight: float, sleeping: bool, layout: Layout) -> dict[int, Tile]:
+    """The cells that were shown before in this light, by number: at a step it is the same in every world."""
+    return {}
 
 
-def draw_cells(scene: Scene, unit: int) -> Cells:
-    """Draw the cells of a picture, `unit` pixels wide and high: the view, and below it what is carried."""
-    view, carried = _view(scene, unit), _carried(scene, unit)
-    places = np.concatenate((view.places, carried.places + view.planes.shape[1]))
-    return Cells(np.concatenate((view.planes, carried.planes), axis=1), places)
+@functools.lru_cache(512)
+def _encoded_amounts(layout: Layout, unit: int, *amounts: int) -> list[Row]:
+    """The rows below the view, which rarely change from step to step."""
+    tiles = layout.encoded(_amounts(unit, amounts))
+    return [layout.joined(tiles[at : at + GRID]) for at in range(0, len(tiles), GRID)]
+
+
+def _amounts(unit: int, amounts: Sequence[int]) -> NDArray[np.uint8]:
+    """The cells below the view: amounts of vitals and items, and nothing in the others."""
+    shown = [number * (MOST + 1) + amount for number, amount in enumerate(amounts)]
+    nothing = [0] * (GRID * (GRID - VIEW[1]) - len(shown))
+    return _tables(unit).carried.take(shown + nothing, axis=0)
+
+
+def numbers_seen(scene: Scene) -> bytes:
+    """The cells of the view, row by row: `len(LAYERS)` times the material, and the thing on it (its layer)."""
+    ground, rows = scene.ground, VIEW[1]
+    numbers = bytearray(ground.translate(_FIRST_LAYER.ljust(256)))
+    for texture, column, row in scene.things:
+        at = column * rows + row
+        numbers[at] = _FIRST_LAYER[ground[at]] + _LAYER[texture]
+    return b"".join([numbers[row::rows] for row in range(rows)])
 
 
 def cells_seen(scene: Scene) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Materials (0: outside the map) and the things on them (`textures.LAYERS`), by column and row of the view."""
-    columns, rows = VIEW
-    left, top = scene.position[0] - columns // 2, scene.position[1] - rows // 2
-    ground = np.frombuffer(scene.ground, np.uint8).reshape(AREA, AREA)
-    if 0 <= left <= AREA - columns and 0 <= top <= AREA - rows:
-        materials = ground[left : left + columns, top : top + rows]
-    else:
-        wider = np.pad(ground, columns)
-        materials = wider[left + columns : left + 2 * columns, top + columns : top + columns + rows]
-    layers = np.zeros(VIEW, np.uint8)
-    for texture, (x, y) in scene.things:
-        if 0 <= x - left < columns and 0 <= y - top < rows:
-            layers[x - left, y - top] = LAYERS.index(texture)
-    return materials, layers
+    """Materials (0: outside the map) and the things on them (`textures.LAYERS`), by row and column of the view."""
+    numbers = np.frombuffer(numbers_seen(scene), np.uint8).reshape(VIEW[::-1])
+    return np.divmod(numbers, np.uint8(len(LAYERS)))
 
 
 class _Tables(NamedTuple):
-    """Planes (red, green, blue) of all cells, in one row."""
+    """All cells by number: planes of red, green and blue, each rows by columns."""
 
     cells: NDArray[np.uint8]
-    """By material and layer."""
-    faded: NDArray[np.uint8]
-    """The same with the colours of the night."""
+    faded: NDArray[np.float64]
+    """The same in the colours of the night."""
     carried: NDArray[np.uint8]
     """By vital or item and amount."""
 
 
 @functools.lru_cache(4)
 def _tables(unit: int) -> _Tables:
-    cells, carried = (
-        np.ascontiguousarray(table.reshape(-1, 3, unit, unit).transpose(1, 0, 2, 3)) for table in tiles(unit)
-    )
-    return _Tables(cells, _faded(cells), carried)
+    cells, carried = (np.ascontiguousarray(table.reshape(-1, 3, unit, unit)) for table in tiles(unit))
+    faded = _tinted(_faded(cells.swapaxes(0, 1)), NIGHT).swapaxes(0, 1)
+    return _Tables(cells, np.ascontiguousarray(faded), carried)
 
 
-def _view(scene: Scene, unit: int) -> Cells:
-    materials, layers = (cells.T for cells in cells_seen(scene))
-    codes = materials.astype(np.intp) * len(LAYERS) + layers
-    tables = _tables(unit)
-    if scene.daylight < 0.5:
-        rows, columns = codes.shape
-        seen = _in_colour(lit(joined_tiles(tables.cells, codes), scene), scene)
-        cells = seen.reshape(3, rows, unit, columns, unit).transpose(0, 1, 3, 2, 4)
-        return Cells(cells.reshape(3, -1, unit, unit), np.arange(codes.size).reshape(codes.shape))
-    # By day equal cells look alike, so each is lit once.
-    different = sorted(set(codes.ravel().tolist()))
-    places = np.empty(different[-1] + 1, np.intp)
-    places[different] = np.arange(len(different))
-    cells, faded = (table.take(different, axis=1) for table in (tables.cells, tables.faded))
-    return Cells(_in_colour(_mixed(cells, faded, scene.daylight), scene), places[codes])
+def _by_day(numbers: Sequence[int], scene: Scene, unit: int) -> NDArray[np.uint8]:
+    """Cells by their numbers: by day equal ones look alike."""
+    cells, faded = (table.take(numbers, axis=0) for table in (_tables(unit).cells, _tables(unit).faded))
+    seen = scene.daylight * cells + (1 - scene.daylight) * faded
+    return asleep(seen.swapaxes(0, 1)).swapaxes(0, 1) if scene.sleeping else seen.astype(np.uint8)
 
 
-def _in_colour(seen: NDArray[np.float64], scene: Scene) -> Planes:
-    return asleep(seen) if scene.sleeping else seen.astype(np.uint8)
+def _by_night(scene: Scene, unit: int) -> NDArray[np.uint8]:
+    """Every cell of the view, row by row: the noise is not the same in any two."""
+    columns, rows = VIEW
+    cells = _tables(unit).cells.take(np.frombuffer(numbers_seen(scene), np.uint8), axis=0)
+    seen = lit(_joined(cells, columns), scene)
+    shown = asleep(seen) if scene.sleeping else seen.astype(np.uint8)
+    return shown.reshape(3, rows, unit, columns, unit).transpose(1, 3, 0, 2, 4).reshape(-1, 3, unit, unit)
 
 
-def _carried(scene: Scene, unit: int) -> Cells:
-    amounts = [scene.inventory[name] for name in (*VITALS, *ITEMS)]
-    places = np.zeros((GRID - VIEW[1], GRID), np.intp)  # the first is empty
-    places.flat[: len(amounts)] = np.arange(1, len(amounts) + 1)
-    shown = [0, *(number * (MOST + 1) + amount for number, amount in enumerate(amounts))]
-    return Cells(_tables(unit).carried.take(shown, axis=1), places)
+def _joined(cells: NDArray[np.uint8], across: int) -> Planes:
+    """The planes of the picture that cells make, row by row."""
+    number, _, unit, _ = cells.shape
+    laid = cells.reshape(-1, across, 3, unit, unit).transpose(2, 0, 3, 1, 4)
+    return laid.reshape(3, number // across * unit, across * unit)
 
 
 def lit(planes: Planes, scene: Scene) -> NDArray[np.float64]:
     """The view with the light of its time of day."""
     daylight = scene.daylight
     dark = _with_grain(planes, 2 * (0.5 - daylight), scene.grain) if daylight < 0.5 else planes
-    return _mixed(planes, _faded(dark), daylight)
-
-
-def _mixed(planes: Planes, faded: Planes, daylight: float) -> NDArray[np.float64]:
-    seen: NDArray[np.float64] = daylight * planes + (1 - daylight) * _tinted(faded, NIGHT)
+    seen: NDArray[np.float64] = daylight * planes + (1 - daylight) * _tinted(_faded(dark), NIGHT)
     return seen
 
 

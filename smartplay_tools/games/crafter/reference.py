@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from smartplay_tools.games.crafter.facts import AREA, CHUNK, CHUNKS, NAMES
 from smartplay_tools.games.crafter.stream import twister_bytes
 from smartplay_tools.games.crafter.views import Scene, Sight
-from smartplay_tools.games.crafter.world import COLUMN, MARGIN, place
+from smartplay_tools.games.crafter.world import COLUMN, MARGIN, cell_in_view, cells_around, place, position
 
 _DIRECTIONS = ((-1, 0), (1, 0), (0, -1), (0, 1))
 
@@ -97,18 +97,20 @@ class ReferenceEngine:
     def sight(self) -> Sight:
         """The part of the state that the observation text describes."""
         player = self.env._player
-        padded = np.zeros((AREA + 2 * MARGIN, COLUMN), np.uint8)
-        padded[MARGIN : MARGIN + AREA, MARGIN : MARGIN + AREA] = self.env._sem_view()
         facing = COLUMN * player.facing[0] + player.facing[1]
-        return Sight(padded.tobytes(), place(*player.pos.tolist()), facing, player.inventory, player.sleeping)
+        return Sight(
+            _with_margin(self.env._sem_view()), place(*player.pos.tolist()), facing, player.inventory, player.sleeping
+        )
 
     def scene(self) -> Scene:
         """The part of the state that a picture shows."""
         world, player = self.env._world, self.env._player
+        at = place(*player.pos.tolist())
+        placed = [(thing.texture, cell_in_view(place(*thing.pos.tolist()), at)) for thing in world.objects]
         return Scene(
-            ground=world._mat_map.tobytes(),
-            things=[(thing.texture, tuple(thing.pos.tolist())) for thing in world.objects],
-            position=tuple(player.pos.tolist()),
+            ground=cells_around(_with_margin(world._mat_map), at),
+            things=[(texture, *cell) for texture, cell in placed if cell is not None],
+            position=position(at),
             inventory=player.inventory,
             sleeping=player.sleeping,
             daylight=float(world.daylight),
@@ -145,6 +147,13 @@ class ReferenceEngine:
     def fingerprint(self) -> bytes:
         """The state of the random stream."""
         return twister_bytes(self.env._world.random.state.get_state(legacy=False)["state"])
+
+
+def _with_margin(cells: NDArray[Any]) -> bytes:
+    """The cells of a map with the margin of `world`."""
+    padded = np.zeros((AREA + 2 * MARGIN, COLUMN), np.uint8)
+    padded[MARGIN : MARGIN + AREA, MARGIN : MARGIN + AREA] = cells
+    return padded.tobytes()
 
 
 def _thing_state(thing: Any) -> list[int]:

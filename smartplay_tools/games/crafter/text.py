@@ -11,9 +11,9 @@ import functools
 from collections.abc import Mapping
 
 from smartplay_tools.games.crafter.facts import ACTIONS as ENGINE_ACTIONS
-from smartplay_tools.games.crafter.facts import ITEMS, MOST, NAMES, PLAYER, VIEW, VITALS
+from smartplay_tools.games.crafter.facts import CARRIED, ITEMS, MOST, NAMES, PLAYER, VIEW, VITALS
 from smartplay_tools.games.crafter.views import Sight
-from smartplay_tools.games.crafter.world import COLUMN, position
+from smartplay_tools.games.crafter.world import cells_around, position
 
 _COMPASS = {"move_left": "move_west", "move_right": "move_east", "move_up": "move_north", "move_down": "move_south"}
 _ACTIONS_IN_WORDS = tuple(_COMPASS.get(action, action) for action in ENGINE_ACTIONS)
@@ -31,7 +31,6 @@ OUT_OF_MAP = "Error, you are out of the map."
 
 # The view, nearest cell first and, at the same distance, western columns before eastern and north before south.
 _COLUMNS, _ROWS = VIEW
-_CORNER = (_COLUMNS // 2) * COLUMN + _ROWS // 2
 _CELLS = [(i // _ROWS - _COLUMNS // 2, i % _ROWS - _ROWS // 2) for i in range(_COLUMNS * _ROWS)]
 _NEAREST_FIRST = sorted(range(len(_CELLS)), key=lambda i: (abs(_CELLS[i][0]) + abs(_CELLS[i][1]), i))
 _ORDER = bytes(_NEAREST_FIRST)
@@ -75,10 +74,8 @@ def _too_close_to_border(at: int) -> bool:
 
 
 def _view(surface: bytes | bytearray, at: int) -> str:
-    corner = at - _CORNER
-    columns = [surface[start : start + _ROWS] for start in range(corner, corner + _COLUMNS * COLUMN, COLUMN)]
     # Used as a table for `translate`, the view gives its cells in the wanted order at once.
-    nearest_first = _ORDER.translate(b"".join(columns) + _FILL)
+    nearest_first = _ORDER.translate(cells_around(surface, at) + _FILL)
     lines = [_LINES[name][nearest_first.index(name)] for name in sorted(set(nearest_first)) if name in _MENTIONED]
     return "You see:" + "".join(lines) if lines else _NOTHING_SEEN
 
@@ -104,7 +101,7 @@ def _everything() -> tuple[str, ...]:
         "\n\nYou see:",
         *(max(_LINES[name], key=len) for name in sorted(_MENTIONED)),
         f"\n\nYou face {max(NAMES, key=len)} at your front.\n\n",
-        _body(dict.fromkeys((*VITALS, *ITEMS), MOST)),
+        _body(dict.fromkeys(CARRIED, MOST)),
     )
 
 

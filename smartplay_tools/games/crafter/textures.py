@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.games.crafter.facts import ITEMS, MATERIALS, MOST, VITALS
+from smartplay_tools.games.crafter.facts import CARRIED, MATERIALS, MOST
 
 Pixels = NDArray[np.uint8]
 
@@ -50,8 +50,8 @@ def tiles(unit: int) -> Tiles:
         cells[number] = ground.transpose(2, 0, 1)
         for layer, body in enumerate(BODIES, start=1):
             cells[number, layer] = _laid_over(ground, _scaled(body, unit), 0).transpose(2, 0, 1)
-    carried = np.zeros((len(VITALS) + len(ITEMS), MOST + 1, 3, unit, unit), np.uint8)
-    for number, item in enumerate((*VITALS, *ITEMS)):
+    carried = np.zeros((len(CARRIED), MOST + 1, 3, unit, unit), np.uint8)
+    for number, item in enumerate(CARRIED):
         for amount in range(1, MOST + 1):
             # An item fills four fifths of its cell, and the amount three fifths, further to the right and below.
             picture = _laid_over(np.zeros((unit, unit, 3), np.uint8), _scaled(item, 0.8 * unit), int(0.1 * unit))

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
 from smartplay_tools.games.crafter.environment import DRAWN_SEEDS, checked_actions, named
-from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, ACTIONS, LENGTH, NOOP
+from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, ACTIONS, CARRIED, LENGTH, NOOP
 from smartplay_tools.games.crafter.game import TEXTS
-from smartplay_tools.games.crafter.observations import CARRIED, OBSERVATIONS, TEXT, space_of
+from smartplay_tools.games.crafter.observations import OBSERVATIONS, TEXT, space_of
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.text import CHARACTERS, LONGEST, describe
 from smartplay_tools.games.crafter.worlds import Numbers, make_worlds

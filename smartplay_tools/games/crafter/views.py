@@ -8,8 +8,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.games.crafter.facts import AREA, ARROW, ITEMS, NAMES, PLANT, RIPE, VIEW, VITALS
+from smartplay_tools.games.crafter.facts import ARROW, CARRIED, NAMES, PLANT, RIPE, VIEW
 from smartplay_tools.games.crafter.world import DIRECTIONS
+
+CENTER = VIEW[0] // 2, VIEW[1] // 2
+"""Column and row of the player in its view."""
 
 
 class Sight(NamedTuple):
@@ -28,10 +31,9 @@ class Scene(NamedTuple):
     """The part of the state that a picture shows."""
 
     ground: bytes
-    """The material of each cell, column by column."""
-    things: Sequence[tuple[str, tuple[int, int]]]
-    """Texture and position of the player and of all things in the view, at least, in the order in which they are drawn.
-    """
+    """The material of each cell of the view, column by column; 0 beyond the map."""
+    things: Sequence[tuple[str, int, int]]
+    """Texture, column and row of the player and of all things in the view, in the order in which they are drawn."""
     position: tuple[int, int]
     inventory: Mapping[str, int]
     sleeping: bool
@@ -102,20 +104,10 @@ def surroundings(scene: Scene) -> dict[str, Any]:
     `ground` has a letter for each cell, row by row: a for the first of `facts.MATERIALS`, b for the second and so on.
     `things` are (texture, column, row), in the order in which they are drawn; `carried` are vitals and items.
     """
-    columns, rows = VIEW
-    left, top = scene.position[0] - columns // 2, scene.position[1] - rows // 2
-    ground = "".join(_letter(scene.ground, x, y) for y in range(top, top + rows) for x in range(left, left + columns))
-    things = [
-        [texture, x - left, y - top]
-        for texture, (x, y) in scene.things
-        if 0 <= x - left < columns and 0 <= y - top < rows
-    ]
-    carried = [scene.inventory[name] for name in (*VITALS, *ITEMS)]
+    by_row = (material for row in range(VIEW[1]) for material in scene.ground[row :: VIEW[1]])
+    ground = "".join(chr(ord("a") + material - 1) if material else OUTSIDE for material in by_row)
+    things = [list(thing) for thing in scene.things]
+    carried = [scene.inventory[name] for name in CARRIED]
     # Three digits are more than anybody can see.
     light = {"daylight": round(scene.daylight, 3), "sleeping": scene.sleeping}
     return {"ground": ground, "things": things, "carried": carried, "at": list(scene.position), **light}
-
-
-def _letter(ground: bytes, x: int, y: int) -> str:
-    inside = 0 <= x < AREA and 0 <= y < AREA
-    return chr(ord("a") + ground[x * AREA + y] - 1) if inside else OUTSIDE

@@ -24,6 +24,7 @@ from smartplay_tools.games.crafter.facts import (
     PATH,
     PLAYER,
     UPDATE_DISTANCE,
+    VIEW,
 )
 from smartplay_tools.games.crafter.stream import Stream
 from smartplay_tools.games.crafter.worldgen import CENTER, generate
@@ -47,6 +48,23 @@ def place(x: int, y: int) -> int:
 def position(at: int) -> tuple[int, int]:
     """The coordinates of a cell."""
     return at // COLUMN - MARGIN, at % COLUMN - MARGIN
+
+
+CORNER = VIEW[0] // 2 * COLUMN + VIEW[1] // 2
+"""The difference between a player's place and the north-west corner of its view."""
+
+
+def cells_around(cells: bytes | bytearray, at: int) -> bytes:
+    """The cells that a player at a place sees, column by column."""
+    corner = at - CORNER
+    columns = [cells[start : start + VIEW[1]] for start in range(corner, corner + VIEW[0] * COLUMN, COLUMN)]
+    return b"".join(columns)
+
+
+def cell_in_view(target: int, at: int) -> tuple[int, int] | None:
+    """Column and row of a place in the view of a player at another; None if it does not see it."""
+    column, row = divmod(target - at + CORNER, COLUMN)
+    return (column, row) if 0 <= column < VIEW[0] and row < VIEW[1] else None
 
 
 def _difference_tables() -> tuple[bytes, list[int], list[int]]:

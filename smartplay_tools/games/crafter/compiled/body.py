@@ -13,6 +13,7 @@ from smartplay_tools.games.crafter.compiled.twister import uniform
 from smartplay_tools.games.crafter.facts import (
     ACHIEVEMENTS,
     ACTIONS,
+    CARRIED,
     COLLECT,
     COW,
     DAMAGE,
@@ -29,7 +30,6 @@ from smartplay_tools.games.crafter.facts import (
     WATER,
     ZOMBIE,
 )
-from smartplay_tools.games.crafter.observations import CARRIED
 from smartplay_tools.games.crafter.world import COLUMN, DIRECTIONS, MARGIN
 
 _HEALTH, _FOOD, _DRINK, _ENERGY = range(4)

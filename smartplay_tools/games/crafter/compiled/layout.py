@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smartplay_tools.games.crafter.balance import light
-from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, AREA, CHUNKS, LENGTH, NAMES
-from smartplay_tools.games.crafter.observations import CARRIED
+from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, AREA, CARRIED, CHUNKS, LENGTH, NAMES
 from smartplay_tools.games.crafter.world import COLUMN, MARGIN
 
 Records = NDArray[np.void]

@@ -12,9 +12,10 @@ from smartplay_tools.games.crafter.compiled.ground import thing_at
 from smartplay_tools.games.crafter.compiled.jit import kernel
 from smartplay_tools.games.crafter.compiled.layout import KEY
 from smartplay_tools.games.crafter.compiled.twister import temper, to_double, twist
-from smartplay_tools.games.crafter.compiled.views import CORNER, number_of_direction
+from smartplay_tools.games.crafter.compiled.views import number_of_direction
 from smartplay_tools.games.crafter.facts import (
     ARROW,
+    CARRIED,
     COW,
     NIGHT_PIXELS,
     PLAYER,
@@ -23,7 +24,6 @@ from smartplay_tools.games.crafter.facts import (
     VIEW,
     ZOMBIE,
 )
-from smartplay_tools.games.crafter.observations import CARRIED
 from smartplay_tools.games.crafter.pictures import (
     BRIGHTEST_GRAIN,
     DARKEST_GRAIN,
@@ -36,7 +36,7 @@ from smartplay_tools.games.crafter.pictures import (
     USUAL,
 )
 from smartplay_tools.games.crafter.textures import LAYERS, tiles, vignette
-from smartplay_tools.games.crafter.world import COLUMN
+from smartplay_tools.games.crafter.world import COLUMN, CORNER
 
 _COLUMNS, _ROWS = VIEW
 _WIDTH, _HEIGHT = _COLUMNS * UNIT, _ROWS * UNIT

@@ -8,12 +8,11 @@ import numpy as np
 
 from smartplay_tools.games.crafter.compiled.ground import thing_at
 from smartplay_tools.games.crafter.compiled.jit import kernel
-from smartplay_tools.games.crafter.facts import NAMES, PLANT, PLAYER, RIPE, VIEW
+from smartplay_tools.games.crafter.facts import CARRIED, NAMES, PLANT, PLAYER, RIPE, VIEW
 from smartplay_tools.games.crafter.observations import (
     AMOUNTS,
     BLOCK_OF,
     BLOCKS,
-    CARRIED,
     CARRIED_FROM,
     CARRIED_ORDER,
     CELLS,
@@ -24,11 +23,9 @@ from smartplay_tools.games.crafter.observations import (
     RIPE_BLOCK,
     SYMBOLIC_SIZE,
 )
-from smartplay_tools.games.crafter.world import COLUMN, DIRECTIONS
+from smartplay_tools.games.crafter.world import COLUMN, CORNER, DIRECTIONS
 
 _COLUMNS, _ROWS = VIEW
-CORNER = (_COLUMNS // 2) * COLUMN + _ROWS // 2
-"""The offset of the view's north-western cell from the player."""
 _DIRECTIONS = np.array(DIRECTIONS, np.int64)
 _MOB_OF = np.array([MOBS.index(kind) if kind in MOBS else -1 for kind in range(len(NAMES))])
 _FACING = CELLS + len(CARRIED)

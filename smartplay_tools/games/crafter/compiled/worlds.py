@@ -15,11 +15,20 @@ from smartplay_tools.games.crafter.compiled.layout import THING, WORLD, Records,
 from smartplay_tools.games.crafter.compiled.noise import SLACK, geometry
 from smartplay_tools.games.crafter.compiled.pictures import tables
 from smartplay_tools.games.crafter.compiled.terrain import new_terrain
-from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, AREA, ARROW, LENGTH, NIGHT_PIXELS
-from smartplay_tools.games.crafter.observations import CARRIED, IMAGE, SEMANTIC
+from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, AREA, ARROW, CARRIED, LENGTH, NIGHT_PIXELS
+from smartplay_tools.games.crafter.observations import IMAGE, SEMANTIC
 from smartplay_tools.games.crafter.stream import twister_bytes, world_seed
-from smartplay_tools.games.crafter.views import Scene, Sight, body_texture, thing_texture
-from smartplay_tools.games.crafter.world import CHUNK_OF, COLUMN, DIRECTIONS, MARGIN, position, without_margin
+from smartplay_tools.games.crafter.views import CENTER, Scene, Sight, body_texture, thing_texture
+from smartplay_tools.games.crafter.world import (
+    CHUNK_OF,
+    COLUMN,
+    DIRECTIONS,
+    MARGIN,
+    cell_in_view,
+    cells_around,
+    position,
+    without_margin,
+)
 from smartplay_tools.games.crafter.worldgen import FROM_CENTER, nearness
 from smartplay_tools.games.crafter.worlds import Numbers
 
@@ -185,13 +194,15 @@ class CompiledWorlds:
     def scene(self, number: int) -> Scene:
         """The part of a world's state that a picture shows."""
         record, sight, now = self._records[number], self.sight(number), self._light[self._records[number]["steps"]]
+        body = body_texture(sight.facing, sleeping=sight.sleeping)
         things = [
-            (thing_texture(int(thing["kind"]), int(thing["clock"]), int(thing["heading"])), position(int(thing["at"])))
+            (thing_texture(int(thing["kind"]), int(thing["clock"]), int(thing["heading"])), *cell)
             for thing in self._things_of(number)
+            if (cell := cell_in_view(int(thing["at"]), sight.at)) is not None
         ]
         return Scene(
-            ground=without_margin(record["ground"]),
-            things=[(body_texture(sight.facing, sleeping=sight.sleeping), position(sight.at)), *things],
+            ground=cells_around(record["ground"].tobytes(), sight.at),
+            things=[(body, *CENTER), *things],
             position=position(sight.at),
             inventory=sight.inventory,
             sleeping=sight.sleeping,
