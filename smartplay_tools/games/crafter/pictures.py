@@ -65,7 +65,11 @@ def encode(scene: Scene, unit: int, scale: int) -> Picture:
         view = layout.encoded(_by_night(scene, unit))
     else:
         numbers, known = numbers_seen(scene), _known_by_day(scene.daylight, scene.sleeping, layout)
-        if missing := sorted(set(numbers) - known.keys()):
+        if not known.keys() >= set(numbers):
+            # What was shown in another light will be shown in this one, too; ten cells take little longer than one.
+            shown = _ever_shown(layout)
+            shown.update(numbers)
+            missing = sorted(shown - known.keys())
             known.update(zip(missing, layout.encoded(_by_day(missing, scene, unit)), strict=True))
         view = [known[number] for number in numbers]
     rows = [layout.joined(view[at : at + GRID]) for at in range(0, len(view), GRID)]
@@ -76,6 +80,12 @@ def encode(scene: Scene, unit: int, scale: int) -> Picture:
 def _known_by_day(daylight: float, sleeping: bool, layout: Layout) -> dict[int, Tile]:
     """The cells that were shown before in this light, by number: at a step it is the same in every world."""
     return {}
+
+
+@functools.lru_cache(16)
+def _ever_shown(layout: Layout) -> set[int]:
+    """The numbers of the cells that were shown by day."""
+    return set()
 
 
 @functools.lru_cache(512)
