@@ -206,7 +206,9 @@ class _Offered:
     goes_on = True
 
     def __init__(self, endpoint: Any, out: Path) -> None:
-        self._endpoint, self._file = endpoint, out / "handles.json"
+        from smartplay_tools.evaluation.runs import Watch
+
+        self._endpoint, self._file, self._watch = endpoint, out / "handles.json", Watch()
         self._handles: dict[str, str] = json.loads(self._file.read_text()) if self._file.exists() else {}
         """By the key of the episode."""
 
@@ -217,7 +219,7 @@ class _Offered:
         self._file.touch(mode=0o600)  # who knows a handle may play
         self._file.write_text(json.dumps(self._handles, indent=1) + "\n", encoding="ascii", newline="\n")
         say(_where(self._endpoint, handle, held.episode.config.seed))
-        await held.wait_for_others()
+        await self._watch.wait_for(held)
 
     def tell(self, progress: RunProgress) -> None:
         """Print the end of an episode."""

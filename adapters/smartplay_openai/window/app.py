@@ -54,6 +54,9 @@ KEY_HEADER = "x-api-key"
 RETRY_COUNT = "x-stainless-retry-count"
 """The header in which OpenAI's and Anthropic's clients count their retries."""
 
+SHORT_REQUEST = 16 * 1024
+"""Bytes of a request that are read in less time than it takes to switch to a thread and back."""
+
 LONGEST_HEADER = 4_000
 """Characters of a header; servers and clients take few more. The log has the whole text."""
 
@@ -183,7 +186,9 @@ class WindowEndpoint(Server):
 
 def _handler(store: WindowStore, form: HostFormat) -> Any:
     async def handle(request: Request) -> Response:
-        body, completion = await read_request(request, lambda body: (body, form.read(body, request.headers)))
+        body, completion = await read_request(
+            request, lambda body: (body, form.read(body, request.headers)), at_once=SHORT_REQUEST
+        )
         episode = await _episode(store, body.get("model"))
         try:
             reply = await episode.reply(completion, is_retry=_is_retry(request))

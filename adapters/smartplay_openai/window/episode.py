@@ -197,7 +197,7 @@ class WindowEpisode:
         """Close the latest turn, ask the model until it makes a call that the host can run, and keep that reply."""
         session = self._chat.session or self._begin(request, tools)
         async with self._calling:
-            await asyncio.to_thread(self._settle, self._latest.slots if self._latest else (), request.results)
+            await self._settle(self._latest.slots if self._latest else (), request.results)
         self._spent = Usage(requests=0)
         while (reply := await self._ask(session)) is not None:
             await session.areceive(reply.message, reply.usage)
@@ -208,7 +208,7 @@ class WindowEpisode:
                 self._latest, self._by_key = pending, {}
                 self._sent |= {slot.host_id for slot in pending.sent}
                 return pending
-            await asyncio.to_thread(self._settle, pending.slots)
+            await self._settle(pending.slots)
         self._latest = self._last_words(request, tools)
         return self._latest
 
@@ -220,10 +220,14 @@ class WindowEpisode:
             self.player.attach(session)
         return session
 
-    def _settle(self, slots: Sequence[Slot], results: Mapping[str, str] = MappingProxyType({})) -> None:
+    async def _settle(self, slots: Sequence[Slot], results: Mapping[str, str] = MappingProxyType({})) -> None:
         """Answer what is open of a reply, in the order of the message: with the host's results, or in its name."""
-        messages: list[Message] = []
         slots = [slot for slot in slots if slot.result is None]
+        if slots:
+            await asyncio.to_thread(self._settle_open, slots, results)
+
+    def _settle_open(self, slots: Sequence[Slot], results: Mapping[str, str]) -> None:
+        messages: list[Message] = []
         for slot in slots:
             text = results.get(slot.host_id, NO_RESULT if slot.is_foreign and slot.is_sent else None)
             if text is not None:

@@ -21,7 +21,7 @@ challenge     an episode to play and the score to beat, as the address of a link
 """
 
 from smartplay_tools.episode.cells import most_calls
-from smartplay_tools.evaluation.runs.agents import Agent, AgentFailedError, Held
+from smartplay_tools.evaluation.runs.agents import Agent, AgentFailedError, Held, Watch
 from smartplay_tools.evaluation.runs.audit import audit
 from smartplay_tools.evaluation.runs.browser_play import BrowserGames, BrowserPlay, human_cell
 from smartplay_tools.evaluation.runs.challenge import Challenge
@@ -58,6 +58,7 @@ __all__ = [
     "Run",
     "RunOptions",
     "RunProgress",
+    "Watch",
     "audit",
     "cell_name",
     "estimate",

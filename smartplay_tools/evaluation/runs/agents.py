@@ -47,11 +47,6 @@ class Held:
         """Whether the agent is to return: the episode has its result, or the run stops."""
         return self.episode.result is not None or self.stop.is_set()
 
-    async def wait_for_others(self) -> None:
-        """Wait until others have played the episode."""
-        while not self.is_over:
-            await asyncio.sleep(LOOK_SECONDS)
-
     async def wait_for(self, playing: asyncio.Future[Any]) -> None:
         """Wait until what plays is done or the run stops."""
         while not playing.done() and not self.stop.is_set():
@@ -64,6 +59,34 @@ class Held:
         if not self.episode.stats.turns and not self.episode.stats.tool_calls:
             raise AgentFailedError(f"{why} It has not asked its model.")
         self.episode.end("host", detail=why)
+
+
+class Watch:
+    """Waits for episodes that others play, and looks at all of them at once: hundreds may wait, for hours."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[asyncio.Event, Held] = {}
+        self._looking: asyncio.Task[None] | None = None
+
+    async def wait_for(self, held: Held) -> None:
+        """Wait until others have played an episode, or the run stops."""
+        over = asyncio.Event()
+        self._waiting[over] = held
+        self._looking = self._looking or asyncio.create_task(self._look())
+        try:
+            await over.wait()
+        finally:
+            del self._waiting[over]
+
+    async def _look(self) -> None:
+        try:
+            while self._waiting:
+                for over, held in self._waiting.items():
+                    if held.is_over:
+                        over.set()
+                await asyncio.sleep(LOOK_SECONDS)
+        finally:
+            self._looking = None
 
 
 @runtime_checkable
