@@ -16,6 +16,8 @@ import pytest
 import smartplay_tools as sp
 from tests.test_docs import blocks
 
+pytestmark = pytest.mark.xdist_group("architecture")  # one process, which parses every module once
+
 PACKAGE = Path(sp.__file__).parent
 ROOT = Path(__file__).parents[1]
 

@@ -53,9 +53,9 @@ def judged_episode(seed: int) -> tuple[scripts.Played, dict[str, int]]:
 
 
 def test_every_answer_is_what_the_definition_says():
-    counts = [judged_episode(seed)[1] for seed in range(24)]
-    assert sum(count["recalls"] for count in counts) > 60
-    assert sum(count["pages"] for count in counts) > 10
+    counts = [judged_episode(seed)[1] for seed in range(8)]
+    assert sum(count["recalls"] for count in counts) > 20
+    assert sum(count["pages"] for count in counts) > 3
 
 
 @pytest.mark.parametrize("seed", range(6))
