@@ -80,6 +80,15 @@ class Pending:
         }
 
 
+def _common_beginning(shown: Sequence[Message], before: Sequence[Message]) -> int:
+    """Return how many messages at the beginning of two prompts are the same."""
+    # Most are one object in both, so that many take no line of Python; a text or a summary may be made anew.
+    for place in compress(count(), map(is_not, shown, before)):
+        if shown[place] != before[place]:
+            return place
+    return min(len(shown), len(before))
+
+
 class BaseConversation(ABC):
     """An episode as an exchange of prompts and replies, until there is no further prompt."""
 
@@ -269,9 +278,7 @@ class BaseConversation(ABC):
         self._view = view
         if self.episode._recording:
             self._record_view(view, max_tokens)
-        # The first place that differs, found without a line of Python for each of many messages.
-        differs = compress(count(), map(is_not, view.shown, self._shown_before))
-        prefix_messages = next(differs, min(len(view.shown), len(self._shown_before)))
+        prefix_messages = _common_beginning(view.shown, self._shown_before)
         self._shown_before = view.shown
         return Pending(view, max_tokens, prefix_messages, self._cache_key, self._shown_pictures(view))
 

@@ -1,0 +1,33 @@
+"""Random episodes, each prompt compared: `python -m tests.model_from_docs --prompts 100000 --seed 0`."""
+
+from __future__ import annotations
+
+import argparse
+
+import smartplay_tools as sp
+
+from .play import SMALL, Tally, play, replay_is_identical
+
+GAMES = (*SMALL * 12, *sp.GAMES)
+
+
+def main() -> None:
+    """Play until so many prompts are compared, and print what was; the first that differs is an AssertionError."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--prompts", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--replay-every", type=int, default=20, help="replay the record of every so many episodes")
+    parser.add_argument("--games", nargs="+", default=GAMES)
+    given = parser.parse_args()
+    tally, seed, replayed = Tally(), given.seed, 0
+    while tally.prompts < given.prompts:
+        record = play(seed, tally, given.games)
+        if record and seed % given.replay_every == 0:
+            assert replay_is_identical(record), f"the record of seed {seed} does not replay"
+            replayed += 1
+        seed += 1
+    print(f"seeds {given.seed} to {seed - 1}: {tally}, {replayed} records replayed, 0 violations")
+
+
+if __name__ == "__main__":
+    main()

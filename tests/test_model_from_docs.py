@@ -1,0 +1,18 @@
+"""Prompts and answers are those of a model that was written from the documentation alone.
+
+`python -m tests.model_from_docs --prompts 100000` compares more of them.
+"""
+
+from tests.model_from_docs.play import Tally, play, replay_is_identical
+
+
+def test_prompts_answers_and_counters_are_those_of_the_model() -> None:
+    tally, seed = Tally(), 50
+    while tally.prompts < 400:
+        record = play(seed, tally)
+        if record and seed % 8 == 0:
+            assert replay_is_identical(record)
+        seed += 1
+    assert len(tally.strategies) == 9
+    assert tally.requests > 0
+    assert tally.refused > 0
