@@ -7,6 +7,7 @@ in every framework.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NotRequired, Required, TypedDict
@@ -30,6 +31,7 @@ __all__ = [
     "reasoning_of",
     "text_of",
     "whole",
+    "words_of",
 ]
 
 
@@ -75,6 +77,23 @@ def text_of(message: Mapping[str, Any]) -> str:
     if content is None or isinstance(content, str):
         return content or ""
     return "".join([_text_of_part(part) for part in content if not is_picture(part)])
+
+
+def words_of(content: Any) -> tuple[str, Counter[str]]:
+    """Return the text of whatever a host has sent; a part without a text is named in it, and counted by its type."""
+    if isinstance(content, str) or content is None:
+        return content or "", Counter()
+    texts: list[str] = []
+    kinds: Counter[str] = Counter()
+    for part in content if isinstance(content, list | tuple) else [content]:
+        text = part.get("text") if isinstance(part, Mapping) else part
+        if isinstance(text, str):
+            texts.append(text)
+        else:
+            kind = str(part.get("type")) if isinstance(part, Mapping) else type(part).__name__
+            kinds[kind] += 1
+            texts.append(f"[{kind} that is not shown]")
+    return "".join(texts), kinds
 
 
 def pictures_of(message: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:

@@ -24,6 +24,7 @@ from pydantic import (
     model_validator,
 )
 
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Message, copy_of
 from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 
@@ -416,7 +417,7 @@ class Prompt:
         """Return a caller's own settings of a model with those of this prompt.
 
         Of two caps on the reply the smaller one applies. The tool choice is the caller's, unless tools must not be
-        called.
+        called; one that forbids the model to play is an `InvalidArgumentError`.
 
         Arguments:
             own: the caller's settings.
@@ -428,6 +429,10 @@ class Prompt:
             settings[cap] = min(self.max_tokens, own.get(cap) or self.max_tokens)
         if self.tool_choice == "none":
             settings["tool_choice"] = no_tools
+        elif own.get("tool_choice") in ("none", no_tools):
+            raise InvalidArgumentError(
+                "With the tool choice `none` the model cannot play; take it out of the settings."
+            )
         return settings
 
 

@@ -7,7 +7,8 @@ argument, and `SmartPlayMiddleware` as a hook.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
@@ -63,7 +64,8 @@ class CallPlayer:
         call = request.tool_call
         if self._is_unknown(call):
             return self._message(call["id"], call["name"], *self.play(call))
-        return handler(request)
+        with self._in_a_tool():
+            return handler(request)
 
     async def awrap_tool_call(self, request: Any, handler: Callable[[Any], Awaitable[Any]]) -> Any:
         """Run a call as `wrap_tool_call` does, without blocking the event loop."""
@@ -71,7 +73,21 @@ class CallPlayer:
         call = request.tool_call
         if self._is_unknown(call):
             return self._message(call["id"], call["name"], *await self.aplay(call))
-        return await handler(request)
+        with self._in_a_tool():
+            return await handler(request)
+
+    @property
+    def is_asked_by_sub_agent(self) -> bool:
+        """Whether this is asked from within one of the agent's own tools, as by an agent that runs there."""
+        return self in _IN_TOOLS_OF.get()
+
+    @contextmanager
+    def _in_a_tool(self) -> Iterator[None]:
+        token = _IN_TOOLS_OF.set((*_IN_TOOLS_OF.get(), self))
+        try:
+            yield
+        finally:
+            _IN_TOOLS_OF.reset(token)
 
     def play(self, tool_call: Any) -> tuple[str, dict[str, Any]]:
         """Play a call (LangChain's `ToolCall`) after the calls before it; returns the text and the artifact."""
@@ -214,6 +230,9 @@ class SessionTool(SmartPlayTool):
             output.id = self.player.result_id(output.tool_call_id)
         return output
 
+
+_IN_TOOLS_OF: ContextVar[tuple[CallPlayer, ...]] = ContextVar("smartplay_in_tools_of", default=())
+"""The players of calls in whose agent's tools this code runs."""
 
 _CALL: ContextVar[dict[str, Any]] = ContextVar("smartplay_call")
 """The call that a `SessionTool` is invoked with."""

@@ -10,7 +10,6 @@ The state is read from its end to the latest reply, so a turn costs the same at 
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -40,11 +39,9 @@ from smartplay_langchain.calls import (
 )
 from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
-from smartplay_tools.conversation import HostChat
+from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
 from smartplay_tools.messages import Call
 from smartplay_tools.prompts import CacheMarks, checked_marks
-
-log = logging.getLogger("smartplay_langchain")
 
 NOT_RUN = "Error: The agent did not run this call."
 """The answer to a call that the graph left open."""
@@ -79,9 +76,8 @@ class GraphSession(CallPlayer):
         pictures: bool = False,
     ) -> None:
         super().__init__(HostChat(episode, player=player, not_run=NOT_RUN, pictures=pictures))
-        self._only_game_tools, self._is_told = only_game_tools, False
-        self._longest: Sequence[BaseMessage] = ()
-        """The most messages that the state has had."""
+        self._only_game_tools = only_game_tools
+        self._history = HostHistory[BaseMessage](self.episode.counter, lambda message: (message.id, str(message.text)))
         self.prompt_settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
         self._other_tools = list(foreign_tools)
 
@@ -91,8 +87,11 @@ class GraphSession(CallPlayer):
         Where the window owes a summary, the model is called for it first; that reply is taken here and not added to the
         state. When the episode is over, nothing is asked. A reply that the record already has, because the process
         ended before the graph's checkpoint was written, is returned again without calling the model. If the model
-        raises, the episode does not change, and you may ask again; a summary that was taken stays.
+        raises, the episode does not change, and you may ask again; a summary that was taken stays. An agent in a tool
+        of this one is answered in words.
         """
+        if self.is_asked_by_sub_agent:
+            return [AIMessage(SUB_AGENT)]
         if (recorded := self.recorded_reply(messages)) is not None:
             return recorded
         added, tools = self.update(messages), [*self.tools, *self._other_tools]
@@ -109,6 +108,8 @@ class GraphSession(CallPlayer):
         """Call the model as `ask` does, without blocking the event loop."""
         import asyncio
 
+        if self.is_asked_by_sub_agent:
+            return [AIMessage(SUB_AGENT)]
         if (recorded := self.recorded_reply(messages)) is not None:
             return recorded
         added, tools = await asyncio.to_thread(self.update, messages), [*self.tools, *self._other_tools]
@@ -145,7 +146,7 @@ class GraphSession(CallPlayer):
         if self.session is None or self.session.latest_turn is None:
             return []
         since = after_latest_reply(messages)
-        self._tell_of_removed(messages)
+        self._history.see(messages)
         with self.episode.lock:
             if not self.session.awaits_reply:
                 return self._take(since)
@@ -155,22 +156,6 @@ class GraphSession(CallPlayer):
                     "and add yours after the reply."
                 )
             return []
-
-    def _tell_of_removed(self, messages: Sequence[BaseMessage]) -> None:
-        """Log once that something else shortens the state, which changes no prompt and may cost model calls."""
-        if len(messages) >= len(self._longest):
-            self._longest = messages
-        elif not self._is_told:
-            self._is_told = True
-            there = {message.id for message in messages}
-            gone = [message for message in self._longest if message.id not in there]
-            log.warning(
-                "%d messages with %d tokens of text are gone from the state: a SummarizationMiddleware, perhaps, "
-                "shortens it. The model still sees the window. A model call for each such summary, with at least these "
-                "tokens, is paid for beside the budget, which does not count it. Leave it out.",
-                len(gone),
-                sum(self.episode.counter.text(message.text) for message in gone),
-            )
 
     def prepare(
         self,

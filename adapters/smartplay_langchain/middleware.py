@@ -29,6 +29,7 @@ from smartplay_langchain.asking import OVER, RequestOutcome, ToolChoice, Tools, 
 from smartplay_langchain.calls import turn_of
 from smartplay_langchain.graph import GraphSession
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError
+from smartplay_tools.conversation import SUB_AGENT
 from smartplay_tools.prompts import CacheMarks
 
 if TYPE_CHECKING:
@@ -77,6 +78,8 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
     @hook_config(can_jump_to=["end"])
     def before_model(self, state: AgentState[Any], runtime: Any) -> dict[str, Any] | None:
         """Take over what has happened since the latest reply; end the run when the episode is over."""
+        if self._graph.is_asked_by_sub_agent:
+            return {"messages": [AIMessage(SUB_AGENT)], "jump_to": "end"}
         if self._graph.recorded_reply(state["messages"]) is not None:
             return None
         changed: dict[str, Any] = {"messages": self._graph.update(state["messages"])}
@@ -132,7 +135,7 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
     def after_agent(self, state: AgentState[Any], runtime: Any) -> dict[str, Any] | None:
         """Record what another middleware did when it ended the run, and why."""
         messages = state["messages"]
-        if self.episode.done or not messages:
+        if self.episode.done or not messages or self._graph.is_asked_by_sub_agent:
             return None
         added = self._graph.update(messages)
         if isinstance(messages[-1], AIMessage) and turn_of(messages[-1]) is None:

@@ -21,7 +21,7 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec
-from smartplay_tools.conversation import HostChat
+from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.prompts import with_pictures_below
 from smartplay_tools.records import CacheFields, openai_cache_fields
@@ -49,9 +49,20 @@ from openai.types.responses import (
     ResponseFunctionToolCall,
     ResponseOutputMessage,
     ResponseOutputText,
+    ResponseUsage,
 )
 
-from smartplay_openai.agents_items import OVER, Item, before_the_game, input_of, read_response, since_reply, usage_of
+from smartplay_openai.agents_items import (
+    OVER,
+    Item,
+    before_the_game,
+    has_calls,
+    input_of,
+    known_by,
+    read_response,
+    since_reply,
+    usage_of,
+)
 
 AWAITS_APPROVAL = "Error: An earlier call of this message awaits approval, so this one was not played."
 
@@ -99,6 +110,9 @@ class SmartPlayModel(Model):
             tool_not_found_behavior="return_error_to_model",
         )
         self._names = {tool.name for tool in self.episode.tools}
+        self._history = HostHistory[Item](self.episode.counter, known_by)
+        self._handoffs: frozenset[str] = frozenset()
+        """The names of the latest request's handoffs."""
         self._model, self._player, self._cache = model, player, cache
         self._only_game_tools = only_game_tools
 
@@ -120,10 +134,13 @@ class SmartPlayModel(Model):
     ) -> ModelResponse:
         """Call the model with the window as its input; when the episode is over, reply so without calling it.
 
-        Where the window owes a summary, the model is called for it first; the runner sees its usage, not its text.
+        Where the window owes a summary, the model is called for it first; the runner sees its usage, not its text. An
+        agent that runs in a tool of this one is answered in words.
         """
-        _check(output_schema, options)
         items = [{"role": "user", "content": input}] if isinstance(input, str) else input
+        if self._is_asked_by_sub_agent(items):
+            return _words(SUB_AGENT, AgentsUsage())
+        _check(output_schema, options)
         if self._only_game_tools:
             tools, handoffs = [tool for tool in tools if tool.name in self._names], ()
         session = await asyncio.to_thread(self._prepare, system_instructions, items, self._foreign(tools, handoffs))
@@ -140,12 +157,33 @@ class SmartPlayModel(Model):
             usage.add(response.usage)
             return _Answer(read_response(response), usage_of(response.usage), response=response)
 
+        self._handoffs = frozenset(handoff.tool_name for handoff in handoffs)
         while (answer := await session.aask(send)) is not None:
             response = await asyncio.to_thread(_receive, session, answer)
             response = self._without_hidden(response) if self._only_game_tools else response
-            if any(isinstance(item, ResponseFunctionToolCall) for item in response.output):
+            if calls := [item for item in response.output if isinstance(item, ResponseFunctionToolCall)]:
+                self._note_handoff(session, calls)
                 return dataclasses.replace(response, usage=usage)
-        return ModelResponse(output=[_OVER], usage=usage, response_id=None)
+        return _words("The episode is over.", usage)
+
+    def _note_handoff(self, session: AgentSession, calls: Sequence[ResponseFunctionToolCall]) -> None:
+        """Take note of a call that hands over: another agent may have another model, which does not play."""
+        if used := [call.name for call in calls if call.name in self._handoffs]:
+            session.halt(f"The agent handed over with {used[0]}, and this model was not asked again.")
+
+    def _is_asked_by_sub_agent(self, items: Sequence[Item]) -> bool:
+        """Whether this is the request of an agent in one of the agent's tools: its run has no call yet.
+
+        After a handoff, whose call is as open as that of such a tool, an input without calls is that of a filter.
+        """
+        session = self._chat.session
+        if session is None or self.episode.done or session.awaits_reply or session.latest_turn is None:
+            return False
+        foreign = {tool.name for tool in session.foreign_tools} - self._handoffs
+        answered = {item.position for item in session.latest_turn.items}
+        calls = enumerate(session.latest_turn.calls)
+        waits = any(call.name in foreign for position, call in calls if position not in answered)
+        return waits and not has_calls(items)
 
     def _is_hidden(self, name: str) -> bool:
         return self._only_game_tools and name not in self._names
@@ -164,8 +202,16 @@ class SmartPlayModel(Model):
     async def stream_response(self, *arguments: Any, **options: Any) -> AsyncIterator[Any]:
         """Ask the model as `get_response` does, for a streamed run; the stream has one event, the whole response."""
         response = await self.get_response(*arguments, **options)
+        usage = response.usage
+        told = ResponseUsage(
+            input_tokens=usage.input_tokens,
+            input_tokens_details=usage.input_tokens_details,
+            output_tokens=usage.output_tokens,
+            output_tokens_details=usage.output_tokens_details,
+            total_tokens=usage.total_tokens,
+        )
         whole = Response.model_construct(
-            id="smartplay", object="response", output=response.output, usage=None, created_at=0, model=self._player
+            id="smartplay", object="response", output=response.output, usage=told, created_at=0, model=self._player
         )
         yield ResponseCompletedEvent.model_construct(response=whole, sequence_number=0, type="response.completed")
 
@@ -194,12 +240,15 @@ class SmartPlayModel(Model):
         if chat.session is None:
             first = before_the_game(items, {tool.name for tool in self.tools})
             return chat.begin(first, system=system, foreign_tools=foreign)
+        if self.episode.done:
+            return chat.session
         turn = chat.session.latest_turn
         sent = [call for call in (turn.calls if turn else ()) if not self._is_hidden(call.name)]
         if sent and not chat.session.awaits_reply:
             messages = since_reply(items, sent[0].id)
             self._answer_unknown(messages)
             chat.hear(messages)
+        self._history.see(items)
         chat.change(system=system, foreign_tools=foreign)
         return chat.session
 
@@ -249,13 +298,11 @@ def _receive(session: AgentSession, answer: _Answer) -> ModelResponse:
     return dataclasses.replace(response, output=output)
 
 
-_OVER = ResponseOutputMessage(
-    id=OVER,
-    content=[ResponseOutputText(text="The episode is over.", type="output_text", annotations=[])],
-    role="assistant",
-    status="completed",
-    type="message",
-)
+def _words(text: str, usage: AgentsUsage) -> ModelResponse:
+    """Return words that end the agent's run, and that the model has not said."""
+    said = ResponseOutputText(text=text, type="output_text", annotations=[])
+    message = ResponseOutputMessage(id=OVER, content=[said], role="assistant", status="completed", type="message")
+    return ModelResponse(output=[message], usage=usage, response_id=None)
 
 
 def _check(output_schema: Any, options: Mapping[str, Any]) -> None:

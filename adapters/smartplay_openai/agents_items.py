@@ -10,7 +10,7 @@ from agents.usage import Usage as AgentsUsage
 
 from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Usage
-from smartplay_tools.messages import text_of
+from smartplay_tools.messages import text_of, words_of
 
 Item = Mapping[str, Any]
 
@@ -40,9 +40,20 @@ def since_reply(items: Sequence[Item], first_call: str) -> list[Message]:
     )
 
 
+def has_calls(items: Sequence[Item]) -> bool:
+    """Whether there is any call of a tool among the items of a run."""
+    return any(item.get("type") == "function_call" for item in items)
+
+
+def known_by(item: Item) -> tuple[Any, str]:
+    """Return what tells an item from others, and its text."""
+    text, _ = words_of(item.get("output", item.get("content", item.get("arguments"))))
+    return (item.get("type"), item.get("role"), item.get("call_id"), text), text
+
+
 def _from_item(item: Item) -> list[Message]:
     if item.get("type") == "function_call_output":
-        return [{"role": "tool", "tool_call_id": item["call_id"], "content": _text(item.get("output"))}]
+        return [{"role": "tool", "tool_call_id": item["call_id"], "content": item.get("output")}]
     return [{"role": "user", "content": _text(item["content"])}] if item.get("role") == "user" else []
 
 
@@ -62,7 +73,7 @@ def read_response(response: ModelResponse) -> Message:
 
 
 def _text(content: Any) -> str:
-    """The text of a tool's output or of a message; parts that are not text are an `InvalidArgumentError`."""
+    """The text of a message; parts that are not text are an `InvalidArgumentError`."""
     return content if isinstance(content, str) else text_of({"content": content})
 
 

@@ -14,10 +14,11 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Sequence
+from contextvars import ContextVar
 from typing import Any, cast
 
 from pydantic_ai import RunContext
-from pydantic_ai.capabilities import AbstractCapability, WrapModelRequestHandler
+from pydantic_ai.capabilities import AbstractCapability, WrapModelRequestHandler, WrapToolExecuteHandler
 from pydantic_ai.exceptions import RetryModelRequest, ToolFailed, UsageLimitExceeded
 from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ToolCallPart
 from pydantic_ai.models import ModelRequestContext
@@ -33,6 +34,7 @@ from smartplay_pydantic_ai.messages import (
     PydanticAIChat,
     from_history,
     from_response,
+    known_by,
     read_usage,
     since_response,
     takes_pictures_in_results,
@@ -40,8 +42,13 @@ from smartplay_pydantic_ai.messages import (
     with_ids,
 )
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
-from smartplay_tools.conversation import HostChat
+from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
 from smartplay_tools.prompts import CacheMarks, checked_marks, with_pictures_below
+
+OVER = "The episode is over."
+
+_IN_TOOLS_OF: ContextVar[tuple[SmartPlay, ...]] = ContextVar("smartplay_in_tools_of", default=())
+"""The capabilities in whose agent's tools this code runs."""
 
 ANY = SchemaValidator(core_schema.any_schema())
 """The episode judges arguments, and it has done so when a tool is run."""
@@ -79,6 +86,7 @@ class SmartPlay(AbstractCapability[Any]):
         self._cache = checked_marks(cache)
         self._player, self._only_game_tools = player, only_game_tools
         self._host: HostChat | None = None
+        self._history = HostHistory[ModelMessage](episode.counter, known_by)
         self._chat = PydanticAIChat()
         self._results: dict[str, ToolResult] = {}
         """The latest reply's results by call id."""
@@ -87,15 +95,39 @@ class SmartPlay(AbstractCapability[Any]):
         """Return the game's tools."""
         return _Answers(self)
 
+    async def before_run(self, ctx: RunContext[Any]) -> None:
+        """Expect a history that begins anew."""
+        if self not in _IN_TOOLS_OF.get():
+            self._history.begin_again()
+
     async def wrap_model_request(
         self, ctx: RunContext[Any], *, request_context: ModelRequestContext, handler: WrapModelRequestHandler
     ) -> ModelResponse:
-        """Leave the model alone when the episode is over."""
+        """Leave the model alone when the episode is over, and when an agent in a tool of this one asks."""
+        if self in _IN_TOOLS_OF.get():
+            return _words(SUB_AGENT)
         if self._host is None:
             self._host = self._begin(request_context)
         else:
             self._catch_up(request_context.messages)
-        return await handler(request_context) if await self._session.aprompt() is not None else _over()
+        self._history.see(request_context.messages)
+        return await handler(request_context) if await self._session.aprompt() is not None else _words(OVER)
+
+    async def wrap_tool_execute(
+        self,
+        ctx: RunContext[Any],
+        *,
+        call: ToolCallPart,
+        tool_def: ToolDefinition,
+        args: dict[str, Any],
+        handler: WrapToolExecuteHandler,
+    ) -> Any:
+        """Run a tool, in which an agent with this capability would be a sub-agent."""
+        token = _IN_TOOLS_OF.set((*_IN_TOOLS_OF.get(), self))
+        try:
+            return await handler(args)
+        finally:
+            _IN_TOOLS_OF.reset(token)
 
     async def prepare_model_request(
         self, ctx: RunContext[Any], request_context: ModelRequestContext
@@ -110,6 +142,10 @@ class SmartPlay(AbstractCapability[Any]):
         asked = request_context.model_request_parameters
         shown = {tool.name for tool in prompt.tools}
         tools = [tool for tool in asked.function_tools if tool.name in shown]
+        if missing := sorted(shown - {tool.name for tool in tools}):
+            raise InvalidArgumentError(
+                f"A capability has taken {', '.join(missing)} from the request; prompts have the tools of the first."
+            )
         prompt = prompt if takes_pictures_in_results(model) else with_pictures_below(prompt)
         parameters = dataclasses.replace(asked, instruction_parts=[], function_tools=tools)
         return dataclasses.replace(
@@ -142,7 +178,7 @@ class SmartPlay(AbstractCapability[Any]):
 
     async def on_run_error(self, ctx: RunContext[Any], *, error: BaseException) -> AgentRunResult[Any]:
         """End the episode as `host` when a limit of the agent's usage ends its run."""
-        if isinstance(error, UsageLimitExceeded):
+        if isinstance(error, UsageLimitExceeded) and self not in _IN_TOOLS_OF.get():
             self.episode.end("host", detail=str(error))
         raise error
 
@@ -150,7 +186,7 @@ class SmartPlay(AbstractCapability[Any]):
         """Have the model asked again in the same step, unless the episode is over."""
         self._catch_up(())
         if await self._session.aprompt() is None:
-            return _over()
+            return _words(OVER)
         raise RetryModelRequest
 
     def answer(self, call_id: str) -> ToolResult:
@@ -237,5 +273,5 @@ class _Answers(AbstractToolset[Any]):
         return result.text
 
 
-def _over() -> ModelResponse:
-    return ModelResponse([TextPart("The episode is over.")])
+def _words(text: str) -> ModelResponse:
+    return ModelResponse([TextPart(text)])

@@ -145,6 +145,12 @@ def since_response(messages: Sequence[ModelMessage]) -> list[Message]:
     return from_history(messages[latest + 1 :])
 
 
+def known_by(message: ModelMessage) -> tuple[str, str]:
+    """Return what tells a message of the agent's history from others, and its text."""
+    parts = [str(getattr(part, "content", None) or getattr(part, "args", None) or "") for part in message.parts]
+    return repr(message.parts), "".join(parts)
+
+
 def read_usage(usage: RequestUsage) -> Usage | None:
     """Return the usage that a provider reported; None if it reported none."""
     if not usage.input_tokens and not usage.output_tokens:
@@ -210,7 +216,10 @@ def _from_part(part: ModelRequestPart) -> list[Message]:
         case SystemPromptPart():
             return [{"role": "system", "content": part.content}]
         case ToolReturnPart():
-            return [{"role": "tool", "content": part.model_response_str(), "tool_call_id": part.tool_call_id}]
+            files = [{"type": file.media_type if isinstance(file, BinaryContent) else file.kind} for file in part.files]
+            text = part.model_response_str()
+            content: Any = [{"type": "text", "text": text}, *files] if files else text
+            return [{"role": "tool", "content": content, "tool_call_id": part.tool_call_id}]
         case UserPromptPart():
             texts = [part.content] if isinstance(part.content, str) else list(part.content)
             if not all(isinstance(text, str) for text in texts):

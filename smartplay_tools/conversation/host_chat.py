@@ -7,6 +7,7 @@ for the episode's session is decided here, in the order of the calls.
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -14,8 +15,13 @@ from typing import Any
 
 from smartplay_tools.conversation.agent_session import NOT_RUN, AgentSession
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.messages import Message, text_of
+from smartplay_tools.messages import Message, text_of, words_of
 from smartplay_tools.types import ToolResult, ToolSpec
+
+SUB_AGENT = "A game is played by one agent: this model answers the agent that began, and none of its sub-agents."
+"""The answer to a sub-agent, for which the model is not asked."""
+
+log = logging.getLogger("smartplay_tools.conversation")
 
 
 class HostChat:
@@ -38,6 +44,8 @@ class HostChat:
         self._player, self._not_run, self._pictures = player, not_run, pictures
         if not pictures:
             self.episode.refuse_pictures("This host", has_option=True)
+        self._is_told = False
+        """Whether it is logged that results have parts that the model is not shown."""
         self._first: list[Message] | None = None
         """The host's messages before the first reply, without its system texts."""
 
@@ -78,7 +86,8 @@ class HostChat:
         A call whose id is in `play` is played, with the arguments given there unless they are None. A result among the
         messages is the host's answer; to one of the game's own calls it is a refusal. Of the other calls, those that no
         host can run, because their tool does not exist or their arguments are not an object, are answered here, and the
-        rest was not run. Results of foreign tools are the host's own and not returned.
+        rest was not run. Results of foreign tools are the host's own and not returned; a part of one that has no text,
+        such as a picture, is named in its place, because its tokens cannot be counted.
         """
         session = self._begun
         turn, answers = session.latest_turn, dict[str, ToolResult]()
@@ -95,9 +104,9 @@ class HostChat:
                 if call.id in play:
                     answers[call.id] = session.answer(call.id, play[call.id])
                 elif call.id in results and call.name in foreign:
-                    session.add(results[call.id])
+                    session.add({**results[call.id], "content": self._in_words(results[call.id])})
                 elif call.id in results:
-                    answers[call.id] = session.refuse(call.id, text_of(results[call.id]))
+                    answers[call.id] = session.refuse(call.id, self._in_words(results[call.id]))
                 elif call.name in foreign:
                     problem = call.arguments.problem
                     text = self._not_run if problem is None else f"Error: The arguments {problem}."
@@ -108,6 +117,18 @@ class HostChat:
                 else:
                     answers[call.id] = session.refuse(call.id, self._not_run)
         return answers
+
+    def _in_words(self, result: Message) -> str:
+        """Return the text of a host's result, and log once that some of it is none."""
+        text, kinds = words_of(result["content"])
+        if kinds and not self._is_told:
+            self._is_told = True
+            log.warning(
+                "A result of the agent's own tools has parts that the model is not shown, because their tokens cannot "
+                "be counted: %s. Each is named in its place.",
+                ", ".join(f"{kind} ({count})" for kind, count in kinds.items()),
+            )
+        return text
 
     def hear(self, messages: Iterable[Message]) -> None:
         """Add the host's user messages since the latest reply; those that the session has already are left out."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -42,11 +42,30 @@ class Received(NamedTuple):
 
 Sent = list[Received]
 
+EACH = sp.Usage(prompt=100, reply=7, cached=40)
+"""What each reply of a model costs, as its provider reports it."""
+
+
+class Held(NamedTuple):
+    """How an episode was played."""
+
+    sent: Sent
+    told: sp.Usage | None = None
+    """What the host was told that it cost; None if it is told nothing."""
+    words: str = ""
+    """The latest words that the host got from us in the model's place."""
+
 
 class Hold(Protocol):
-    """How an adapter plays; `own_cap` is a cap on replies that its user has set, as its framework has users set one."""
+    """How an adapter plays an episode to its end with a model that says what a script says.
 
-    def __call__(self, episode: sp.Episode, script: Iterable[sp.Message], /, *, own_cap: int | None = None) -> Sent: ...
+    `own_cap` is a cap on replies that the adapter's user has set, as its framework has users set one. `situation` is
+    one of `situations.SITUATIONS` that the row does not lack, or nothing.
+    """
+
+    def __call__(
+        self, episode: sp.Episode, script: Iterable[sp.Message], /, *, own_cap: int | None = None, situation: str = ""
+    ) -> Held: ...
 
 
 @dataclass(frozen=True)
@@ -54,13 +73,14 @@ class Window:
     """An adapter that manages the context."""
 
     hold: Hold
-    """Plays an episode to its end with a model that says what the script says; the model's prompts come back."""
     through: str
     """How its line in `docs/what-is-enforced.md` begins."""
     broken_json: bool = True
     """Whether its format can transport arguments that are not JSON."""
-    has_tools: bool = False
-    """Whether its agent may have tools beside the game's: `hold` then takes `own_tool`, which gives it `WEATHER`."""
+    lacks: Mapping[str, str] = field(default_factory=dict)
+    """The situations into which its host cannot get, and why."""
+    refuses: Mapping[str, str] | None = None
+    """With which words its user is refused a request that is not for a move; None if it is answered."""
 
 
 Send = Callable[[str, Any], Awaitable[tuple[str, bool | None]]]
@@ -128,9 +148,6 @@ BROKEN: Script = [
 ]
 """Arguments that are not JSON, or not an object: alone in a message, and after one that is."""
 
-FOREIGN: Script = [calling(("weather", '{"city":')), calling(*map(act, WAY))]
-"""A call of the agent's own tool whose arguments are not JSON, alone in its message."""
-
 PLACE = {
     "$defs": {"place": {"type": "object", "properties": {"near": {"$ref": "#/$defs/place"}}}},
     "type": "object",
@@ -173,11 +190,13 @@ def fresh(budget: sp.Budget | None = None, seed: int = SEED, **options: Any) -> 
     return sp.Episode(GAME, seed=seed, budget=budget, transcript=events, **options), events
 
 
-def by_conversation(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
+def by_conversation(
+    episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = ""
+) -> Held:
     """The reference for all rows: `play` with a scripted player."""
     player = sp.ScriptedPlayer(script)
     sp.play(episode, player)
-    return [received(prompt, own_cap) for prompt in player.prompts]
+    return Held([received(prompt, own_cap) for prompt in player.prompts])
 
 
 def received(prompt: sp.Prompt, own_cap: int | None = None) -> Received:
@@ -189,26 +208,28 @@ def received(prompt: sp.Prompt, own_cap: int | None = None) -> Received:
     )
 
 
-def by_session(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
+def by_session(
+    episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = ""
+) -> Held:
     """An `AgentSession` whose host runs the last call of a message first."""
     session, replies, sent = sp.AgentSession(episode, summaries=True), iter(script), []
     while (prompt := session.prompt()) is not None:
         sent.append(received(prompt, own_cap))
         for call in reversed(session.receive(next(replies))):
             session.answer(call.id)
-    return sent
+    return Held(sent)
 
 
 def judge(row: Window, script: Script, budget: sp.Budget, turns: Turns | None = None) -> sp.EpisodeResult:
     """Play a conversation through an adapter and again without it; both have to be equal."""
     episode, events = fresh(budget)
     with episode:
-        sent = row.hold(episode, script if turns is None else turns.taken(script))
+        sent, *_ = row.hold(episode, script if turns is None else turns.taken(script))
     if turns is not None:
         turns.leave()
     expected_episode, expected_events = fresh(budget)
     with expected_episode:
-        expected = by_conversation(expected_episode, script)
+        expected, *_ = by_conversation(expected_episode, script)
     assert without_usage(episode.result) == without_usage(expected_episode.result)
     assert comparable(events) == comparable(expected_events)
     assert [spelled(prompt) for prompt in sent] == [spelled(prompt) for prompt in expected]
@@ -226,10 +247,10 @@ def judge_summaries(row: Window) -> None:
     script = [calling(("observe", {}), say="I have looked.")] * 60
     episode, events = fresh(budget)
     with episode:
-        sent = row.hold(episode, script)
+        sent, *_ = row.hold(episode, script)
     expected, expected_events = fresh(budget)
     with expected:
-        prompts = by_conversation(expected, script)
+        prompts, *_ = by_conversation(expected, script)
     assert episode.result is not None
     assert episode.result.summaries == episode.result.refused_calls > 2
     assert without_usage(episode.result) == without_usage(expected.result)
@@ -250,25 +271,8 @@ def judge_caps(row: Window) -> None:
     for of_budget, own, smaller in ((300, 40, 40), (40, 300, 40), (None, 40, 40), (40, None, 40)):
         episode, _ = fresh(sp.Budget(reply_tokens=of_budget))
         with episode:
-            sent = row.hold(episode, script, own_cap=own)
+            sent, *_ = row.hold(episode, script, own_cap=own)
         assert [prompt.cap for prompt in sent] == [smaller] * len(WAY), f"{of_budget} of the budget, {own} of the user"
-
-
-def judge_broken_foreign_call(row: Window) -> None:
-    """The agent's own tool reaches the model as it is; a broken call of it is answered, by its framework or by us."""
-    episode, events = fresh()
-    with episode:
-        sent = row.hold(episode, FOREIGN, own_tool=True)  # type: ignore[call-arg]  # as `has_tools` says
-    assert episode.result is not None
-    assert (episode.result.end_reason, episode.result.turns, len(sent)) == ("terminated", 2, 2)
-    for prompt in sent:  # LangChain puts what a schema refers to in its place, as far as that goes
-        ((description, parameters),) = [tool[1:] for tool in prompt.tools if tool[0] == WEATHER.name]
-        assert description == WEATHER.description
-        assert parameters["properties"]["when"] is True
-        assert parameters["required"] == PLACE["required"]
-    (answer,) = [message for message in sent[1].messages if message["role"] == "tool"]
-    assert "error" in str(answer["content"]).lower()
-    assert sp.replay(events).identical
 
 
 class Turns:
@@ -369,11 +373,6 @@ class WindowConformance:
         if not self.row.broken_json:
             pytest.skip("its wire cannot carry them")
         judge(self.row, BROKEN, BUDGETS["tight"])
-
-    def test_a_broken_call_of_a_tool_of_the_agents_own(self):
-        if not self.row.has_tools:
-            pytest.skip("its agent has no tools of its own")
-        judge_broken_foreign_call(self.row)
 
     def test_prompts_for_a_summary_are_answered_in_between(self):
         judge_summaries(self.row)

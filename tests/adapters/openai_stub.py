@@ -5,28 +5,39 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+import smartplay_tools as sp
 from tests.adapters.conformance import Received
 from tests.adapters.scripted_server import ScriptedServer
 
 
 class OpenAIStub(ScriptedServer):
-    """Below `base_url` are `/chat/completions` and `/responses`."""
+    """Below `base_url` are `/chat/completions` and `/responses`; each answer reports a usage, if there is one."""
 
-    def __init__(self, script: Iterable[Any]) -> None:
+    def __init__(self, script: Iterable[Any], usage: sp.Usage | None = None) -> None:
         super().__init__(script)
         self.base_url = f"{self.url}/v1"
+        self._usage = usage
 
     def say(self, path: str, body: dict[str, Any], message: Any) -> dict[str, Any]:
         if path == "/v1/chat/completions":
             choice = {"index": 0, "message": message, "finish_reason": "stop"}
-            return {"id": "c", "object": "chat.completion", "created": 0, "model": "m", "choices": [choice]}
+            answer = {"id": "c", "object": "chat.completion", "created": 0, "model": "m", "choices": [choice]}
+            return answer | self._spent("prompt", "completion")
         output: list[dict[str, Any]] = []
         if message["content"] or not message.get("tool_calls"):
             words = [{"type": "output_text", "text": message["content"] or "", "annotations": []}]
             output.append({"type": "message", "id": "msg", "role": "assistant", "content": words})
         calls = [{"call_id": call["id"], **call["function"]} for call in message.get("tool_calls", ())]
         output += [{"type": "function_call", "id": "fc", **call} for call in calls]
-        return {"id": "r", "object": "response", "status": "completed", "model": "m", "output": output}
+        answer = {"id": "r", "object": "response", "status": "completed", "model": "m", "output": output}
+        return answer | self._spent("input", "output")
+
+    def _spent(self, prompt: str, reply: str) -> dict[str, Any]:
+        if (usage := self._usage) is None:
+            return {}
+        counts = {f"{prompt}_tokens": usage.prompt, f"{reply}_tokens": usage.reply}
+        details = {f"{prompt}_tokens_details": {"cached_tokens": usage.cached}}
+        return {"usage": {**counts, **details, "total_tokens": usage.prompt + usage.reply}}
 
     def check(self, path: str, body: dict[str, Any]) -> None:
         messages = self.read(path, body).messages

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from agents.testing import ScriptedModel, assistant_message, function_call
+from agents.usage import Usage
+from openai.types.responses.response_usage import InputTokensDetails
 
 import smartplay_tools as sp
 from tests.adapters.conformance import Received
@@ -15,8 +17,8 @@ from tests.adapters.openai_stub import read_items
 class ReadingModel(ScriptedModel):
     """Replies with its script, step by step."""
 
-    def __init__(self, script: Iterable[sp.Message]) -> None:
-        super().__init__()
+    def __init__(self, script: Iterable[sp.Message], usage: sp.Usage | None = None) -> None:
+        super().__init__(default_usage=None if usage is None else as_agents_usage(usage))
         self._script = iter(script)
 
     async def get_response(self, *arguments: Any, **options: Any) -> Any:
@@ -33,6 +35,12 @@ class ReadingModel(ScriptedModel):
             )
             for call in self.calls
         ]
+
+
+def as_agents_usage(usage: sp.Usage) -> Usage:
+    counts = {"input_tokens": usage.prompt, "output_tokens": usage.reply, "total_tokens": usage.prompt + usage.reply}
+    cached = InputTokensDetails(cached_tokens=usage.cached, cache_write_tokens=0)
+    return Usage(requests=1, input_tokens_details=cached, **counts)
 
 
 def step(message: sp.Message) -> list[Any]:

@@ -10,6 +10,7 @@ import pytest
 from langchain.agents.middleware import HumanInTheLoopMiddleware
 from langchain_core.language_models import BaseChatModel
 from langchain_core.messages import BaseMessage
+from langchain_core.messages.ai import UsageMetadata
 from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.utils.function_calling import convert_to_openai_tool
 from smartplay_langchain import from_langchain, to_langchain
@@ -28,10 +29,12 @@ class ScriptedModel(BaseChatModel):
     settings: list[dict[str, Any]]
     max_tokens: int | None = None
     """The user's own cap on replies, which a request's replaces."""
+    usage: Any = None
+    """The `sp.Usage` that each reply reports."""
 
-    def __init__(self, script: Iterable[Any], max_tokens: int | None = None) -> None:
+    def __init__(self, script: Iterable[Any], max_tokens: int | None = None, usage: Any = None) -> None:
         own = {} if max_tokens is None else {"max_tokens": max_tokens}
-        super().__init__(script=iter(script), sent=[], settings=[], **own)
+        super().__init__(script=iter(script), sent=[], settings=[], usage=usage, **own)
 
     @property
     def received(self) -> list[Received]:
@@ -54,4 +57,12 @@ class ScriptedModel(BaseChatModel):
         self.sent.append([dict(from_langchain(message)) for message in messages])
         self.settings.append(kwargs)
         (reply,) = to_langchain([next(self.script)])
+        if (usage := self.usage) is not None:
+            counts = {
+                "input_tokens": usage.prompt,
+                "output_tokens": usage.reply,
+                "total_tokens": usage.prompt + usage.reply,
+            }
+            reply.usage_metadata = UsageMetadata(**counts, input_token_details={"cache_read": usage.cached})
+            reply.response_metadata["model_name"] = "scripted"
         return ChatResult(generations=[ChatGeneration(message=reply)])

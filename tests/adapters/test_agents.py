@@ -169,18 +169,19 @@ async def test_a_hosted_tool_is_refused_in_a_sentence():
     assert [event["event"] for event in events] == ["start", "end"]
 
 
-async def test_an_output_type_fails_before_the_game():
+async def test_a_handoff_to_an_agent_with_another_model_ends_a_closed_episode_as_the_hosts():
     episode, events = fresh()
-    with episode, pytest.raises(sp.InvalidArgumentError, match="cannot have an output_type"):
-        await run(episode, [], output_type=int)
-    assert [event["event"] for event in events] == ["start", "end"]
-
-
-async def test_an_agent_without_the_games_tools_is_refused_in_a_sentence():
-    episode, _ = fresh()
-    model = SmartPlayModel(ScriptedModel([]), episode)
-    with episode, pytest.raises(sp.InvalidArgumentError, match="has the game's tools"):
-        await Runner.run(Agent("player", model=model), "", run_config=model.run_config)
+    model = SmartPlayModel(
+        ScriptedModel([step(calling(act(WAY[0]))), step(calling(("transfer_to_other", {})))]), episode
+    )
+    other = Agent("other", model=ScriptedModel([step(calling(say="I take over."))]))
+    agent = Agent("player", model=model, tools=model.tools, handoffs=[other])
+    with episode:
+        result = await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
+    assert result.final_output == "I take over."
+    detail = "The agent handed over with transfer_to_other, and this model was not asked again."
+    assert (episode.result.end_reason, episode.result.detail, episode.result.steps) == ("host", detail, 1)
+    assert sp.replay(events).identical
 
 
 @pytest.mark.parametrize("kind", [OpenAIChatCompletionsModel, OpenAIResponsesModel])

@@ -14,16 +14,31 @@ from typing import Any
 
 import httpx2
 import pytest
-from agents import Agent, FunctionTool, ModelSettings, Runner, function_tool, set_tracing_disabled
+from agents import (
+    Agent,
+    AgentOutputSchema,
+    MaxTurnsExceeded,
+    ModelSettings,
+    Runner,
+    Tool,
+    ToolOutputImage,
+    ToolOutputText,
+    function_tool,
+    set_tracing_disabled,
+)
 from langchain.agents import create_agent
-from langchain_core.messages import AIMessage, ToolMessage
+from langchain.agents.middleware import AgentMiddleware
+from langchain.agents.structured_output import ToolStrategy
+from langchain_core.callbacks import get_usage_metadata_callback
+from langchain_core.messages import AIMessage, HumanMessage, RemoveMessage, ToolMessage
 from langchain_core.tools import StructuredTool
 from langgraph.graph import START, MessagesState, StateGraph
-from langgraph.prebuilt import ToolNode
+from langgraph.prebuilt import ToolNode, tools_condition
 from mcp import Client, StdioServerParameters, stdio_client
 from mcp.client.streamable_http import streamable_http_client
 from smartplay_anthropic import AnthropicPlayer
 from smartplay_langchain import GraphSession, LangChainPlayer, SmartPlayMiddleware, SmartPlayToolkit
+from smartplay_langchain.messages import usage_of
 from smartplay_mcp import HttpServer, game_server
 from smartplay_openai import OpenAIPlayer, ResponsesPlayer, WindowEndpoint
 from smartplay_openai.agents import SmartPlayModel
@@ -31,19 +46,20 @@ from smartplay_openai.agents import SmartPlayModel
 import smartplay_tools as sp
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.web import EpisodeStore, HostedEpisode
-from tests.adapters import conformance
+from tests.adapters import conformance, situations
 from tests.adapters.anthropic_stub import AnthropicStub
 from tests.adapters.conformance import (
     BASIC,
     BROKEN,
     BUDGETS,
+    EACH,
     GAME,
     HOST_BUDGET,
     IDLE,
     WEATHER,
+    Held,
     Host,
     Send,
-    Sent,
     Turns,
     Window,
     calling,
@@ -54,7 +70,8 @@ from tests.adapters.conformance import (
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_agents import ReadingModel
 from tests.adapters.scripted_langchain import ScriptedModel
-from tests.adapters.window_host import INTERFACES, TOOLS, HostAgent, client_of
+from tests.adapters.situations import SCHEMA, lacking
+from tests.adapters.window_host import INTERFACES, TOOLS, HostAgent, client_of, play_through
 
 Script = Iterable[sp.Message]
 
@@ -73,86 +90,202 @@ def weather(city: str = "") -> str:
     raise AssertionError("its arguments are not JSON")
 
 
-def of_langchain() -> StructuredTool:
-    return StructuredTool(
-        name=WEATHER.name, description=WEATHER.description, args_schema=dict(WEATHER.parameters), func=weather
-    )
+PICTURE = "data:image/png;base64,AAAA"
+NO_GAME_TOOLS = "has the game's tools|has taken act, observe, read_manual from the request"
 
 
-def of_agents_sdk() -> FunctionTool:
-    tool = function_tool(weather, name_override=WEATHER.name, strict_mode=False)
-    return replace(tool, description=WEATHER.description, params_json_schema=dict(WEATHER.parameters))
+class LangChainAgent:
+    """An agent of LangChain's or a graph of LangGraph's, and what a situation gives it beside the game."""
+
+    def __init__(self, episode: sp.Episode, script: Script, own_cap: int | None, situation: str) -> None:
+        self.model = ScriptedModel(script, own_cap, EACH)
+        self.middleware = SmartPlayMiddleware(episode)
+        self.others: list[AgentMiddleware[Any, Any, Any]] = []
+        self.tools: list[StructuredTool] = []
+        self.options: dict[str, Any] = {}
+        self.runs = 1
+        match situation:
+            case "again":
+                self.runs = 2
+            case "broken call":
+                self.tools = [StructuredTool(**self.described(), args_schema=dict(WEATHER.parameters), func=weather)]
+            case "forgets":
+                self.others = [Forgets()]
+            case "no calls":
+                self.others = [changing(tool_choice="none")]
+            case "no tools":
+                self.others = [changing(tools=[])]
+            case "picture":
+                self.tools = [StructuredTool.from_function(self.camera)]
+            case "schema":
+                self.options = {
+                    "response_format": ToolStrategy(SCHEMA | {"title": "answer", "description": "An answer."})
+                }
+            case "sub-agent":
+                self.tools = [StructuredTool.from_function(self.helper)]
+
+    @staticmethod
+    def described() -> dict[str, str]:
+        return {"name": WEATHER.name, "description": WEATHER.description}
+
+    @staticmethod
+    def camera() -> list[dict[str, Any]]:
+        """Take a picture."""
+        image = {"type": "image", "base64": "AAAA", "mime_type": "image/png"}
+        return [{"type": "text", "text": "Here."}, image]
+
+    def helper(self) -> str:
+        """Play for the agent."""
+        return str(self.sub_agent().invoke({"messages": [HumanMessage("Play.")]})["messages"][-1].text)
+
+    def sub_agent(self) -> Any:
+        return create_agent(self.model, middleware=[self.middleware])
+
+    def play(self, run: Callable[[], Any]) -> Held:
+        state: Any = {"messages": []}
+        words = ""
+        with get_usage_metadata_callback() as callback:
+            for _ in range(self.runs):
+                try:
+                    state = run()
+                except sp.InvalidArgumentError as error:
+                    if self.runs == 1:
+                        raise
+                    words = str(error)
+        counts = callback.usage_metadata.get("scripted")
+        told = None if counts is None else usage_of(AIMessage("", usage_metadata=counts))
+        return Held(self.model.received, told, words or str(state["messages"][-1].text if state["messages"] else ""))
 
 
-def langchain_agent(episode: sp.Episode, script: Script, *, own_cap: int | None = None, own_tool: bool = False) -> Sent:
-    model = ScriptedModel(script, own_cap)
-    create_agent(model, [of_langchain()] * own_tool, middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
-    return model.received
+class Forgets(AgentMiddleware[Any, Any, Any]):
+    """Keeps the latest reply and its results of five messages, as a summary of the agent's own does."""
+
+    def before_model(self, state: Any, runtime: Any) -> dict[str, Any] | None:
+        if len(messages := state["messages"]) < 5:
+            return None
+        return {"messages": [RemoveMessage(message.id) for message in messages[:-2]]}
 
 
-def langchain_agent_async(
-    episode: sp.Episode, script: Script, *, own_cap: int | None = None, own_tool: bool = False
-) -> Sent:
-    model = ScriptedModel(script, own_cap)
-    agent = create_agent(model, [of_langchain()] * own_tool, middleware=[SmartPlayMiddleware(episode)])
-    asyncio.run(agent.ainvoke({"messages": []}))
-    return model.received
+def changing(**fields: Any) -> AgentMiddleware[Any, Any, Any]:
+    """A middleware that changes the agent's requests."""
+
+    class Changing(AgentMiddleware[Any, Any, Any]):
+        def wrap_model_call(self, request: Any, handler: Any) -> Any:
+            return handler(request.override(**fields))
+
+        async def awrap_model_call(self, request: Any, handler: Any) -> Any:
+            return await handler(request.override(**fields))
+
+    return Changing()
 
 
-def langgraph(episode: sp.Episode, script: Script, *, own_cap: int | None = None) -> Sent:
-    session, model = GraphSession(episode), ScriptedModel(script, own_cap)
+def langchain_agent(
+    episode: sp.Episode,
+    script: Script,
+    *,
+    own_cap: int | None = None,
+    situation: str = "",
+    asynchronously: bool = False,
+) -> Held:
+    host = LangChainAgent(episode, script, own_cap, situation)
+    agent = create_agent(host.model, host.tools, middleware=[*host.others, host.middleware], **host.options)
+    if asynchronously:
+        return host.play(lambda: asyncio.run(agent.ainvoke({"messages": []})))
+    return host.play(lambda: agent.invoke({"messages": []}))
+
+
+def langgraph(episode: sp.Episode, script: Script, *, own_cap: int | None = None, situation: str = "") -> Held:
+    host = LangChainAgent(episode, script, own_cap, situation)
+    session = GraphSession(episode, foreign_tools=host.tools)
 
     def after_speaking(state: MessagesState) -> str:
         if episode.done:
             return "__end__"
         return "tools" if getattr(state["messages"][-1], "tool_calls", ()) else "speak"
 
-    graph = StateGraph(MessagesState)
-    graph.add_node("speak", lambda state: {"messages": session.ask(model, state["messages"])})
-    graph.add_node("tools", ToolNode(session.tools, wrap_tool_call=session.wrap_tool_call))
-    graph.add_edge(START, "speak")
-    graph.add_conditional_edges("speak", after_speaking)
-    graph.add_edge("tools", "speak")
-    graph.compile().invoke({"messages": []}, {"recursion_limit": 100})
-    return model.received
+    def forget(state: MessagesState) -> dict[str, Any]:
+        return Forgets().before_model(state, None) or {}
+
+    def graph(*, ends_with_words: bool = False) -> Any:
+        graph = StateGraph(MessagesState)
+        graph.add_node("speak", lambda state: {"messages": session.ask(host.model, state["messages"])})
+        graph.add_node("tools", ToolNode([*session.tools, *host.tools], wrap_tool_call=session.wrap_tool_call))
+        graph.add_node("forget", forget if situation == "forgets" else lambda state: {})
+        graph.add_edge(START, "speak")
+        graph.add_conditional_edges("speak", tools_condition if ends_with_words else after_speaking)
+        graph.add_edge("tools", "forget")
+        graph.add_edge("forget", "speak")
+        return graph.compile()
+
+    host.sub_agent = partial(graph, ends_with_words=True)  # type: ignore[method-assign]
+    return host.play(lambda: graph().invoke({"messages": []}, {"recursion_limit": 100}))
 
 
 def agents_sdk(
-    episode: sp.Episode,
-    script: Script,
-    *,
-    own_cap: int | None = None,
-    streamed: bool = False,
-    own_tool: bool = False,
-) -> Sent:
-    inner = ReadingModel(script)
+    episode: sp.Episode, script: Script, *, own_cap: int | None = None, situation: str = "", streamed: bool = False
+) -> Held:
+    inner = ReadingModel(script, EACH)
     model = SmartPlayModel(inner, episode)
-    tools = [*model.tools, *[of_agents_sdk()] * own_tool]
-    agent = Agent("player", model=model, tools=tools, model_settings=ModelSettings(max_tokens=own_cap))
+    settings = ModelSettings(max_tokens=own_cap, tool_choice="none" if situation == "no calls" else None)
 
-    async def run() -> None:
-        if streamed:
-            running = Runner.run_streamed(agent, [], max_turns=None, run_config=model.run_config)
-            async for _ in running.stream_events():
-                pass
-        else:
-            await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
+    @function_tool
+    def camera() -> Any:
+        """Take a picture."""
+        return [ToolOutputText(text="Here."), ToolOutputImage(image_url=PICTURE)]
 
-    asyncio.run(run())
-    return inner.received
+    @function_tool
+    async def helper() -> str:
+        """Play for the agent."""
+        other = Agent("helper", model=model, tools=model.tools)
+        return str((await Runner.run(other, "Play.", run_config=model.run_config)).final_output)
+
+    told = replace(
+        function_tool(weather, name_override=WEATHER.name, strict_mode=False),
+        description=WEATHER.description,
+        params_json_schema=dict(WEATHER.parameters),
+    )
+    own: dict[str, list[Tool]] = {"broken call": [told], "picture": [camera], "sub-agent": [helper]}
+    tools = [] if situation == "no tools" else [*model.tools, *own.get(situation, [])]
+    output = AgentOutputSchema(dict[str, int], strict_json_schema=False) if situation == "schema" else None
+    agent = Agent("player", model=model, tools=tools, model_settings=settings, output_type=output)
+
+    async def run(items: list[Any], most: int | None = None) -> Any:
+        if not streamed:
+            return await Runner.run(agent, items, max_turns=most, run_config=model.run_config)
+        running = Runner.run_streamed(agent, items, max_turns=most, run_config=model.run_config)
+        async for _ in running.stream_events():
+            pass
+        return running
+
+    async def runs() -> Any:
+        if situation == "forgets":  # what it said before the latest reply
+            with pytest.raises(MaxTurnsExceeded) as stopped:
+                await run([], 3)
+            items = [item.to_input_item() for item in stopped.value.run_data.new_items]
+            return await run(items[-2:])
+        result = await run([])
+        return await run([]) if situation == "again" else result
+
+    result = asyncio.run(runs())
+    spent = result.context_wrapper.usage
+    return Held(inner.received, sp.Usage(prompt=spent.input_tokens, reply=spent.output_tokens), result.final_output)
 
 
-def langchain_player(episode: sp.Episode, script: Script, *, play: Play, own_cap: int | None = None) -> Sent:
+def langchain_player(
+    episode: sp.Episode, script: Script, *, play: Play, own_cap: int | None = None, situation: str = ""
+) -> Held:
     model = ScriptedModel(script, own_cap)
     play(episode, LangChainPlayer(model))
-    return model.received
+    return Held(model.received)
 
 
-def anthropic_player(episode: sp.Episode, script: Script, *, play: Play, own_cap: int | None = None) -> Sent:
+def anthropic_player(
+    episode: sp.Episode, script: Script, *, play: Play, own_cap: int | None = None, situation: str = ""
+) -> Held:
     with AnthropicStub(script) as stub:
         own = {} if own_cap is None else {"max_tokens": own_cap}
         play(episode, AnthropicPlayer("m", base_url=stub.url, retries=0, parameters=own))
-    return stub.received
+    return Held(stub.received)
 
 
 def openai_player(
@@ -161,36 +294,52 @@ def openai_player(
     *,
     play: Play,
     own_cap: int | None = None,
+    situation: str = "",
     kind: type[OpenAIPlayer] = OpenAIPlayer,
     cap_field: str = "max_tokens",
-) -> Sent:
+) -> Held:
     with OpenAIStub(script) as stub:
         own = {} if own_cap is None else {cap_field: own_cap}
         play(episode, kind("m", base_url=stub.base_url, retries=0, parameters=own))
-    return stub.received
+    return Held(stub.received)
 
 
 def window_endpoint(
-    episode: sp.Episode, script: Script, *, interface: str, own_cap: int | None = None, own_tool: bool = False
-) -> Sent:
+    episode: sp.Episode, script: Script, *, interface: str, own_cap: int | None = None, situation: str = ""
+) -> Held:
     """A host's agent plays at the endpoint; the model behind it is one of OpenAI's, which sees the window."""
     own = {} if own_cap is None else {"max_tokens": own_cap}
     with (
-        OpenAIStub(script) as stub,
+        OpenAIStub(script, EACH) as stub,
         OpenAIPlayer("m", base_url=stub.base_url, retries=0, parameters=own) as player,
         WindowEndpoint(player) as endpoint,
     ):
         handle = endpoint.serve(episode)
         agent = HostAgent(endpoint, handle)
-        offered = [*TOOLS, *[sp.schema(WEATHER, "openai")] * own_tool]
         if interface == "mcp":
-            agent.tools = offered
             agent.play()
-        else:
-            tools = {name: partial(agent.run_named, name) for name in ("observe", "act", "read_manual")}
-            with client_of(interface, endpoint) as client:
-                INTERFACES[interface](client, endpoint.model(handle), tools, stream=True, offered=offered)
-    return stub.received
+            return Held(stub.received)
+        tools: dict[str, Any] = {name: partial(agent.run_named, name) for name in ("observe", "act", "read_manual")}
+        with client_of(interface, endpoint) as client:
+            asks = INTERFACES[interface](client, endpoint.model(handle), True)
+            play = partial(play_through, asks, tools)
+            tools |= {"camera": lambda: asks.picture, "helper": lambda: play()[0]}
+            own_tools = {"broken call": WEATHER, "picture": nothing("camera"), "sub-agent": nothing("helper")}
+            offered = [*TOOLS, *[sp.schema(tool, "openai") for name, tool in own_tools.items() if name == situation]]
+            aside = ""
+            if situation == "no tools":
+                aside = asks.ask([*asks.begin], []).text
+            elif situation == "no calls":
+                aside = asks.ask([*asks.begin], offered, tool_choice=asks.no_calls).text
+            extra = asks.schema(SCHEMA) if situation == "schema" else {}
+            words, told = play(offered, forgets=situation == "forgets", **extra)
+            words = play(offered)[0] if situation == "again" else words
+    return Held(stub.received, told, aside or words)
+
+
+def nothing(name: str) -> sp.ToolSpec:
+    """A tool without arguments."""
+    return sp.ToolSpec(name, f"The {name}.", {"type": "object", "properties": {}})
 
 
 Play = Callable[[sp.Episode, ModelPlayer], None]
@@ -218,34 +367,36 @@ OPENAI = "OpenAI players"
 WINDOW_ENDPOINT = "Window endpoint"
 PLAY = "`play`, `aplay`"
 
+LOOP = lacking("a loop of ours or yours: there is no agent of a host's that could do anything beside playing")
+AS_CHAT = lacking("it asks as the row of chat completions does, and differs in how it runs the calls")
+ONE_NODE = lacking("the graph's node asks with the game's tools, in messages", "no calls", "no tools", "schema")
+REFUSED = {"no calls": "tool choice `none`", "no tools": NO_GAME_TOOLS, "schema": "cannot have a"}
+
+agents_row = partial(Window, through=AGENTS, refuses=REFUSED)
+langchain_row = partial(Window, through=LANGCHAIN, refuses=REFUSED)
+loop = partial(Window, lacks=LOOP)
+endpoint_row = partial(Window, through=WINDOW_ENDPOINT)
+
 WINDOW = {
-    "AgentSession": Window(conformance.by_session, "`AgentSession`"),
-    "Agents SDK": Window(agents_sdk, AGENTS, has_tools=True),
-    "Agents SDK, streamed": Window(partial(agents_sdk, streamed=True), AGENTS, has_tools=True),
-    "Anthropic player": Window(partial(anthropic_player, play=waiting), ANTHROPIC, broken_json=False),
-    "Anthropic player, async": Window(partial(anthropic_player, play=on_a_loop), ANTHROPIC, broken_json=False),
-    "Conversation": Window(conformance.by_conversation, "`Conversation`"),
-    "LangChain agent": Window(langchain_agent, LANGCHAIN, has_tools=True),
-    "LangChain agent, async": Window(langchain_agent_async, LANGCHAIN, has_tools=True),
-    "LangChain player": Window(partial(langchain_player, play=waiting), PLAY),
-    "LangChain player, async": Window(partial(langchain_player, play=on_a_loop), PLAY),
-    "LangGraph": Window(langgraph, LANGCHAIN),
-    "Window endpoint, tools over MCP": Window(
-        partial(window_endpoint, interface="mcp"), WINDOW_ENDPOINT, has_tools=True
-    ),
-    "Window endpoint, chat completions": Window(
-        partial(window_endpoint, interface="chat"), WINDOW_ENDPOINT, has_tools=True
-    ),
-    "Window endpoint, Messages": Window(
-        partial(window_endpoint, interface="messages"), WINDOW_ENDPOINT, has_tools=True
-    ),
-    "Window endpoint, Responses": Window(
-        partial(window_endpoint, interface="responses"), WINDOW_ENDPOINT, has_tools=True
-    ),
-    "OpenAI player": Window(partial(openai_player, play=waiting), OPENAI),
-    "OpenAI player, async": Window(partial(openai_player, play=on_a_loop), OPENAI),
-    "OpenAI Responses player": Window(partial(responses_player, play=waiting), OPENAI),
-    "OpenAI Responses player, async": Window(partial(responses_player, play=on_a_loop), OPENAI),
+    "AgentSession": loop(conformance.by_session, "`AgentSession`"),
+    "Agents SDK": agents_row(agents_sdk),
+    "Agents SDK, streamed": agents_row(partial(agents_sdk, streamed=True)),
+    "Anthropic player": loop(partial(anthropic_player, play=waiting), ANTHROPIC, broken_json=False),
+    "Anthropic player, async": loop(partial(anthropic_player, play=on_a_loop), ANTHROPIC, broken_json=False),
+    "Conversation": loop(conformance.by_conversation, "`Conversation`"),
+    "LangChain agent": langchain_row(langchain_agent),
+    "LangChain agent, async": langchain_row(partial(langchain_agent, asynchronously=True)),
+    "LangChain player": loop(partial(langchain_player, play=waiting), PLAY),
+    "LangChain player, async": loop(partial(langchain_player, play=on_a_loop), PLAY),
+    "LangGraph": Window(langgraph, LANGCHAIN, lacks=ONE_NODE),
+    "Window endpoint, tools over MCP": endpoint_row(partial(window_endpoint, interface="mcp"), lacks=AS_CHAT),
+    "Window endpoint, chat completions": endpoint_row(partial(window_endpoint, interface="chat")),
+    "Window endpoint, Messages": endpoint_row(partial(window_endpoint, interface="messages")),
+    "Window endpoint, Responses": endpoint_row(partial(window_endpoint, interface="responses")),
+    "OpenAI player": loop(partial(openai_player, play=waiting), OPENAI),
+    "OpenAI player, async": loop(partial(openai_player, play=on_a_loop), OPENAI),
+    "OpenAI Responses player": loop(partial(responses_player, play=waiting), OPENAI),
+    "OpenAI Responses player, async": loop(partial(responses_player, play=on_a_loop), OPENAI),
 }
 
 
@@ -290,9 +441,16 @@ def test_arguments_that_are_no_json(row):
     conformance.judge(WINDOW[row], BROKEN, BUDGETS["tight"])
 
 
-@pytest.mark.parametrize("row", rows(row for row in WINDOW if WINDOW[row].has_tools))
-def test_a_broken_call_of_a_tool_of_the_agents_own(row):
-    conformance.judge_broken_foreign_call(WINDOW[row])
+@pytest.mark.parametrize(
+    ("row", "situation"),
+    [
+        pytest.param(row, situation, marks=pytest.mark.slow if WINDOW[row].through == WINDOW_ENDPOINT else ())
+        for row in WINDOW
+        for situation in situations.of(WINDOW[row])
+    ],
+)
+def test_what_hosts_do(row, situation, caplog):
+    situations.SITUATIONS[situation](WINDOW[row], caplog)
 
 
 @pytest.mark.parametrize("row", ROWS)
@@ -372,12 +530,13 @@ def through_toolkit_in_an_agent(episode: sp.Episode) -> Send:
     return send
 
 
-def through_client(client: Client) -> Send:
-    async def send(name: str, arguments: Any) -> tuple[str, bool]:
-        result = await client.call_tool(name, arguments)
-        return result.content[0].text, result.is_error
+class ThroughClient:
+    def __init__(self, client: Client) -> None:
+        self.client = client
 
-    return send
+    async def __call__(self, name: str, arguments: Any) -> tuple[str, bool]:
+        result = await self.client.call_tool(name, arguments)
+        return result.content[0].text, result.is_error
 
 
 @asynccontextmanager
@@ -385,7 +544,7 @@ async def mcp_in_memory(seeds: Sequence[int], folder: Path, mode: str) -> Opened
     async with AsyncExitStack() as stack:
         tables = [HostedEpisode(stack.enter_context(host_episode(seed, folder))) for seed in seeds]
         servers = [game_server(lambda _, table=table: table) for table in tables]
-        yield [through_client(await stack.enter_async_context(Client(server, mode=mode))) for server in servers]
+        yield [ThroughClient(await stack.enter_async_context(Client(server, mode=mode))) for server in servers]
 
 
 @asynccontextmanager
@@ -399,7 +558,7 @@ async def mcp_on_stdio(seeds: Sequence[int], folder: Path, mode: str) -> Opened:
             command = ["-m", "smartplay_tools", "serve", "mcp", GAME, *options]
             server = StdioServerParameters(command=sys.executable, args=command, env=dict(os.environ))
             transport = stdio_client(server)
-            senders.append(through_client(await stack.enter_async_context(Client(transport, mode=mode))))
+            senders.append(ThroughClient(await stack.enter_async_context(Client(transport, mode=mode))))
         yield senders
 
 
@@ -413,7 +572,7 @@ async def mcp_over_http(seeds: Sequence[int], folder: Path, mode: str) -> Opened
         http = await stack.enter_async_context(httpx2.AsyncClient(trust_env=False))
         addresses = [f"{server.url}/mcp/{handle}" for handle in handles]
         clients = [Client(streamable_http_client(address, http_client=http), mode=mode) for address in addresses]
-        yield [through_client(await stack.enter_async_context(client)) for client in clients]
+        yield [ThroughClient(await stack.enter_async_context(client)) for client in clients]
     for handle in handles:
         episodes.close(handle)
 
@@ -452,6 +611,18 @@ HOST = {
 @pytest.mark.parametrize("row", HOST)
 async def test_the_game_cannot_tell_hosts_apart(row, tmp_path):
     await conformance.judge_hosts(HOST[row], tmp_path)
+
+
+# MCP alone has lists of what a client may read beside the tools; the window's lists nothing (`test_window_hosts.py`).
+@pytest.mark.parametrize("row", [row for row in HOST if HOST[row].through == MCP])
+async def test_what_is_listed_can_be_read(row, tmp_path):
+    async with HOST[row].open([7], tmp_path) as (send,):
+        assert isinstance(send, ThroughClient)
+        listed = (await send.client.list_resources()).resources
+        assert [str(resource.uri) for resource in listed] == ["smartplay://manual"]
+        for resource in listed:
+            (content,) = (await send.client.read_resource(resource.uri)).contents
+            assert "Tower of Hanoi" in content.text or "disk" in content.text
 
 
 # --- What is enforced where: the table in the documentation -------------------------------------------------------

@@ -44,7 +44,9 @@ from tests.adapters import rerouted
 from tests.adapters.conformance import (
     BASIC,
     BUDGETS,
+    EACH,
     IDLE,
+    Held,
     Received,
     Sent,
     Window,
@@ -58,11 +60,17 @@ from tests.adapters.conformance import (
     without_usage,
 )
 from tests.adapters.openai_stub import OpenAIStub
+from tests.adapters.situations import SituationConformance, lacking
 
 # Inspect and what it imports warn; what they warn of is theirs.
 pytestmark = pytest.mark.filterwarnings("ignore")
 
-USAGE = ModelUsage(input_tokens=10, output_tokens=5, total_tokens=15)
+USAGE = ModelUsage(
+    input_tokens=EACH.prompt - EACH.cached,
+    output_tokens=EACH.reply,
+    total_tokens=EACH.prompt + EACH.reply,
+    input_tokens_cache_read=EACH.cached,
+)
 SAY_ROCK = calling(("act", {"action": "Rock"}))
 
 
@@ -114,15 +122,20 @@ def sample_of(log: EvalLog) -> EvalSample:
     return sample
 
 
-def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
+def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = "") -> Held:
     model = Scripted(script)
     task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
-    sample_of(run(task, model, max_tokens=own_cap))
-    return model.received
+    sample = sample_of(run(task, model, max_tokens=own_cap))
+    (told,) = sample.model_usage.values()
+    prompt = told.input_tokens + (told.input_tokens_cache_read or 0)
+    return Held(model.received, sp.Usage(prompt=prompt, reply=told.output_tokens))
 
 
-class TestConformance(WindowConformance):
-    row = Window(hold, "Inspect AI `smartplay_agent`")
+LACKS = lacking("the loop in Inspect's solver is ours: there is no agent of a host's, nor tools or messages of its own")
+
+
+class TestConformance(SituationConformance, WindowConformance):
+    row = Window(hold, "Inspect AI `smartplay_agent`", lacks={name: LACKS[name] for name in LACKS if name != "usage"})
 
 
 @pytest.mark.parametrize("player", ["openai", "openai-responses"])
@@ -145,7 +158,7 @@ def test_a_player_of_openais_client_sends_every_prompt_through_inspects_bridge(p
     sample_of(run(Task([Sample(input="Play.")], solver=bridged()), model))
     expected, _ = fresh(BUDGETS[name])
     with expected:
-        prompts = by_conversation(expected, BASIC)
+        prompts, *_ = by_conversation(expected, BASIC)
     assert list(map(spelled, model.received)) == list(map(spelled, prompts))
     assert without_usage(episode.result) == without_usage(expected.result)
     assert sp.replay(record).identical
@@ -180,7 +193,7 @@ def test_two_samples_at_once():
     for name, script in scripts.items():
         expected, _ = fresh(BUDGETS["tight"])
         with expected:
-            prompts = by_conversation(expected, script)
+            prompts, *_ = by_conversation(expected, script)
         result = episodes[name][0].result
         assert without_usage(result) == without_usage(expected.result)
         assert list(map(spelled, models[name].received)) == list(map(spelled, prompts))

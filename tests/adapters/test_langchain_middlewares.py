@@ -27,7 +27,7 @@ from langchain.agents.middleware import (
     wrap_tool_call,
 )
 from langchain_core.callbacks import BaseCallbackHandler
-from langchain_core.messages import AIMessage, HumanMessage, RemoveMessage, SystemMessage, ToolMessage
+from langchain_core.messages import AIMessage, HumanMessage, SystemMessage, ToolMessage
 from langchain_core.tools import tool
 from langgraph.checkpoint.memory import InMemorySaver
 from langgraph.types import Command
@@ -505,18 +505,6 @@ class TestWhatIsShown:
         assert (episode.result.score, episode.result.malformed_calls) == (3.0, 1)
         assert sp.replay(events).identical
 
-    def test_a_summary_of_the_agents_own_is_seen_and_logged_once(self, caplog):
-        model = ScriptedModel([calling(act(short)) for short in WAY])
-        episode, _ = fresh()
-        with episode:
-            agent = create_agent(model, middleware=[Forgets(), SmartPlayMiddleware(episode)])
-            agent.invoke({"messages": []})
-        assert episode.result.score == 3.0
-        (told,) = [record.getMessage() for record in caplog.records]
-        said = re.match(r"4 messages with (\d+) tokens of text are gone from the state", told)
-        assert said
-        assert int(said[1]) > 50  # two results of the game
-
 
 class TestAnAgentWithoutACheckpointer:
     def test_is_told_what_it_needs_to_go_on_after_an_error(self):
@@ -529,26 +517,8 @@ class TestAnAgentWithoutACheckpointer:
             with pytest.raises(sp.InvalidArgumentError, match="without a checkpointer keeps nothing"):
                 agent.invoke({"messages": []})
 
-    def test_is_told_that_a_game_is_over(self):
-        model = ScriptedModel([calling(act(short)) for short in WAY])
-        episode, _ = fresh()
-        with episode:
-            agent = create_agent(model, middleware=[SmartPlayMiddleware(episode)])
-            agent.invoke({"messages": []})
-            with pytest.raises(sp.InvalidArgumentError, match="The episode is over; make a new one"):
-                agent.invoke({"messages": []})
-
 
 @tool("weather")
 def forbidden_weather() -> str:
     """Tell the weather."""
     raise AssertionError("a tool that is hidden is not run")
-
-
-class Forgets(AgentMiddleware[Any, Any, Any]):
-    """Keeps the latest reply and its results of five messages, as a summary of the agent's own does."""
-
-    def before_model(self, state: Any, runtime: Any) -> dict[str, Any] | None:
-        if len(messages := state["messages"]) < 5:
-            return None
-        return {"messages": [RemoveMessage(message.id) for message in messages[:-2]]}

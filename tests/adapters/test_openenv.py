@@ -39,10 +39,10 @@ from tests.adapters.conformance import (
     GAME,
     HOST_BUDGET,
     WAY,
+    Held,
     Host,
     Received,
     Send,
-    Sent,
     Window,
     WindowConformance,
     act,
@@ -51,6 +51,7 @@ from tests.adapters.conformance import (
     move,
     one_system,
 )
+from tests.adapters.situations import SituationConformance, lacking
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -77,15 +78,18 @@ class Sampler:
         return ModelStepResult(response=LLMResponse(content=text_of(reply), tool_calls=calls))
 
 
-def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
+def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = "") -> Held:
     sampler = Sampler(script)
     limits = HarnessRunLimits(max_turns=1000, sampling={} if own_cap is None else {"max_tokens": own_cap})
     SmartPlayHarness().run_white_box(sampler, SmartPlaySession(episode), limits)
-    return sampler.received
+    return Held(sampler.received)
 
 
-class TestConformance(WindowConformance):
-    row = Window(hold, "OpenEnv `SmartPlayHarness`", broken_json=False)
+LACKS = lacking("the harness is ours: a trainer samples replies to its prompts, and reports no usage of them")
+
+
+class TestConformance(SituationConformance, WindowConformance):
+    row = Window(hold, "OpenEnv `SmartPlayHarness`", broken_json=False, lacks=LACKS)
 
 
 def test_a_rollout_is_verified_and_recorded(tmp_path):

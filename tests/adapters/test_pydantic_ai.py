@@ -16,7 +16,8 @@ pytest.importorskip("pydantic_ai", reason="needs smartplay-tools[pydantic-ai]; `
 
 from anthropic import AsyncAnthropic
 from openai import AsyncOpenAI
-from pydantic_ai import Agent, Tool, UsageLimitExceeded
+from pydantic_ai import Agent, BinaryContent, Tool, UsageLimitExceeded
+from pydantic_ai.capabilities import AbstractCapability, PrepareTools, ProcessHistory
 from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ThinkingPart, ToolCallPart, ToolReturnPart
 from pydantic_ai.models.anthropic import AnthropicModel
 from pydantic_ai.models.function import AgentInfo, FunctionModel
@@ -34,9 +35,11 @@ from tests.adapters.anthropic_stub import AnthropicStub
 from tests.adapters.conformance import (
     BASIC,
     BUDGETS,
+    EACH,
     IDLE,
     WAY,
     WEATHER,
+    Held,
     Received,
     Sent,
     Turns,
@@ -50,6 +53,7 @@ from tests.adapters.conformance import (
 )
 from tests.adapters.marks import anthropic_marks, openai_marks
 from tests.adapters.openai_stub import OpenAIStub
+from tests.adapters.situations import SituationConformance
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -60,8 +64,9 @@ THE_END = "The episode is over."
 class Scripted:
     """A model that says what a script says, and keeps what it was sent."""
 
-    def __init__(self, script: Iterable[sp.Message]) -> None:
+    def __init__(self, script: Iterable[sp.Message], usage: sp.Usage | None = None) -> None:
         self.script: Iterator[sp.Message] = iter(script)
+        self.usage = usage
         self.received: Sent = []
         self.model = FunctionModel(self.answer, model_name="scripted")
 
@@ -69,7 +74,12 @@ class Scripted:
         tools = [(tool.name, tool.description or "", tool.parameters_json_schema) for tool in info.function_tools]
         canonical = one_system([dict(message) for message in from_history(messages)])
         self.received.append(Received(canonical, tools, (info.model_settings or {}).get("max_tokens")))
-        return to_response(next(self.script))
+        response = to_response(next(self.script))
+        if (usage := self.usage) is not None:
+            response.usage = RequestUsage(
+                input_tokens=usage.prompt, output_tokens=usage.reply, cache_read_tokens=usage.cached
+            )
+        return response
 
 
 def weather(city: str = "") -> str:
@@ -77,25 +87,51 @@ def weather(city: str = "") -> str:
     raise AssertionError("it is not called, or its arguments are not JSON")
 
 
-def of_pydantic_ai() -> Tool[Any]:
-    return Tool.from_schema(weather, WEATHER.name, WEATHER.description, dict(WEATHER.parameters))
+def camera() -> list[Any]:
+    """Take a picture."""
+    return ["Here.", BinaryContent(b"", media_type="image/png")]
 
 
-def hold(
-    episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, own_tool: bool = False
-) -> Sent:
-    model = Scripted(script)
-    own = None if own_cap is None else ModelSettings(max_tokens=own_cap)
+def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = "") -> Held:
+    model, capability = Scripted(script, EACH), SmartPlay(episode)
+
+    async def helper() -> str:
+        """Play for the agent."""
+        other = Agent(model.model, capabilities=[capability])
+        return (await other.run("Play.", usage_limits=NO_LIMIT)).output
+
+    own = {} if own_cap is None else {"max_tokens": own_cap}
+    own |= {"tool_choice": "none"} if situation == "no calls" else {}
+    described = Tool.from_schema(weather, WEATHER.name, WEATHER.description, dict(WEATHER.parameters))
+    others: dict[str, list[AbstractCapability[Any]]] = {
+        "forgets": [ProcessHistory(lambda messages: messages[-2:])],
+        "no tools": [PrepareTools(lambda context, tools: [])],
+    }
     agent = Agent(
-        model.model, capabilities=[SmartPlay(episode)], model_settings=own, tools=[of_pydantic_ai()] * own_tool
+        model.model,
+        capabilities=[*others.get(situation, []), capability],
+        model_settings=ModelSettings(**own),
+        tools={"broken call": [described], "picture": [camera], "sub-agent": [helper]}.get(situation, []),
+        output_type=dict[str, int] if situation == "schema" else str,
     )
     result = agent.run_sync("", usage_limits=NO_LIMIT)
+    if situation == "again":
+        result = agent.run_sync("", usage_limits=NO_LIMIT)
     assert result.output == THE_END
-    return model.received
+    return Held(
+        model.received, sp.Usage(prompt=result.usage.input_tokens, reply=result.usage.output_tokens), result.output
+    )
 
 
-class TestConformance(WindowConformance):
-    row = Window(hold, "Pydantic AI `SmartPlay`", has_tools=True)
+REFUSED = {
+    "no calls": "tool choice `none`",
+    "no tools": "has taken act, observe, read_manual",
+    "schema": "no output_type",
+}
+
+
+class TestConformance(SituationConformance, WindowConformance):
+    row = Window(hold, "Pydantic AI `SmartPlay`", refuses=REFUSED)
 
     def test_two_episodes_interleaved(self):
         async def both() -> None:
@@ -174,7 +210,7 @@ def test_the_hosts_words_and_tools_are_counted_and_shown():
 def test_a_spent_budget_ends_the_run_before_the_model_is_asked():
     episode, _ = fresh(sp.Budget(episode_tokens=1500, reply_tokens=40))
     with episode:
-        sent = hold(episode, [calling(act("A->B")), calling(act("B->A"))] * 9)
+        sent, *_ = hold(episode, [calling(act("A->B")), calling(act("B->A"))] * 9)
     assert (episode.result.end_reason, episode.result.turns) == ("episode_tokens", len(sent))
     assert {prompt.cap for prompt in sent} == {40}
 
@@ -182,7 +218,7 @@ def test_a_spent_budget_ends_the_run_before_the_model_is_asked():
 def test_three_replies_of_words_end_the_run_although_the_agent_would_take_the_first():
     episode, _ = fresh()
     with episode:
-        sent = hold(episode, [calling(say="Hm.")] * 3)
+        sent, *_ = hold(episode, [calling(say="Hm.")] * 3)
     assert (episode.result.end_reason, len(sent)) == ("no_tool_call", 3)
 
 
@@ -238,13 +274,6 @@ def test_records_of_replies_have_no_times():
     response = ModelResponse([ThinkingPart("Hm."), TextPart("Rock.")])
     again = ModelResponse([ThinkingPart("Hm."), TextPart("Rock.")])
     assert from_response(response) == from_response(again)
-
-
-@pytest.mark.parametrize("options", [{"output_type": int}], ids=["output_type"])
-def test_an_agent_whose_output_is_not_text_is_refused(options):
-    episode, _ = fresh()
-    with episode, pytest.raises(sp.InvalidArgumentError, match="output_type"):
-        Agent(Scripted([]).model, capabilities=[SmartPlay(episode)], **options).run_sync("", usage_limits=NO_LIMIT)
 
 
 async def test_a_streamed_run_is_refused():

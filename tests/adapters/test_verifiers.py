@@ -33,8 +33,9 @@ from verifiers.v1.trace import AgentInfo, TraceTask
 
 import smartplay_tools as sp
 from smartplay_tools.records import Record, trial_seed
-from tests.adapters.conformance import GAME, Sent, Window, WindowConformance
+from tests.adapters.conformance import GAME, Held, Window, WindowConformance
 from tests.adapters.openai_stub import OpenAIStub
+from tests.adapters.situations import SituationConformance, lacking
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -55,7 +56,7 @@ def launched(
     return trace, asyncio.run(harness.launch(ctx, trace, None, base_url, "none", {}, task.data))
 
 
-def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None) -> Sent:
+def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = "") -> Held:
     class Given(SmartPlayHarness):
         """Plays an episode that is there already."""
 
@@ -64,11 +65,14 @@ def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | No
 
     with OpenAIStub(script) as stub:
         launched(stub.base_url, Given(SmartPlayHarnessConfig()), own_cap)
-    return stub.received
+    return Held(stub.received)
 
 
-class TestConformance(WindowConformance):
-    row = Window(hold, "verifiers `SmartPlayHarness`")
+LACKS = lacking("the harness is ours, and every call of its model goes through verifiers' endpoint, which counts it")
+
+
+class TestConformance(SituationConformance, WindowConformance):
+    row = Window(hold, "verifiers `SmartPlayHarness`", lacks=LACKS)
 
 
 # --- The taskset -------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ import smartplay_tools as sp
 from smartplay_tools.players import ModelCallError
 from smartplay_tools.records import replay
 from tests.adapters.conformance import WAY, act, calling
-from tests.adapters.window_host import INTERFACES, TOOLS, WORDS, HostAgent, client_of
+from tests.adapters.window_host import INTERFACES, TOOLS, WORDS, HostAgent, client_of, play_through
 
 BUDGET = sp.Budget(prompt_tokens=700)
 GAME = "Hanoi3Disk-v0"
@@ -66,7 +66,7 @@ class TestAGame:
         handle = endpoint.open(GAME, seed=7, budget=BUDGET)
         tools = dict(zip(("observe", "act", "read_manual"), endpoint.functions(handle), strict=True))
         with client_of(interface, endpoint) as client:
-            INTERFACES[interface](client, endpoint.model(handle), tools, stream)
+            play_through(INTERFACES[interface](client, endpoint.model(handle), stream), tools)
         assert endpoint.result(handle).score == 3.0
 
     async def test_has_its_tools_at_the_mcp_address_of_the_same_handle(self, endpoint):

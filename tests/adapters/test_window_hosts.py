@@ -50,16 +50,6 @@ def post(endpoint: WindowEndpoint, path: str, body: dict[str, Any], **headers: s
 
 
 class TestToolsOfTheAgentItself:
-    @pytest.mark.parametrize("broken", ['{"city":', '"Bern"', "[1]"])
-    def test_a_call_with_broken_arguments_is_answered_and_the_game_goes_on(self, broken):
-        endpoint, player = scripted(calling(("weather", broken)), calling(act(WAY[0])))
-        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
-            (call,) = HostAgent(endpoint, endpoint.serve(episode), tools=[*TOOLS, WEATHER]).post()["tool_calls"]
-        assert call["function"]["name"] == "act"
-        (result,) = [message for message in player.prompts[1].messages if message["role"] == "tool"]
-        assert result["content"].startswith("Error: The arguments are not")
-        assert replay(events).identical
-
     def test_they_can_be_hidden_from_the_model_and_that_is_told(self):
         endpoint, player = scripted(calling(act(WAY[0])), only_game_tools=True)
         with endpoint:
@@ -67,16 +57,6 @@ class TestToolsOfTheAgentItself:
             answer = post(endpoint, "chat/completions", host.request())
         assert "the tools weather" in answer.headers["x-smartplay-ignored"]
         assert [tool.name for tool in player.prompts[0].tools] == ["observe", "act", "read_manual"]
-
-    def test_the_result_of_one_may_be_a_picture(self):
-        endpoint, player = scripted(calling(("weather", {})), calling(act(WAY[0])))
-        with endpoint:
-            host = HostAgent(endpoint, endpoint.open(GAME, seed=7), tools=[*TOOLS, WEATHER])
-            host.messages.append(message := host.post())
-            (call,) = message["tool_calls"]
-            host.messages.append({"role": "tool", "tool_call_id": call["id"], "content": [PICTURE]})
-            host.post()
-        assert player.prompts[1].messages[-1]["content"] == "[image_url that is not shown]"
 
 
 class TestMessages:
@@ -178,58 +158,6 @@ class TestSideRequests:
         assert endpoint.ignored(handle).endswith(sentence)
         assert [record.levelname for record in caplog.records if "answered here" in record.message] == ["WARNING"] * 2
         assert endpoint.store.find(handle).episode.stats.turns == 0
-
-    def test_json_of_a_schema_is_answered_in_json(self, endpoint):
-        handle = endpoint.open(GAME, seed=7, budget=BUDGET)
-        host = HostAgent(endpoint, handle)
-        properties = {"count": {"type": "integer"}, "title": {"type": "string"}}
-        schema = {"type": "object", "properties": properties, "required": ["count", "title"]}
-        wanted = {"type": "json_schema", "json_schema": {"name": "answer", "schema": schema}}
-        early = json.loads(self.words(host, endpoint, tools=[], response_format=wanted))
-        assert early["count"] == 0
-        assert "plays a game" in early["title"]
-        while calls := host.post(host.request(response_format=wanted)).get("tool_calls"):
-            host.answer({"role": "assistant", "content": None, "tool_calls": calls})
-        last = json.loads(self.words(host, endpoint, response_format=wanted))
-        assert last == {"count": 0, "title": "The game is over."}
-
-    def test_a_sub_agent_is_not_given_the_reply_for_its_parent(self):
-        task = other("task", prompt={"type": "string"})
-        endpoint, player = scripted(calling(("task", {"prompt": "Play."})), calling(act(WAY[0])))
-        with endpoint:
-            handle = endpoint.open(GAME, seed=7)
-            parent = HostAgent(endpoint, handle, tools=[*TOOLS, task])
-            parent.messages.append(message := parent.post())
-            sub_agent = HostAgent(endpoint, handle)
-            answer = self.words(sub_agent, endpoint)
-            assert "none of its sub-agents" in answer
-            (call,) = message["tool_calls"]
-            parent.messages.append({"role": "tool", "tool_call_id": call["id"], "content": answer})
-            (move,) = parent.post()["tool_calls"]
-        assert move["function"]["name"] == "act"
-        assert len(player.prompts) == 2
-
-
-def test_usage_has_every_request_to_the_model_that_was_made_for_a_reply():
-    each = sp.Usage(prompt=100, reply=7, cached=40)
-    replies = [calling(say="Let me think."), calling(("act", "{")), calling(act(WAY[0]))]
-    with WindowEndpoint(Priced(replies, each)) as endpoint:
-        host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
-        usage = post(endpoint, "chat/completions", host.request()).json()["usage"]
-    assert (usage["prompt_tokens"], usage["completion_tokens"]) == (300, 21)
-    assert usage["prompt_tokens_details"]["cached_tokens"] == 120
-
-
-class Priced:
-    """A scripted player whose provider reports the same usage for each reply."""
-
-    name = "priced"
-
-    def __init__(self, messages: list[sp.Message], usage: sp.Usage) -> None:
-        self._messages, self._usage = iter(messages), usage
-
-    def reply(self, prompt: sp.Prompt) -> sp.Reply:
-        return sp.Reply(next(self._messages), self._usage)
 
 
 def test_the_models_thoughts_reach_the_host():

@@ -12,7 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import httpx2
 import openai
@@ -125,65 +125,136 @@ def client_of(interface: str, endpoint: WindowEndpoint) -> Any:
     return (anthropic_client if interface == "messages" else openai_client)(endpoint)
 
 
-def by_chat(client: Any, model: str, tools: dict[str, Any], stream: bool, offered: list[Any] = TOOLS) -> None:
-    messages: list[Any] = list(WORDS)
-    for _ in range(60):
-        asked = {"model": model, "messages": messages, "tools": offered}
-        if stream:
-            with client.chat.completions.stream(**asked) as parts:
-                message = parts.get_final_completion().choices[0].message
+class Answer(NamedTuple):
+    """What came back to a request."""
+
+    text: str
+    calls: list[tuple[str, str, dict[str, Any]]]
+    """Id, name and arguments of each."""
+    usage: sp.Usage
+    items: list[Any]
+    """What the host keeps of it."""
+
+
+class ByChat:
+    """Chat completions with OpenAI's client. Each of these interfaces asks, and spells what is asked."""
+
+    begin: ClassVar[list[Any]] = WORDS
+    picture: ClassVar[list[Any]] = [
+        {"type": "text", "text": "Here."},
+        {"type": "image_url", "image_url": {"url": "data:image/png;base64,AAAA"}},
+    ]
+    no_calls: ClassVar[Any] = "none"
+
+    def __init__(self, client: Any, model: str, stream: bool) -> None:
+        self.client, self.model, self.stream = client, model, stream
+
+    def ask(self, messages: list[Any], offered: list[Any], **extra: Any) -> Answer:
+        asked = {"model": self.model, "messages": messages, "extra_body": extra} | (
+            {"tools": offered} if offered else {}
+        )
+        if self.stream:
+            with self.client.chat.completions.stream(**asked, stream_options={"include_usage": True}) as parts:
+                completion = parts.get_final_completion()
         else:
-            message = client.chat.completions.create(**asked).choices[0].message
-        if not message.tool_calls:
-            return
-        messages.append(message.model_dump(exclude_none=True, exclude={"parsed"}))
-        for call in message.tool_calls:
-            text = tools[call.function.name](**json.loads(call.function.arguments))
-            messages.append({"role": "tool", "tool_call_id": call.id, "content": text})
+            completion = self.client.chat.completions.create(**asked)
+        message, usage = completion.choices[0].message, completion.usage
+        calls = [(c.id, c.function.name, json.loads(c.function.arguments)) for c in message.tool_calls or ()]
+        cached = usage.prompt_tokens_details.cached_tokens
+        spent = sp.Usage(prompt=usage.prompt_tokens, reply=usage.completion_tokens, cached=cached)
+        return Answer(message.content or "", calls, spent, [message.model_dump(exclude_none=True, exclude={"parsed"})])
+
+    def results(self, texts: list[tuple[str, Any]]) -> list[Any]:
+        return [{"role": "tool", "tool_call_id": call_id, "content": text} for call_id, text in texts]
+
+    def schema(self, schema: Any) -> dict[str, Any]:
+        return {"response_format": {"type": "json_schema", "json_schema": {"name": "answer", "schema": schema}}}
 
 
-def by_responses(client: Any, model: str, tools: dict[str, Any], stream: bool, offered: list[Any] = TOOLS) -> None:
-    items: list[Any] = [*WORDS]
-    flat = [{"type": "function", **tool["function"]} for tool in offered]
-    for _ in range(60):
-        asked = {"model": model, "input": items, "tools": flat, "store": False}
-        if stream:
-            with client.responses.stream(**asked) as parts:
+class ByResponses(ByChat):
+    """Responses with OpenAI's client."""
+
+    picture: ClassVar[list[Any]] = [
+        {"type": "input_text", "text": "Here."},
+        {"type": "input_image", "image_url": "data:image/png;base64,AAAA"},
+    ]
+
+    def ask(self, messages: list[Any], offered: list[Any], **extra: Any) -> Answer:
+        tools = [{"type": "function", **tool["function"]} for tool in offered]
+        asked = {"model": self.model, "input": messages, "tools": tools, "store": False, "extra_body": extra}
+        if self.stream:
+            with self.client.responses.stream(**asked) as parts:
                 response = parts.get_final_response()
         else:
-            response = client.responses.create(**asked)
-        calls = [item for item in response.output if item.type == "function_call"]
-        if not calls:
-            return
-        items += [item.model_dump(exclude={"parsed_arguments"}) for item in response.output]
-        for call in calls:
-            text = tools[call.name](**json.loads(call.arguments))
-            items.append({"type": "function_call_output", "call_id": call.call_id, "output": text})
+            response = self.client.responses.create(**asked)
+        items = [item.model_dump(exclude={"parsed_arguments"}) for item in response.output]
+        functions = [item for item in response.output if item.type == "function_call"]
+        usage = response.usage
+        cached = usage.input_tokens_details.cached_tokens
+        spent = sp.Usage(prompt=usage.input_tokens, reply=usage.output_tokens, cached=cached)
+        calls = [(item.call_id, item.name, json.loads(item.arguments)) for item in functions]
+        return Answer(response.output_text, calls, spent, items)
+
+    def results(self, texts: list[tuple[str, Any]]) -> list[Any]:
+        return [{"type": "function_call_output", "call_id": call_id, "output": text} for call_id, text in texts]
+
+    def schema(self, schema: Any) -> dict[str, Any]:
+        return {"text": {"format": {"type": "json_schema", "name": "answer", "schema": schema}}}
 
 
-def by_messages(client: Any, model: str, tools: dict[str, Any], stream: bool, offered: list[Any] = TOOLS) -> None:
-    messages: list[Any] = [{"role": "user", "content": "Play."}]
-    for _ in range(60):
-        asked = {"model": model, "max_tokens": 1000, "system": "Be quick.", "messages": messages}
-        asked["tools"] = for_messages(offered)
-        if stream:
-            with client.messages.stream(**asked) as parts:
+class ByMessages(ByChat):
+    """Messages with Anthropic's client."""
+
+    begin: ClassVar[list[Any]] = [{"role": "user", "content": "Play."}]
+    picture: ClassVar[list[Any]] = [
+        {"type": "text", "text": "Here."},
+        {"type": "image", "source": {"type": "base64", "media_type": "image/png", "data": "AAAA"}},
+    ]
+    no_calls: ClassVar[Any] = {"type": "none"}
+
+    def ask(self, messages: list[Any], offered: list[Any], **extra: Any) -> Answer:
+        asked = {"model": self.model, "max_tokens": 1000, "system": "Be quick.", "messages": messages}
+        asked |= {"tools": for_messages(offered), "extra_body": extra}
+        if self.stream:
+            with self.client.messages.stream(**asked) as parts:
                 message = parts.get_final_message()
         else:
-            message = client.messages.create(**asked)
-        calls = [block for block in message.content if block.type == "tool_use"]
+            message = self.client.messages.create(**asked)
+        calls = [(block.id, block.name, block.input) for block in message.content if block.type == "tool_use"]
         assert message.stop_reason == ("tool_use" if calls else "end_turn")
-        if not calls:
-            return
-        messages.append({"role": "assistant", "content": message.content})
-        texts = [tools[call.name](**call.input) for call in calls]
-        results = [{"type": "tool_result", "tool_use_id": call.id} for call in calls]
-        content = [{**result, "content": text} for result, text in zip(results, texts, strict=True)]
-        messages.append({"role": "user", "content": content})
+        text = "".join(block.text for block in message.content if block.type == "text")
+        cached = message.usage.cache_read_input_tokens
+        spent = sp.Usage(prompt=message.usage.input_tokens + cached, reply=message.usage.output_tokens, cached=cached)
+        return Answer(text, calls, spent, [{"role": "assistant", "content": message.content}])
+
+    def results(self, texts: list[tuple[str, Any]]) -> list[Any]:
+        content = [{"type": "tool_result", "tool_use_id": call_id, "content": text} for call_id, text in texts]
+        return [{"role": "user", "content": content}]
+
+    def schema(self, schema: Any) -> dict[str, Any]:
+        return {"output_config": {"format": {"type": "json_schema", "schema": schema}}}
 
 
-INTERFACES: dict[str, Callable[..., None]] = {"chat": by_chat, "responses": by_responses, "messages": by_messages}
-"""Plays an episode through OpenAI's or Anthropic's client to the end."""
+INTERFACES: dict[str, type[ByChat]] = {"chat": ByChat, "responses": ByResponses, "messages": ByMessages}
+"""OpenAI's or Anthropic's client at an episode: `INTERFACES[name](client, model, stream)`."""
+
+
+def play_through(
+    asks: ByChat, tools: dict[str, Any], offered: list[Any] = TOOLS, *, forgets: bool = False, **extra: Any
+) -> tuple[str, sp.Usage]:
+    """Play an episode through a client to the end; return the last words, and all the usage that was told.
+
+    A host that `forgets` keeps no more than its first messages and the latest reply with its results.
+    """
+    messages, told = [*asks.begin], sp.Usage(requests=0)
+    for _ in range(60):
+        answer = asks.ask(messages, offered, **extra)
+        told += answer.usage
+        if not answer.calls:
+            return answer.text, told
+        results = asks.results([(call_id, tools[name](**arguments)) for call_id, name, arguments in answer.calls])
+        messages = [*(asks.begin if forgets else messages), *answer.items, *results]
+    raise AssertionError("the game does not end")
 
 
 if __name__ == "__main__":

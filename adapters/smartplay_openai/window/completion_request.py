@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from smartplay_tools import ToolSpec
+from smartplay_tools.messages import words_of
 
 
 @dataclass
@@ -26,7 +27,7 @@ class Ignored:
 
     def hear(self, role: str, content: Any) -> str:
         """Count a message, and return its text."""
-        text, kinds = read_text(content)
+        text, kinds = words_of(content)
         self.characters[role] += len(text)
         self.kinds.update(kinds)
         return text
@@ -36,12 +37,12 @@ class Ignored:
 class CompletionRequest:
     """What a request says.
 
-    `results` are the tool results in it by call id, `body` its text, in which call ids are looked for wherever a
-    framework may have put them: smolagents, for one, writes calls and results into the text of messages.
+    `results` are the tool results in it by call id, as they were sent, `body` its text, in which call ids are looked
+    for wherever a framework may have put them: smolagents, for one, writes calls and results into the text of messages.
     """
 
     tools: Sequence[ToolSpec]
-    results: Mapping[str, str]
+    results: Mapping[str, Any]
     body: str
     ignored: Ignored = field(default_factory=Ignored)
     system: str = ""
@@ -55,32 +56,29 @@ class CompletionRequest:
     continues: bool = False
     """Whether it has only what is new, and the tools are those of the request before."""
     is_of_sub_agent: bool = False
+    messages: Sequence[Any] = ()
+    """The host's own messages; none where it sends only what is new."""
 
     def holds(self, call_id: str) -> bool:
         """Whether the request mentions a call."""
         return call_id in self.body
 
 
-def read_text(content: Any) -> tuple[str, Counter[str]]:
-    """Return the text of a message or a result; a part that has no text is named in it, and counted by its type."""
-    if isinstance(content, str) or content is None:
-        return content or "", Counter()
-    texts: list[str] = []
-    kinds: Counter[str] = Counter()
-    for part in content if isinstance(content, list) else [content]:
-        text = part.get("text") if isinstance(part, Mapping) else part
-        if isinstance(text, str):
-            texts.append(text)
-        else:
-            kind = str(part.get("type")) if isinstance(part, Mapping) else type(part).__name__
-            kinds[kind] += 1
-            texts.append(f"[{kind} that is not shown]")
-    return "".join(texts), kinds
-
-
 def objects(values: Any) -> Iterable[Mapping[str, Any]]:
     """Return the objects in a list; nothing if it is not one."""
     return [value for value in values if isinstance(value, Mapping)] if isinstance(values, list) else []
+
+
+def known_by(message: Any) -> tuple[Any, str]:
+    """Return what tells a host's message or item from others, and its text. Marks for the cache come and go."""
+    if not isinstance(message, Mapping):
+        return repr(message), ""
+    content = message.get("content", message.get("output", message.get("arguments")))
+    blocks = [*objects(content), *objects(message.get("tool_calls"))]
+    ids = [block.get("id", block.get("tool_use_id")) for block in blocks]
+    inner = [block["content"] for block in blocks if block.get("type") == "tool_result" and "content" in block]
+    text = "".join(words_of(part)[0] for part in (inner or [content]))
+    return (message.get("type"), message.get("role"), message.get("call_id"), text, *ids), text
 
 
 def json_schema(holder: Any) -> Mapping[str, Any] | None:

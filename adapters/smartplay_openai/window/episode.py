@@ -17,7 +17,7 @@ from typing import Any
 
 from smartplay_openai.problems import RequestError
 from smartplay_openai.window.asking import ask
-from smartplay_openai.window.completion_request import CompletionRequest
+from smartplay_openai.window.completion_request import CompletionRequest, known_by
 from smartplay_openai.window.from_threads import FromThreads
 from smartplay_openai.window.names import HostTools, tell_apart
 from smartplay_openai.window.notices import Notices, Shown
@@ -36,7 +36,7 @@ from smartplay_tools import (
     Usage,
 )
 from smartplay_tools.context import Turn
-from smartplay_tools.conversation import AttachedPlayer, HostChat, check_observation
+from smartplay_tools.conversation import AttachedPlayer, HostChat, HostHistory, check_observation
 from smartplay_tools.episode import tool_functions
 from smartplay_tools.errors import PlayerLeftError
 from smartplay_tools.messages import assistant_message
@@ -44,6 +44,12 @@ from smartplay_tools.prompts import GAME_IS_OVER
 
 NO_RESULT = "Error: The host's agent gave no result for this call."
 """The result of a foreign call that the host's next request does not have."""
+
+SUMMARIES = (
+    "A summary that it asked this endpoint for cost nothing. One by another model was a call with at least these "
+    "tokens, paid for beside the budget, which does not count it."
+)
+"""What the summaries of a host's own messages cost."""
 
 NOT_CALLED = "Error: The model has made no such call; nothing was played."
 """The answer to a call that the latest reply does not have."""
@@ -79,6 +85,7 @@ class WindowEpisode:
         self._closing, self._is_resumed = closing, session is not None
         self._shown = shown or Shown()
         self._notices = Notices(handle, self._shown)
+        self._history = HostHistory[Any](episode.counter, known_by, cost=SUMMARIES)
         self._call_id = partial(call_id, handle)
         self._sent: set[str] = set()
         """The ids of all calls that the host was sent."""
@@ -124,8 +131,11 @@ class WindowEpisode:
             if self._failure is not None:
                 raise self._failure
             if self._latest is not None and not self._goes_on_from(self._latest, request):
+                self._history.begin_again()
                 self._latest.count_repeat(is_retry=is_retry)
                 return self._latest
+            if request.messages:
+                self._history.see(request.messages)
             self._turn = asyncio.create_task(self._next(request, tools))
             return await self._finish_turn()
 
@@ -220,18 +230,18 @@ class WindowEpisode:
             self.player.attach(session)
         return session
 
-    async def _settle(self, slots: Sequence[Slot], results: Mapping[str, str] = MappingProxyType({})) -> None:
+    async def _settle(self, slots: Sequence[Slot], results: Mapping[str, Any] = MappingProxyType({})) -> None:
         """Answer what is open of a reply, in the order of the message: with the host's results, or in its name."""
         slots = [slot for slot in slots if slot.result is None]
         if slots:
             await asyncio.to_thread(self._settle_open, slots, results)
 
-    def _settle_open(self, slots: Sequence[Slot], results: Mapping[str, str]) -> None:
+    def _settle_open(self, slots: Sequence[Slot], results: Mapping[str, Any]) -> None:
         messages: list[Message] = []
         for slot in slots:
-            text = results.get(slot.host_id, NO_RESULT if slot.is_foreign and slot.is_sent else None)
-            if text is not None:
-                messages.append({"role": "tool", "tool_call_id": slot.call.id, "content": text})
+            if slot.host_id in results or (slot.is_foreign and slot.is_sent):
+                content = results.get(slot.host_id, NO_RESULT)
+                messages.append({"role": "tool", "tool_call_id": slot.call.id, "content": content})
             slot.is_delivered = True
         play = {slot.call.id: None for slot in slots if not slot.is_sent and not slot.is_foreign}
         answers = self._chat.settle(messages, play=play)
@@ -285,7 +295,7 @@ class WindowEpisode:
         message: Message = {"role": "assistant", "content": in_schema(request, GAME_IS_OVER)}
         if tools.closing is not None:
             message = {**message, "tool_calls": [tools.close(self._call_id(-1, 0), GAME_IS_OVER)]}
-        return PendingReply(message, Usage(requests=0))
+        return PendingReply(message, self._spent)
 
     def _error(self, text: str) -> ToolResult:
         return ToolResult(text, is_error=True, done=self.episode.done, data={"step": self.episode.progress.steps})

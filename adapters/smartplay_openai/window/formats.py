@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from smartplay_openai.chat import CHAT
 from smartplay_openai.interface import Event
 from smartplay_openai.problems import RequestError, bad, read_tools
-from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects, read_text
+from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects
 from smartplay_tools import Message, Usage
 
 SUB_AGENT_HEADERS = ("x-claude-code-agent-id", "x-openai-subagent")
@@ -55,11 +55,11 @@ class ChatFormat(HostFormat):
             raise bad("This endpoint gives one choice: n is 1.", "n")
         functions, left_out = functions_of(body)
         ignored = Ignored(fields=fields_of(body, {"messages", "tools", "stream_options"}))
-        results, system = dict[str, str](), list[str]()
+        results, system = dict[str, Any](), list[str]()
         for message in objects(body["messages"]):
             role, content = str(message.get("role")), message.get("content")
             if role == "tool":
-                results[str(message.get("tool_call_id"))] = read_text(content)[0]
+                results[str(message.get("tool_call_id"))] = content
             elif role != "assistant" or not message.get("tool_calls"):
                 text = ignored.hear(role, content)
                 system += [text] if role in ("system", "developer") else []
@@ -73,6 +73,7 @@ class ChatFormat(HostFormat):
             forbids_calls=body.get("tool_choice") == "none",
             answer_schema=json_schema(body.get("response_format")),
             is_of_sub_agent=any(name in headers for name in SUB_AGENT_HEADERS),
+            messages=body["messages"],
         )
 
     def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:

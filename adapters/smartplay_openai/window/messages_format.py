@@ -14,10 +14,10 @@ from typing import Any
 
 from smartplay_openai.interface import Event, halves
 from smartplay_openai.problems import RequestError, bad
-from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects, read_text
+from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects
 from smartplay_openai.window.formats import SUB_AGENT_HEADERS, HostFormat, fields_of
 from smartplay_tools import Message, ToolSpec, Usage
-from smartplay_tools.messages import calls_of, text_of
+from smartplay_tools.messages import calls_of, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"
 """What the ids of calls begin with: in the window, and in this interface."""
@@ -53,7 +53,7 @@ class MessagesFormat(HostFormat):
             raise bad("messages is a list.", "messages")
         ignored = Ignored(fields=fields_of(body, USED))
         system = [ignored.hear("system", body["system"])] if body.get("system") else []
-        results: dict[str, str] = {}
+        results: dict[str, Any] = {}
         for message in objects(body["messages"]):
             role, content = str(message.get("role")), message.get("content")
             blocks = content if isinstance(content, list) else [{"type": "text", "text": content or ""}]
@@ -67,6 +67,7 @@ class MessagesFormat(HostFormat):
             ignored.fields = sorted({*ignored.fields, "cache_control"})
         thread = body.get("thread")
         output = body.get("output_config")
+        continues = isinstance(thread, Mapping) and thread.get("type") == "continue"
         return CompletionRequest(
             tools,
             {_ours(call_id): result for call_id, result in results.items()},
@@ -78,8 +79,9 @@ class MessagesFormat(HostFormat):
             answer_schema=json_schema(
                 output.get("format") if isinstance(output, Mapping) else body.get("output_format")
             ),
-            continues=isinstance(thread, Mapping) and thread.get("type") == "continue",
+            continues=continues,
             is_of_sub_agent=any(name in headers for name in SUB_AGENT_HEADERS),
+            messages=() if continues else body["messages"],
         )
 
     def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:
@@ -131,11 +133,11 @@ class MessagesFormat(HostFormat):
         return {"type": "error", "error": error_body}
 
 
-def _is_result(block: Mapping[str, Any], results: dict[str, str]) -> bool:
+def _is_result(block: Mapping[str, Any], results: dict[str, Any]) -> bool:
     """Whether a block is the result of a call, which is taken note of."""
     if block.get("type") != "tool_result":
         return False
-    results[str(block.get("tool_use_id"))] = read_text(block.get("content"))[0]
+    results[str(block.get("tool_use_id"))] = block.get("content")
     return True
 
 
@@ -156,7 +158,7 @@ def _forbids_calls(body: Mapping[str, Any]) -> bool:
     if isinstance(choice, Mapping) and choice.get("type") == "none":
         return True
     messages = list(objects(body["messages"]))
-    return bool(messages) and COMPACTION in read_text(messages[-1].get("content"))[0]
+    return bool(messages) and COMPACTION in words_of(messages[-1].get("content"))[0]
 
 
 def _ours(call_id: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 from smartplay_openai.interface import Event
 from smartplay_openai.problems import bad, read_tools
 from smartplay_openai.responses import RESPONSES
-from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects, read_text
+from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects
 from smartplay_openai.window.formats import SUB_AGENT_HEADERS, HostFormat, fields_of, functions_of
 from smartplay_tools import Message, Usage
 
@@ -48,7 +48,7 @@ class ResponsesFormat(HostFormat):
         return CompletionRequest(
             read_tools({"tools": functions}, None),
             {
-                str(item.get("call_id")): read_text(item.get("output"))[0]
+                str(item.get("call_id")): item.get("output")
                 for item in objects(items)
                 if item.get("type") == "function_call_output"
             },
@@ -59,6 +59,7 @@ class ResponsesFormat(HostFormat):
             forbids_calls=body.get("tool_choice") == "none",
             answer_schema=json_schema(text.get("format") if isinstance(text, Mapping) else None),
             is_of_sub_agent=any(name in headers for name in SUB_AGENT_HEADERS),
+            messages=() if body.get("previous_response_id") or body.get("conversation") else items,
         )
 
     def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from smartplay_openai.window.completion_request import CompletionRequest
 from smartplay_openai.window.names import HostTools, filled
 from smartplay_openai.window.pending_reply import PendingReply
 from smartplay_tools import Episode, Message, Usage
+from smartplay_tools.conversation import SUB_AGENT
 from smartplay_tools.prompts import GAME_IS_OVER
 
 NO_TOOLS = (
@@ -24,7 +25,6 @@ NO_TOOLS = (
     "agent that hides its tools behind a search has to show these; Claude Code does with ENABLE_TOOL_SEARCH=false."
 )
 NO_CALLS = "This endpoint plays a game, and the model behind it is asked for moves only, not for other texts."
-SUB_AGENT = "This endpoint plays a game with one agent: it answers the agent that began, and none of its sub-agents."
 
 WITHOUT_TOOLS, WITHOUT_CALLS, OF_SUB_AGENT, SEARCHED = (
     "without the game's tools",
@@ -87,7 +87,7 @@ class SideRequests:
 
     def _note(self, kind: str) -> None:
         if not self.counts[kind] and not self._episode.done:
-            log.warning("%s: requests %s are answered here, not by the model.", self._handle, kind)
+            log.warning("%s: requests %s are answered here, not by the model, and cost nothing.", self._handle, kind)
         self.counts[kind] += 1
 
 

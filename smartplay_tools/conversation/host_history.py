@@ -1,0 +1,61 @@
+"""HostHistory: sees that a host shortens its own messages, which changes no prompt and may cost model calls.
+
+Agents that summarise or trim what they keep do so in vain here, because the window decides what the model sees. A
+summary is a model call of the agent's own, which no budget counts, so whoever pays for it is told once what leaves.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Hashable, Sequence
+from typing import Generic, TypeVar
+
+from smartplay_tools.tokens import TokenCounter
+
+T = TypeVar("T")
+
+COST = "Each summary is a model call with at least these tokens, paid for beside the budget, which does not count it."
+
+log = logging.getLogger("smartplay_tools.conversation")
+
+
+class HostHistory(Generic[T]):
+    """The messages of a host, watched for what leaves them; a turn costs the same at any length.
+
+    Arguments:
+        counter: counts the tokens of what has left.
+        read: returns what tells a message from others, and its text.
+        cost: says what the summaries cost.
+    """
+
+    def __init__(
+        self, counter: TokenCounter, read: Callable[[T], tuple[Hashable, str]], *, cost: str = f"{COST} Leave it out."
+    ) -> None:
+        self._counter, self._read, self._cost = counter, read, cost
+        self._latest: Sequence[T] = ()
+        self._is_told = False
+
+    def begin_again(self) -> None:
+        """Forget the messages: the next ones are those of another run."""
+        self._latest = ()
+
+    def see(self, messages: Sequence[T]) -> None:
+        """Look at the host's messages, and log the first time that some are gone: how many, and their tokens."""
+        before, self._latest = self._latest, messages
+        if self._is_told or not before:
+            return
+        last = len(before) - 1  # where a list that only grows has what it had
+        if last < len(messages) and self._read(messages[last])[0] == self._read(before[last])[0]:
+            return
+        there = {self._read(message)[0] for message in messages}
+        gone = [text for known, text in map(self._read, before) if known not in there]
+        if not gone:
+            return
+        self._is_told, self._latest = True, ()
+        log.warning(
+            "%d messages with %d tokens of text are gone from the agent's own: it summarises or trims them. The model "
+            "still sees the window. %s",
+            len(gone),
+            sum(self._counter.text(text) for text in gone),
+            self._cost,
+        )
