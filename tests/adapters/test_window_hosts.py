@@ -16,7 +16,7 @@ from smartplay_openai import WindowEndpoint
 import smartplay_tools as sp
 from smartplay_tools.records import replay
 from tests.adapters.conformance import WAY, act, calling
-from tests.adapters.window_host import TOOLS, HostAgent
+from tests.adapters.window_host import INTERFACES, TOOLS, HostAgent, client_of
 
 BUDGET = sp.Budget(prompt_tokens=700)
 GAME = "Hanoi3Disk-v0"
@@ -160,11 +160,35 @@ class TestSideRequests:
         assert endpoint.store.find(handle).episode.stats.turns == 0
 
 
-def test_the_models_thoughts_reach_the_host():
-    endpoint, _ = scripted({**calling(act(WAY[0])), "reasoning_content": "The smallest disk first."})
+THOUGHT = "The smallest disk first."
+
+
+@pytest.mark.parametrize("interface", INTERFACES)
+@pytest.mark.parametrize("stream", [False, True])
+def test_the_models_thoughts_reach_the_host(interface, stream):
+    """Through Messages where the host asks for them, because other clients do not expect such a block."""
+    endpoint, _ = scripted({**calling(act(WAY[0])), "reasoning_content": THOUGHT})
+    with endpoint, client_of(interface, endpoint) as client:
+        asks = INTERFACES[interface](client, endpoint.model(endpoint.open(GAME, seed=7)), stream)
+        extra = {"thinking": {"type": "adaptive"}} if interface == "messages" else {}
+        (call,), items = (answer := asks.ask([*asks.begin], TOOLS, **extra)).calls, answer.items
+    assert call[1] == "act"
+    assert THOUGHT in str(items)
+
+
+def test_an_edited_result_of_the_game_is_told_of_and_changes_nothing():
+    endpoint, player = scripted(calling(act(WAY[0])), calling(act(WAY[1])))
     with endpoint:
-        message = HostAgent(endpoint, endpoint.open(GAME, seed=7)).post()
-    assert message["reasoning_content"] == "The smallest disk first."
+        host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
+        host.answer(host.post())
+        text = host.messages[-1]["content"]
+        wrapped = {**host.messages[-1], "content": json.dumps({"text": text, "is_error": False})}
+        whole = host.request(messages=[*host.messages[:-1], wrapped])
+        edited = host.request(messages=[*host.messages[:-1], {**host.messages[-1], "content": "A long result."}])
+        told = post(endpoint, "chat/completions", edited).headers["x-smartplay-ignored"]
+        assert "edited result" not in post(endpoint, "chat/completions", whole).headers["x-smartplay-ignored"]
+    assert "edited result of act (1)" in told
+    assert player.prompts[1].messages[-1]["content"] == text
 
 
 def test_an_agent_that_refuses_everything_does_not_go_on_for_ever():

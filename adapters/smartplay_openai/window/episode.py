@@ -121,6 +121,8 @@ class WindowEpisode:
         tools = self._tell_apart(request)
         if (words := self._side.answer(request, tools, self._call_id(-2, 0))) is not None:
             return words
+        if self._latest is not None:
+            request.ignored.kinds.update(f"edited result of {name}" for name in self._latest.edited(request.results))
         self._notices.note(request, tools)
         self._loop = asyncio.get_running_loop()
         async with self._asking:

@@ -1,8 +1,9 @@
 """Anthropic's Messages interface at the window, for Claude Code, the Claude Agent SDK and Anthropic's clients.
 
 It is read as leniently as OpenAI's: `cache_control`, thinking, betas and the tools of Anthropic's servers are left out
-and named. The client's tool runner sends, in a `thread`, only the results of the latest calls; a thread that a restart
-has made unknown is refused with the code at which the client sends everything again.
+and named. Thoughts of the model are sent to clients that ask for `thinking`. The client's tool runner sends, in a
+`thread`, only the results of the latest calls; a thread that a restart has made unknown is refused with the code at
+which the client sends everything again.
 """
 
 from __future__ import annotations
@@ -28,6 +29,13 @@ PLACEHOLDER = "DeferredToolPlaceholder"
 
 COMPACTION = "CRITICAL: Respond with TEXT ONLY"
 """With these words Claude Code asks for a summary of its own messages, in a request that offers all tools."""
+
+DELTAS = {
+    "text": ("text", "text_delta", "text"),
+    "thinking": ("thinking", "thinking_delta", "thinking"),
+    "tool_use": ("input", "input_json_delta", "partial_json"),
+}
+"""For each type of block: the field that is streamed, the type of its pieces, and the field that has them."""
 
 NOTHING = "..."
 """Replaces an empty message, which the interface does not have."""
@@ -94,6 +102,10 @@ class MessagesFormat(HostFormat):
             blocks.append({"type": "tool_use", "id": THEIRS + call["id"].removeprefix(OURS), **given})
         if blocks[0].get("text") == "":
             blocks[0]["text"] = NOTHING
+        thinking = body.get("thinking")
+        if isinstance(thinking, Mapping) and thinking.get("type") != "disabled":
+            thoughts = message.get("reasoning_content")
+            blocks = [*([{"type": "thinking", "thinking": thoughts, "signature": ""}] if thoughts else []), *blocks]
         return {
             "id": f"msg_{uuid.uuid4().hex[:24]}",
             "type": "message",
@@ -115,12 +127,11 @@ class MessagesFormat(HostFormat):
         begun = {**answer, "content": [], "stop_reason": None, "usage": {**answer["usage"], "output_tokens": 0}}
         yield _event("message_start", message=begun)
         for index, block in enumerate(answer["content"]):
-            is_text = block["type"] == "text"
-            empty: dict[str, Any] = {"text": ""} if is_text else {"input": {}}
-            yield _event("content_block_start", index=index, content_block={**block, **empty})
-            for piece in halves(block["text"] if is_text else json.dumps(block["input"])):
-                kind, field = ("text_delta", "text") if is_text else ("input_json_delta", "partial_json")
-                yield _event("content_block_delta", index=index, delta={"type": kind, field: piece})
+            field, kind, name = DELTAS[block["type"]]
+            whole = block[field]
+            yield _event("content_block_start", index=index, content_block={**block, field: type(whole)()})
+            for piece in halves(whole if isinstance(whole, str) else json.dumps(whole)):
+                yield _event("content_block_delta", index=index, delta={"type": kind, name: piece})
             yield _event("content_block_stop", index=index)
         end = {"stop_reason": answer["stop_reason"], "stop_sequence": None}
         yield _event("message_delta", delta=end, usage=answer["usage"])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +16,7 @@ from smartplay_openai.problems import RequestError
 from smartplay_tools import Message, ToolResult, Usage
 from smartplay_tools.arguments import Arguments, read
 from smartplay_tools.context import Turn
-from smartplay_tools.messages import Call, MessageToolCall
+from smartplay_tools.messages import Call, MessageToolCall, words_of
 
 LOST = 20
 """After this many requests in a row without the latest reply's call ids, the host is assumed not to keep ids."""
@@ -93,6 +93,18 @@ class PendingReply:
     def sent(self) -> Sequence[Slot]:
         """The calls that the host was sent."""
         return [slot for slot in self.slots if slot.is_sent]
+
+    def edited(self, results: Mapping[str, Any]) -> Iterator[str]:
+        """Yield the names of the calls whose results the host has changed, which the model sees as they were.
+
+        Hosts put words around a result, and send it as JSON text, too.
+        """
+        for slot in self.sent:
+            if slot.result is not None and not slot.is_foreign and slot.host_id in results:
+                shown, text = words_of(results[slot.host_id])[0], slot.result.text
+                spelled = (text, json.dumps(text)[1:-1], json.dumps(text, ensure_ascii=False)[1:-1])
+                if not any(spelling in shown for spelling in spelled):
+                    yield slot.call.name
 
     def count_repeat(self, *, is_retry: bool) -> None:
         """Take note that it is given again; `RequestError` for a host that seems not to keep the ids of calls."""

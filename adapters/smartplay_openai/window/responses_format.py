@@ -64,6 +64,9 @@ class ResponsesFormat(HostFormat):
 
     def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:
         """Return the response; calls of a namespace carry its name and their own apart."""
+        if thoughts := message.get("reasoning_content"):
+            summary = [{"type": "summary_text", "text": thoughts}]
+            message = {**message, "provider_items": [{"type": "reasoning", "summary": summary}]}
         answer = RESPONSES.write(message, str(body["model"]), usage)
         _, apart = flat_tools(body)
         for item in answer["output"]:
