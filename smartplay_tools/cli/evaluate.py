@@ -42,7 +42,10 @@ def evaluate(
     ] = None,
     games: Annotated[str | None, typer.Option(help="Comma-separated ids of settings.")] = None,
     suite: Annotated[str | None, typer.Option(help="paper (the seven settings of its tables), or tools-v1.")] = None,
-    players: Annotated[str, typer.Option(help="Comma-separated names of players.")] = "rule",
+    players: Annotated[
+        str,
+        typer.Option("--players", "--agent", help="Names of players, or FILE.py:FUNCTION of an agent; commas between."),
+    ] = "rule",
     repeats: Annotated[int, typer.Option(min=1, help="How often each world is played, for players that sample.")] = 1,
     until: Annotated[
         str | None,
