@@ -130,6 +130,7 @@ STRATEGIES: Mapping[str, Any] = {
     "recall_tokens": None,
     "beyond_result": "cut",
     "memory_tokens": None,
+    "newest_pictures": None,
     "strategy": None,
 }
 """The fields of a budget that say what becomes of the past, and their defaults: it is dropped."""
@@ -180,6 +181,8 @@ class Budget(Recorded):
     adds the tool `read_result`, which reads on."""
     memory_tokens: Cap | None = None
     """Cap on the files that the agent keeps with the tool `memory`, their paths included; None: no such tool."""
+    newest_pictures: Cap | None = None
+    """The number of newest pictures that stay visible, where observations have pictures; None: all of them."""
     strategy: Annotated[str, Field(strict=True, min_length=1)] | None = None
     """The strategy that chooses the turns of a prompt: FILE.py:CLASS, or the name of one that an installed package
     declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
@@ -241,6 +244,8 @@ def _in_words(name: str, value: Any) -> str:
         return f"own words {'all' if value is None else value}"
     if name == "first_turns":
         return "no anchors" if value is None else f"first turns {value}"
+    if name == "newest_pictures":
+        return "all pictures" if value is None else f"newest pictures {value}"
     if name == "strategy":
         return "no strategy of one's own" if value is None else f"strategy {value.rpartition('/')[2]}"
     if isinstance(value, str):

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from tests.counting import arguments_text, message_tokens, picture_tokens, plain_text, tools_tokens
-from tests.judge import FRAME, MARKER, Judge
+from tests.judge import FRAME, MARKER, PICTURE, Judge
 from tests.judged_memory import MemoryJudge
 from tests.judged_recall import documents, listed
 
@@ -22,7 +22,6 @@ __all__ = ["Judge", "allowed", "arguments_text", "check_episode", "check_prompt"
 __all__ += ["tools_tokens", "turns_of"]
 
 MANUAL_IS_ABOVE = "The manual stands at the end of the system message."
-PICTURE = "The picture shows the current observation."
 GIVEN = re.compile(r"[A-Za-z0-9]{9}")
 """The format of an id that the conversation assigned."""
 NOTHING = "Nothing that has left your view matches."
@@ -152,6 +151,10 @@ def check_prompt(messages: list[Json], tools: list[Json], judge: Judge, k: int, 
         assert body.pop() == judge.question
     expected = [(i, m) for i in kept for m in range(len(judge.turns[i]["messages"]))]
     assert len(body) == len(expected)
+    pictures = sum(
+        part["type"] == "image" for one in body if isinstance(one["content"], list) for part in one["content"]
+    )
+    assert judge.pictures_kept is None or pictures <= judge.pictures_kept, f"{pictures} pictures"
     shown = set()
     for one, (i, m) in zip(body, expected, strict=True):
         observation = judge.turns[i]["shows"][m]

@@ -76,14 +76,16 @@ def added(chance: random.Random) -> dict[str, Any]:
     }
 
 
-def budget(chance: random.Random, game: str, head: int | None, least: int = 0) -> sp.Budget:
+def budget(chance: random.Random, game: str, head: int | None, least: int = 0, form: str = "text") -> sp.Budget:
     """Return a budget near the size of the head, where it has an effect; impossible budgets are drawn again.
 
     `least` is what an observation with a picture needs.
     """
     while True:
         drawn = _any_budget(chance, head, least)
-        if refused_strategy(drawn, sp.GAMES[game], context="window") is None:
+        if form != "text" and chance.random() < 0.6:
+            drawn = drawn.model_copy(update={"newest_pictures": chance.choice([1, 1, 2, 3, 5])})
+        if refused_strategy(drawn, sp.GAMES[game], context="window", observation=form) is None:
             return drawn
 
 
@@ -191,7 +193,7 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
     size, least = scripts.head_tokens(game, tokenizer, host=host), 0 if form == "text" else PICTURE + WORDS_BESIDE
     events: list[Any] = []
     episode = sp.Episode(
-        game, seed=chance.randrange(9), budget=budget(chance, game, size, least), tokenizer=tokenizer,
+        game, seed=chance.randrange(9), budget=budget(chance, game, size, least, form), tokenizer=tokenizer,
         transcript=events, batch=chance.choice(["all", "all", "first_act"]), observation=form,
     )  # fmt: skip
     kind = chance.choice([sp.Conversation, sp.AgentSession])

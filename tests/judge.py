@@ -14,9 +14,10 @@ from fractions import Fraction
 from importlib import resources
 from typing import Any
 
-from tests.counting import message_tokens, plain_text, tools_tokens
+from tests.counting import message_tokens, picture_tokens, plain_text, tools_tokens
 
 MARKER = "[observation left the history window]"
+PICTURE = "The picture shows the current observation."
 PRIMING = 3
 Json = dict[str, Any]
 Count = Callable[[str], int]
@@ -32,6 +33,10 @@ def without_words(reply: Json) -> Json:
         return reply
     name = {"name": reply["name"]} if reply.get("name") else {}
     return {"role": "assistant", "content": None, **name, "tool_calls": reply["tool_calls"]}
+
+
+def has_picture(message: Json) -> bool:
+    return picture_tokens(message["content"]) > 0
 
 
 class Judge:
@@ -54,7 +59,7 @@ class Judge:
         self.masks = budget.get("beyond_history", "drop") == "mask"
         self.ages_by_turn = budget.get("stalled_turns") is not None and self.history is not None and not self.masks
         self.first_turns = budget.get("first_turns") or 0
-        self.words_kept = budget.get("own_words")
+        self.words_kept, self.pictures_kept = budget.get("own_words"), budget.get("newest_pictures")
         self.notes_cap, self.summary_cap = budget.get("notes_tokens"), budget.get("summary_tokens")
         self.summaries = list(summaries)
         """(turns at the time, text shown from then on) of every summary."""
@@ -100,6 +105,20 @@ class Judge:
                 w = t - math.ceil((1 - self.slack) * self.words_kept)
         return w
 
+    def pictures_from(self, k: int) -> int:
+        """p: of all the pictures that k turns have shown, the first p are left out."""
+        if self.pictures_kept is None:
+            return 0
+        counts = [sum(map(has_picture, turn["messages"])) for turn in self.turns[:k]]
+        if self.slack == 0:
+            return max(0, sum(counts) - self.pictures_kept)
+        p = 0
+        for j in range(1, k + 1):
+            shown = sum(counts[:j])
+            if shown - p > self.pictures_kept:
+                p = shown - 1 - math.ceil((1 - self.slack) * (self.pictures_kept - 1))
+        return p
+
     def plays_no_step(self, i: int) -> bool:
         return self.step(i) == (self.step(i - 1) if i else 0)
 
@@ -136,6 +155,13 @@ class Judge:
             {**one, "content": MARKER} if date is not None and (hidden or date < b) else one
             for one, date in zip(turn["messages"], turn["dates"], strict=True)
         ]
+        number, p = sum(has_picture(one) for turn in self.turns[:i] for one in turn["messages"]), self.pictures_from(k)
+        for m, one in enumerate(turn["messages"]):
+            if has_picture(one):
+                number += 1
+                if number <= p and messages[m]["content"] != MARKER:
+                    words = plain_text(one["content"])
+                    messages[m] = {**one, "content": MARKER if words.startswith(PICTURE) else words}
         if self.step(i) < self.words_from(k):
             messages[0] = without_words(messages[0])
         return messages
@@ -144,7 +170,7 @@ class Judge:
         return sum(message_tokens(message, self.n) for message in messages)
 
     def cost(self, i: int, k: int, hidden: bool = False) -> int:
-        key = (i, self.boundary(k), self.words_from(k), hidden)
+        key = (i, self.boundary(k), self.words_from(k), self.pictures_from(k), hidden)
         if key not in self._costs:
             self._costs[key] = self.tokens(self.seen(i, k, hidden))
         return self._costs[key]
@@ -326,11 +352,15 @@ class Judge:
         prompt = self._prompt_of([*traced, (-3, 0, self.question)], self.shown(k - 1, stop), k - 1, k - 1)
         return prompt | {"prefix_tokens": prompt["tokens"] - self.asking - PRIMING, "covers": stop}
 
+    def is_marked(self, i: int, m: int, one: Json) -> bool:
+        """Whether a message reads as the marker in place of what it said."""
+        return one is not self.turns[i]["messages"][m] and one["content"] == MARKER
+
     def _prompt_of(
         self, traced: list[tuple[int, int, Json]], shown: list[tuple[int, bool]], k: int, turns: int
     ) -> Json:
         body = [(i, m, one) for i, m, one in traced if i >= 0 and m >= 0]
-        marked = [[i, m - 1] for i, m, one in body if m and one is not self.turns[i]["messages"][m]]
+        marked = [[i, m - 1] for i, m, one in body if m and self.is_marked(i, m, one)]
         seen = {self.turns[i]["shows"][m] for i, m, one in body if [i, m - 1] not in marked} - {None}
         if self.first_turns and self.choices is None:
             # Anchors before the run are left out, unless one is the latest turn that shows t.

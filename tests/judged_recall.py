@@ -24,7 +24,7 @@ def documents(judge: Judge, k: int) -> list[Document]:
     for i, hidden in judge.shown(k):
         turn = judge.turns[i]
         for was, now, step in zip(turn["messages"], judge.seen(i, k, hidden), turn["shows"], strict=True):
-            if step is not None and now is was:
+            if step is not None and not judge.is_marked(i, turn["messages"].index(was), now):
                 visible.add(step)
     texts: dict[int, str] = {}
     for turn in judge.turns[:k]:

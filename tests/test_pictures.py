@@ -21,6 +21,7 @@ from smartplay_tools.episode import GameTools, cell_config
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import TranscriptError, UnknownNameError
 from smartplay_tools.evaluation.runs.estimate import estimate_cell
+from smartplay_tools.evaluation.runs.sweeps import grid
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.minecraft import pictures as minecraft
 from smartplay_tools.games.minecraft.voxel import animals
@@ -29,7 +30,8 @@ from smartplay_tools.messages import pictures_of, text_of
 from smartplay_tools.pictures import RULES
 from smartplay_tools.pictures.png import LARGEST_SCALE, encode
 from smartplay_tools.players.random import RandomPlayer
-from smartplay_tools.records import recorded_pictures, replay, resume, sent_prompts
+from smartplay_tools.records import Record, recorded_pictures, replay, resume, sent_prompts
+from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.records.tariffs import charge_records, tariffs_of
 from smartplay_tools.tokens import TokenCounter, get_tokenizer
@@ -329,6 +331,65 @@ def test_an_old_observation_is_masked_with_its_picture():
     results = [message for message in last.prompt.messages if message["role"] == "tool"]
     assert [len(pictures_of(message)) for message in results] == [0, 0, 1, 1]
     assert {text_of(message) for message in results[:2]} == {"[observation left the history window]"}
+
+
+def shown_as(message):
+    """Whether a result of a prompt shows a picture, words or the marker."""
+    marker = text_of(message) == "[observation left the history window]"
+    return "picture" if pictures_of(message) else "marker" if marker else "words"
+
+
+@pytest.mark.parametrize(
+    ("form", "budget", "expected"),
+    [
+        ("both", {"newest_pictures": 2}, "words words words picture picture"),
+        ("picture", {"newest_pictures": 2}, "marker marker marker picture picture"),
+        ("both", {"newest_pictures": 2, "history": 2, "beyond_history": "mask"}, "marker marker words picture picture"),
+        ("both", {"newest_pictures": 4, "slack": 0.5}, "words words picture picture picture"),
+    ],
+)
+def test_only_the_newest_pictures_are_shown(form, budget, expected):
+    events = played(6, observation=form, budget=budget)
+    assert replay(events).identical
+    *_, last = sent_prompts(events, pictures=recorded_pictures(events))
+    assert last.sha256 == last.recorded_sha256
+    assert [shown_as(message) for message in last.prompt.messages if message["role"] == "tool"] == expected.split()
+    assert len(last.prompt.pictures) <= budget["newest_pictures"]
+    record = Record(events)
+    for view in record.views:
+        assert sum(Accounts.of(record).parts(view)) == view["tokens"]
+
+
+def test_no_picture_is_kept_that_no_prompt_can_show():
+    with sp.Episode("Crafter-v0", seed=3, observation="both", budget=sp.Budget(newest_pictures=2)) as episode:
+        conversation = sp.Conversation(episode)
+        for action in ("Noop", "Move West", "Move East", "Noop"):
+            conversation.prompt()
+            conversation.receive(
+                scripts._move({"content": None}, [(("act", json.dumps({"action": action})), "a")], []).message
+            )
+        conversation.prompt()
+        assert len(conversation.pictures) == 2
+
+
+@pytest.mark.parametrize(
+    ("form", "budget", "why"),
+    [
+        ("text", {"newest_pictures": 2}, 'where observations are words; use observation="both"'),
+        ("picture", {"recall_tokens": 50, "prompt_tokens": 2_000}, "searches words"),
+    ],
+)
+def test_what_does_nothing_in_this_form_is_refused(form, budget, why):
+    with pytest.raises(sp.InvalidArgumentError, match=why):
+        sp.Episode("Crafter-v0", seed=1, observation=form, budget=sp.Budget(**budget))
+
+
+def test_a_sweep_leaves_out_pictures_of_words_and_keeps_the_rest():
+    vary = {"observation": ["text", "both"], "newest_pictures": [None, 2]}
+    drawn = grid(["Crafter-v0"], ["random"], vary=vary)
+    played = [(cell.observation, cell.budget.newest_pictures) for cell in drawn.cells]
+    assert sorted(played, key=str) == [("both", 2), ("both", None), ("text", None)]
+    assert "newest_pictures has nothing to leave out" in drawn.left_out[0]
 
 
 @pytest.mark.parametrize("form", ["picture", "both"])

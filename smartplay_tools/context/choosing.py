@@ -94,9 +94,15 @@ class ChoosingWindow(ContextWindow):
         for index in chosen:
             if index in chosen.texts:
                 shown.append(text_message(chosen.texts[index]))
-            oldest = chosen.oldest_of(turns[index])
-            shown += chosen.seen(turns[index])
-            steps.update(step for step in turns[index].shows if step >= oldest)
+            turn = turns[index]
+            shown += chosen.seen(turn)
+            masked = chosen.masked_items(turn)
+            shows = [
+                step
+                for at, item in enumerate(turn.items)
+                if (step := item.observation_step) is not None and at not in masked
+            ]
+            steps.update(shows)
         return View(
             tools=self._tools,
             tokens=tokens,
@@ -130,11 +136,7 @@ class ChoosingWindow(ContextWindow):
             if index in chosen.texts:
                 shared += self._text_tokens(chosen.texts[index])
             turn = state.index.turns[index]
-            oldest, oldest_before = chosen.oldest_of(turn), chosen_before.oldest_of(turn)
-            if turn.is_wordy and chosen.is_bare(turn) != chosen_before.is_bare(turn):
-                return shared
-            bare = chosen.is_bare(turn)
-            tokens, is_whole = common_messages(turn, oldest_before, oldest, self._counter, bare=bare)
+            tokens, is_whole = common_messages(turn, chosen_before, chosen, self._counter)
             shared += tokens
             if not is_whole:
                 return shared
@@ -174,9 +176,8 @@ def chosen_selection(state: WindowState, choice: Choice) -> Selection:
             raise StrategyError(f"The choice masks turn {index}, {why}.")
     texts = _texts(choice.texts, shown)
     earlier = tuple(sorted(shown - {state.last}))
-    return Selection(
-        earlier, state.last, state.last, state.oldest, state.notes, state.words, 0, True, frozenset(masked), texts
-    )
+    facts = state.oldest, state.notes, state.words, 0, state.pictures
+    return Selection(earlier, state.last, state.last, *facts, True, frozenset(masked), texts)
 
 
 def _numbers(given: Iterable[int], turns: int) -> set[int]:

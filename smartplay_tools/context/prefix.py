@@ -60,10 +60,7 @@ def _common_turns(
             shared += counter.message(summary)
             continue
         turn = state.index.turns[index]
-        if turn.is_wordy and chosen.is_bare(turn) != chosen_before.is_bare(turn):
-            return shared
-        sides = chosen_before.oldest_of(turn), chosen.oldest_of(turn)
-        tokens, is_whole = common_messages(turn, *sides, counter, bare=chosen.is_bare(turn))
+        tokens, is_whole = common_messages(turn, chosen_before, chosen, counter)
         shared += tokens
         if not is_whole:
             return shared
@@ -74,33 +71,38 @@ def _common_turns(
 
 
 def _common_run(before: Side, now: Side, first: int, counter: TokenCounter) -> int:
-    """The tokens that two runs from a turn have in common, up to the first message that is newly bare or masked."""
+    """The tokens that two runs from a turn have in common, up to the first message that is shown in another way."""
     (state, chosen), (state_before, chosen_before) = now, before
     stop = chosen_before.last + 1
     stripped = state.index.first_wordy(max(first, state_before.spoken), min(stop, state.spoken))
     if stripped is not None:
         stop = stripped  # its first message differs; before it, every reply is as it was
+    # What is masked, or loses its picture, is between where these boundaries were and where they are.
+    passed = [(state_before.boundary, state.boundary), (state_before.pictured, state.pictured)]
+    ranges = [range(max(first, was), min(stop, now + 1)) for was, now in passed]
     if chosen.oldest == chosen_before.oldest:
+        ranges[0] = range(0)
+    if chosen.pictures == chosen_before.pictures:
+        ranges[1] = range(0)
+    for places in ranges:
+        for index in places:
+            if index < stop and _first_change(state.index.turns[index], chosen_before, chosen) is not None:
+                stop = index
+    if stop > chosen_before.last or stop == stripped:
         return state.run(first, stop)
-    changed = state.index.first_dated(max(first, state_before.boundary), stop)
-    if changed is None:
-        return state.run(first, stop)
-    turn = state.index.turns[changed]
-    tokens, is_whole = common_messages(turn, chosen_before.oldest, chosen.oldest, counter, bare=chosen.is_bare(turn))
-    # Before the changed turn everything is masked in both views.
-    return state.run(first, stop) if is_whole else state.run(first, changed) + tokens
+    return state.run(first, stop) + common_messages(state.index.turns[stop], chosen_before, chosen, counter)[0]
 
 
-def common_messages(
-    turn: Turn, oldest_before: int, oldest: int, counter: TokenCounter, *, bare: bool
-) -> tuple[int, bool]:
-    """The tokens of a turn's messages up to the first that is masked in one view only, and whether there is none."""
-    masked, masked_before = turn.masked(oldest), turn.masked(oldest_before)
-    messages: Sequence[Message] = turn.seen(oldest, bare=bare)
-    if masked == masked_before:
-        return counter.messages(messages), True
-    changed = min(set(masked) ^ set(masked_before))
-    return counter.messages(messages[: changed + 1]), False
+def common_messages(turn: Turn, before: Selection, now: Selection, counter: TokenCounter) -> tuple[int, bool]:
+    """The tokens of a turn's messages up to the first that two views show differently, and whether there is none."""
+    changed = _first_change(turn, before, now)
+    return counter.messages(now.seen(turn)[:changed]), changed is None
+
+
+def _first_change(turn: Turn, before: Selection, now: Selection) -> int | None:
+    """The first of a turn's messages that two views show differently: each way to show one is an object of its own."""
+    pairs = zip(before.seen(turn), now.seen(turn), strict=True)
+    return next((at for at, (was, is_now) in enumerate(pairs) if was is not is_now), None)
 
 
 def _before_run(chosen: Selection, summary: Message | None) -> Sequence[int]:

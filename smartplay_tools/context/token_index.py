@@ -7,7 +7,7 @@ be partly too old: every earlier one is masked whole, and every later one is sho
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.messages import Message
@@ -18,9 +18,14 @@ from smartplay_tools.tokens import TokenCounter
 class TokenIndex:
     """The turns of a conversation with their tokens; every question takes at most a bisection."""
 
-    def __init__(self, counter: TokenCounter, *, with_words: bool = False) -> None:
-        """`with_words` says whether replies become bare: what that saves is counted then alone."""
-        self._with_words = with_words
+    def __init__(self, counter: TokenCounter, *, with_words: bool = False, with_pictures: bool = False) -> None:
+        """`with_words` says whether replies become bare, `with_pictures` whether old pictures are left out.
+
+        What that saves is counted then alone.
+        """
+        self._with_words, self._with_pictures = with_words, with_pictures
+        self._unpictured, self._pictures = [0], list[int]()
+        """What the pictures of the turns before each take, and how many the turns up to each have."""
         self._spoken, self._wordy = [0], list[int]()
         """What the words of the replies before each turn take, and the turns that have any."""
         self.turns: list[Turn] = []
@@ -30,8 +35,6 @@ class TokenIndex:
         self._steps: list[int] = []
         self._showing: list[int] = []
         """The turns that show an observation."""
-        self._dated: list[int] = []
-        """The turns with a result that ages."""
         self._messages: list[Message] = []
         self._starts = [0]
         """Every message, unmasked, and how many are before each turn."""
@@ -47,10 +50,12 @@ class TokenIndex:
             self._spoken.append(self._spoken[-1] + turn.spoken(self._counter))
             if turn.is_wordy:
                 self._wordy.append(len(self.turns))
+        if self._with_pictures:
+            count = turn.first_picture + len(turn.pictured)
+            self._unpictured.append(self._unpictured[-1] + self.saved(turn, 0, count))
+            self._pictures.append(count)
         if turn.shows:
             self._showing.append(len(self.turns))
-        if turn.dates:
-            self._dated.append(len(self.turns))
         self._steps.append(turn.step)
         self._messages.extend(turn.messages)
         self._starts.append(len(self._messages))
@@ -84,12 +89,26 @@ class TokenIndex:
         at = bisect_left(self._wordy, first)
         return self._wordy[at] if at < len(self._wordy) and self._wordy[at] < stop else None
 
-    def saved(self, turn: Turn, oldest: int) -> int:
-        """Tokens saved by masking a turn's observations before `oldest`; negative if the marker is longer than they."""
-        masked = [turn.items[at].message for at in turn.masked(oldest)]
-        if not masked:
-            return 0
-        return sum(map(self._counter.content, masked)) - len(masked) * self._counter.text(OBSERVATION_LEFT)
+    def unpictured(self, first: int, stop: int) -> int:
+        """Tokens of the pictures in turns from `first` to before `stop`, of which no observation is masked."""
+        return self._unpictured[stop] - self._unpictured[first] if first < stop else 0
+
+    def first_pictured(self, pictures: int) -> int:
+        """The first turn with a picture after the first `pictures`; the number of turns if there is none."""
+        return bisect_right(self._pictures, pictures)
+
+    def saved(self, turn: Turn, oldest: int, pictures: int = 0) -> int:
+        """Tokens saved by masking a turn's observations before `oldest`, and leaving out pictures of the others.
+
+        The number is negative if the marker is longer than what it replaces.
+        """
+        tokens, old = 0, turn.masked(oldest)
+        if old:
+            masked = [turn.items[at].message for at in old]
+            tokens = sum(map(self._counter.content, masked)) - len(masked) * self._counter.text(OBSERVATION_LEFT)
+        for item in [turn.items[at] for at in turn.left_out(pictures) if at not in old]:
+            tokens += self._counter.content(item.message) - self._counter.content(item.unpictured)
+        return tokens
 
     def first_from(self, step: int) -> int:
         """The first turn that is not older than a step; the number of turns if there is none."""
@@ -99,11 +118,6 @@ class TokenIndex:
         """The first turn from `first` to before `stop` that shows an observation."""
         at = bisect_left(self._showing, first)
         return self._showing[at] if at < len(self._showing) and self._showing[at] < stop else None
-
-    def first_dated(self, first: int, stop: int) -> int | None:
-        """The first turn from `first` to before `stop` with a result that ages."""
-        at = bisect_left(self._dated, first)
-        return self._dated[at] if at < len(self._dated) and self._dated[at] < stop else None
 
     def last_showing(self, first: int, stop: int) -> int | None:
         """The last turn from `first` to before `stop` that shows an observation."""

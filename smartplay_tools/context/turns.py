@@ -10,14 +10,14 @@ steps never decrease from turn to turn.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from smartplay_tools.messages import Call, Message, calls_of, copy_of, read_calls, reasoning_of, text_of
+from smartplay_tools.messages import Call, Message, calls_of, copy_of, pictures_of, read_calls, reasoning_of, text_of
 from smartplay_tools.pictures.picture import picture_part
-from smartplay_tools.prompts import MANUAL_IS_ABOVE, OBSERVATION_LEFT
+from smartplay_tools.prompts import MANUAL_IS_ABOVE, OBSERVATION_LEFT, PICTURE_SHOWN
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import message_bytes
 
@@ -51,6 +51,16 @@ class Item:
         masked["content"] = OBSERVATION_LEFT
         return masked
 
+    @cached_property
+    def unpictured(self) -> Message:
+        """The message that replaces this one once its picture is left out: its words, or the marker without any."""
+        words = text_of(self.message)
+        if words.startswith(PICTURE_SHOWN):
+            return self.masked
+        unpictured = self.message.copy()
+        unpictured["content"] = words
+        return unpictured
+
 
 @dataclass
 class Turn:
@@ -71,6 +81,8 @@ class Turn:
     """The parsed calls of the message; by default they are parsed from it."""
     notes: int | None = None
     """The newest turn with notes, this one included; None while there are no notes."""
+    first_picture: int = 0
+    """How many pictures the turns before it have."""
     step: int = field(init=False, repr=False, compare=False)
     """The step of its newest item."""
     shows: tuple[int, ...] = field(init=False, repr=False, compare=False)
@@ -79,6 +91,8 @@ class Turn:
     """The dates of the results that age, in their order; the last is its step."""
     messages: tuple[Message, ...] = field(init=False, repr=False, compare=False)
     """All its messages, unmasked."""
+    pictured: tuple[int, ...] = field(init=False, repr=False, compare=False)
+    """The indices of the items with a picture."""
 
     def __post_init__(self) -> None:
         if not self.calls and calls_of(self.assistant):
@@ -91,12 +105,18 @@ class Turn:
         if any(item.brings_back for item in items):
             self.dates = tuple([date for item in items if (date := item.date) is not None])
         self.messages = (self.assistant, *[item.message for item in items])
+        self.pictured = tuple([at for at, item in enumerate(items) if pictures_of(item.message)])
 
     @cached_property
     def hidden(self) -> tuple[Message, ...]:
         """All its messages, with every observation masked."""
         items = (item.message if item.date is None else item.masked for item in self.items)
         return (self.assistant, *items)
+
+    @cached_property
+    def plain(self) -> tuple[Message, ...]:
+        """All its messages without their pictures, with no observation masked."""
+        return (self.assistant, *self._items(0, self.pictured))
 
     @cached_property
     def is_wordy(self) -> bool:
@@ -126,20 +146,41 @@ class Turn:
         arguments = [call.arguments.canonical for call in self.calls]
         return counter.message(self.assistant, arguments) - counter.message(self.bare, arguments)
 
-    def masked(self, oldest: int) -> list[int]:
-        """Return the indices of the items whose date is before `oldest`."""
-        return [at for at, item in enumerate(self.items) if (date := item.date) is not None and date < oldest]
+    def masked(self, oldest: int, pictures: int = 0) -> list[int]:
+        """Return the indices of the items that read as the marker, since they are old, or nothing without a picture."""
+        old = [at for at, item in enumerate(self.items) if (date := item.date) is not None and date < oldest]
+        if left_out := self.left_out(pictures):
+            empty = {at for at in left_out if self.items[at].unpictured is self.items[at].masked}
+            return sorted(empty.union(old))
+        return old
 
-    def seen(self, oldest: int, *, bare: bool = False) -> Sequence[Message]:
-        """Return its messages with every observation older than `oldest` masked; `bare`, without the reply's words."""
+    def left_out(self, pictures: int) -> Sequence[int]:
+        """Return the indices of the items whose picture is left out where the first `pictures` of all are."""
+        return self.pictured[: max(0, pictures - self.first_picture)]
+
+    def seen(self, oldest: int, *, bare: bool = False, pictures: int = 0) -> Sequence[Message]:
+        """Return its messages with every observation older than `oldest` masked.
+
+        `bare`: without the reply's words. `pictures`: the first so many of the conversation's pictures are left out.
+        """
         if bare and self.is_wordy:
-            return (self.bare, *self.seen(oldest)[1:])
-        if not self.dates or oldest <= self.dates[0]:
+            return (self.bare, *self.seen(oldest, pictures=pictures)[1:])
+        is_young = not self.dates or oldest <= self.dates[0]
+        left_out = self.left_out(pictures) if pictures else ()
+        if is_young and not left_out:
             return self.messages
         if oldest > self.step:
             return self.hidden
-        old = set(self.masked(oldest))
-        return [self.assistant, *(i.masked if at in old else i.message for at, i in enumerate(self.items))]
+        if is_young and len(left_out) == len(self.pictured):
+            return self.plain
+        return (self.assistant, *self._items(oldest, left_out))
+
+    def _items(self, oldest: int, left_out: Sequence[int]) -> Iterator[Message]:
+        for at, item in enumerate(self.items):
+            if (date := item.date) is not None and date < oldest:
+                yield item.masked
+            else:
+                yield item.unpictured if at in left_out else item.message
 
     def tokens(self, counter: TokenCounter) -> int:
         """Return the budget tokens of its messages, unmasked."""
@@ -156,22 +197,31 @@ class Turn:
     @cached_property
     def canonical_hidden(self) -> Sequence[bytes]:
         """The canonical JSON of its messages, with every observation masked."""
-        return self._canonical(self.masked(self.step + 1))
+        return self._canonical(self.hidden)
 
-    def canonical_seen(self, oldest: int, *, bare: bool = False) -> Sequence[bytes]:
+    @cached_property
+    def canonical_plain(self) -> Sequence[bytes]:
+        """The canonical JSON of its messages without their pictures, with no observation masked."""
+        return self._canonical(self.plain)
+
+    def canonical_seen(self, oldest: int, *, bare: bool = False, pictures: int = 0) -> Sequence[bytes]:
         """Return the canonical JSON of what `seen` returns."""
         if bare and self.is_wordy:
-            return (self.canonical_bare, *self.canonical_seen(oldest)[1:])
-        if not self.dates or oldest <= self.dates[0]:
+            return (self.canonical_bare, *self.canonical_seen(oldest, pictures=pictures)[1:])
+        seen = self.seen(oldest, pictures=pictures)
+        if seen is self.messages:
             return self.canonical
-        return self.canonical_hidden if oldest > self.step else self._canonical(self.masked(oldest))
+        if oldest > self.step:
+            return self.canonical_hidden
+        if pictures and seen is self.plain:
+            return self.canonical_plain
+        return self._canonical(seen)
 
-    def _canonical(self, masked: Sequence[int]) -> Sequence[bytes]:
-        if not masked:
-            return self.canonical
+    def _canonical(self, seen: Sequence[Message]) -> Sequence[bytes]:
         lines = list(self.canonical)
-        for at in masked:
-            lines[at + 1] = self._bytes(self.items[at], self.items[at].masked)
+        for at, item in enumerate(self.items, start=1):
+            if seen[at] is not item.message:
+                lines[at] = self._bytes(item, seen[at])
         return lines
 
     def _bytes(self, item: Item, message: Message) -> bytes:
@@ -203,6 +253,7 @@ class TurnBuilder:
         self._results: dict[int, Item] = {}
         self._others: list[Item] = []
         self._latest: Turn | None = None
+        self._first_picture = 0
 
     @classmethod
     def of(cls, events: Iterable[Mapping[str, Any]]) -> TurnBuilder:
@@ -233,6 +284,8 @@ class TurnBuilder:
         self._assistant, self._made_at = with_ids(message, [call.id for call in calls]), self.step
         self.waiting = tuple(range(len(calls)))
         self._results, self._others, self._latest = {}, [], None
+        before = self.turns[-1] if self.turns else None
+        self._first_picture = 0 if before is None else before.first_picture + len(before.pictured)
 
     def edit(self, position: int, arguments: str) -> None:
         """Replace the arguments of a call, as a host may before it is played."""
@@ -284,7 +337,8 @@ class TurnBuilder:
             return self.turns[-1] if self.turns else None
         if self._latest is None:
             items = (*(self._results[at] for at in sorted(self._results)), *self._others)
-            self._latest = Turn(self.number, self._assistant, items, self._made_at, self.manual, self.calls, self.notes)
+            facts = self._made_at, self.manual, self.calls, self.notes, self._first_picture
+            self._latest = Turn(self.number, self._assistant, items, *facts)
         return self._latest
 
 

@@ -31,6 +31,8 @@ class Selection:
     """Replies of turns older than this step are bare."""
     anchors: int = 0
     """How many of the first turns stay; they stand before a summary."""
+    pictures: int = 0
+    """The first so many pictures of the conversation are left out."""
     is_chosen: bool = False
     """Whether a brought strategy has chosen the turns; `pinned` are then all but the newest."""
     masked: frozenset[int] = frozenset()
@@ -61,11 +63,15 @@ class Selection:
 
     def seen(self, turn: Turn) -> Sequence[Message]:
         """Return the messages of a turn as the selection shows them."""
-        return turn.seen(self.oldest_of(turn), bare=self.is_bare(turn))
+        return turn.seen(self.oldest_of(turn), bare=self.is_bare(turn), pictures=self.pictures)
 
     def canonical_seen(self, turn: Turn) -> Sequence[bytes]:
         """Return the canonical JSON of `seen`."""
-        return turn.canonical_seen(self.oldest_of(turn), bare=self.is_bare(turn))
+        return turn.canonical_seen(self.oldest_of(turn), bare=self.is_bare(turn), pictures=self.pictures)
+
+    def masked_items(self, turn: Turn) -> list[int]:
+        """Return the indices of the items of a turn that read as the marker."""
+        return turn.masked(self.oldest_of(turn), self.pictures)
 
     @property
     def ranges(self) -> list[list[int]]:
@@ -107,16 +113,16 @@ class View:
 
     @property
     def masked_results(self) -> tuple[tuple[int, int], ...]:
-        """(turn, item) of every result in the view whose observation is masked."""
+        """(turn, item) of every result in the view that reads as the marker."""
         chosen = self.selection
         run = takewhile(self._may_be_masked, range(chosen.first, chosen.last + 1))
         turns = [self.turns[index] for index in (*chosen.pinned, *run)]
-        return tuple((turn.number, at) for turn in turns for at in turn.masked(chosen.oldest_of(turn)))
+        return tuple((turn.number, at) for turn in turns for at in chosen.masked_items(turn))
 
     def _may_be_masked(self, index: int) -> bool:
         """Whether this turn or a later one can have a masked result: observations never become older."""
-        dates = self.turns[index].dates
-        return not dates or dates[0] < self.selection.oldest
+        dates, first_picture = self.turns[index].dates, self.turns[index].first_picture
+        return not dates or dates[0] < self.selection.oldest or first_picture < self.selection.pictures
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,9 @@ class ContextWindow:
         self._plain_head = list(head)
         self._heads: dict[str | None, Head] = {}
         self._thoughts = self._strategies.thoughts
-        self._index = TokenIndex(counter, with_words=self._thoughts is not None)
+        self._pictures = self._strategies.pictures
+        with_pictures = self._pictures is not None
+        self._index = TokenIndex(counter, with_words=self._thoughts is not None, with_pictures=with_pictures)
         self._stretches = self._ageing.stretches(budget.history)
         self._newest: int | None = None
         self._overflows = False
@@ -116,7 +118,11 @@ class ContextWindow:
         self._stretches.append(last, has_step=turn.step > self._now.state.step)
         oldest = self._ageing.oldest(turn.step, self.budget.history, self._now.state.oldest)
         words = 0 if self._thoughts is None else self._thoughts.oldest(turn.step, self._now.state.words)
-        state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual), words)
+        pictures = 0
+        if self._pictures is not None:
+            shown = turn.first_picture + len(turn.pictured)
+            pictures = self._pictures.left_out(shown, self._now.state.pictures)
+        state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual), words, pictures)
         return self._anchor(self._pin(state, self._strategies.pinned(turn)))
 
     def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:

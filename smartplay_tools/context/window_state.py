@@ -34,20 +34,33 @@ class WindowState:
     """w: replies of turns older than this step are bare."""
     spoken: int = 0
     """The first turn that is not older than `words`: replies before it are bare."""
+    pictures: int = 0
+    """p: the first so many pictures are left out."""
+    pictured: int = 0
+    """The first turn with a picture after these: the only one of which only some can be left out."""
+    left_out: int = 0
+    """The tokens that this saves in it, where it is not the boundary nor before it."""
     anchors: int = 0
     """a: how many of the first turns stay."""
     notes: int | None = None
     """q, the turn with the notes, while it is pinned as that and nothing else."""
 
     @classmethod
-    def after(cls, index: TokenIndex, oldest: int, newest: int | None, head: Head, words: int = 0) -> WindowState:
+    def after(
+        cls, index: TokenIndex, oldest: int, newest: int | None, head: Head, words: int = 0, pictures: int = 0
+    ) -> WindowState:
         """Return the state after all turns of an index, without notes."""
         turns = index.turns
         boundary = index.first_from(oldest)
-        saved = index.saved(turns[boundary], oldest) if boundary < len(turns) else 0
+        saved = index.saved(turns[boundary], oldest, pictures) if boundary < len(turns) else 0
         spoken = index.first_from(words) if words else 0
         step = turns[-1].step if turns else 0
-        return cls(index, len(turns), step, oldest, boundary, saved, newest, head, words, spoken)
+        state = cls(index, len(turns), step, oldest, boundary, saved, newest, head, words, spoken)
+        if pictures:
+            state.pictures, state.pictured = pictures, index.first_pictured(pictures)
+            if boundary < state.pictured < len(turns):
+                state.left_out = index.saved(turns[state.pictured], 0, pictures)
+        return state
 
     def with_anchors(self, most: int, room: float) -> WindowState:
         """Return the state with as many of the first turns, at most `most`, as fit into a room beside the pins."""
@@ -81,6 +94,10 @@ class WindowState:
             tokens = index.masked(first, stop)
         else:
             tokens = index.masked(first, boundary) + index.whole(boundary, stop) - self.saved
+        if self.pictures:
+            low = max(first, boundary + 1)
+            tokens -= index.unpictured(low, min(stop, self.pictured))
+            tokens -= self.left_out if low <= self.pictured < stop else 0
         return tokens if first >= self.spoken else tokens - index.spoken(first, min(stop, self.spoken))
 
     def tokens(self, first: int) -> int:
@@ -104,7 +121,7 @@ class WindowState:
         anchors = min(self.anchors, first)
         others = [index for index in (newest, hidden) if index is not None]
         pinned = tuple(sorted({*others, *range(anchors)})) if anchors else tuple(sorted(others))
-        return Selection(pinned, first, self.last, self.oldest, hidden, self.words, self.anchors)
+        return Selection(pinned, first, self.last, self.oldest, hidden, self.words, self.anchors, self.pictures)
 
     def selection_tokens(self, chosen: Selection) -> int:
         """Tokens of head and the selected turns."""
@@ -132,8 +149,9 @@ class WindowState:
         return lines + self.index.lines(whole, chosen.last + 1)
 
     def _whole_from(self, chosen: Selection) -> int:
-        """The turn of a selection's run from which on no observation is masked, and no reply bare."""
-        return min(max(chosen.first, self.boundary + 1, self.spoken), chosen.last + 1)
+        """The turn of a selection's run from which on no observation is masked, no reply bare, no picture left out."""
+        pictured = self.pictured + 1 if self.pictures else 0
+        return min(max(chosen.first, self.boundary + 1, self.spoken, pictured), chosen.last + 1)
 
     def visible(self, chosen: Selection) -> int:
         """How many observations a selection shows without a gap up to the newest.
@@ -144,12 +162,23 @@ class WindowState:
             if index == self.newest and index != chosen.hidden:
                 return self.step + 1 - self._first_visible(index)
         stop = chosen.last + 1
-        first = self.index.first_showing(max(chosen.first, self.boundary), stop)
+        boundary = self.boundary if self._seen_from == self.oldest else max(self.boundary, self.pictured)
+        first = self.index.first_showing(max(chosen.first, boundary), stop)
         if first is None:
             return 0
         last = self.index.last_showing(first, stop)
         assert last is not None
         return self.index.turns[last].step + 1 - self._first_visible(first)
 
+    @cached_property
+    def _seen_from(self) -> int:
+        """The oldest observation that can be visible: one without words leaves with its picture."""
+        if not self.pictures or self.pictured == self.turns:
+            return self.oldest
+        turn = self.index.turns[self.pictured]
+        item = turn.items[turn.pictured[self.pictures - turn.first_picture]]
+        has_words = item.unpictured is not item.masked
+        return self.oldest if has_words else max(self.oldest, item.step)
+
     def _first_visible(self, index: int) -> int:
-        return next(step for step in self.index.turns[index].shows if step >= self.oldest)
+        return next(step for step in self.index.turns[index].shows if step >= self._seen_from)

@@ -302,7 +302,7 @@ class BaseConversation(ABC):
     def _most_pictures(self) -> float:
         """How many pictures a view can show: no more than the history has or the cap can hold."""
         budget = self.episode.budget
-        limits = [math.inf if budget.history is None else budget.history + 1]
+        limits = [math.inf if budget.history is None else budget.history + 1, budget.newest_pictures or math.inf]
         if budget.prompt_tokens is not None and not budget.strategies:  # a strategy may go back to any turn
             each = self.episode.counter.image(*self.episode.game.picture_shape)
             limits.append(budget.prompt_tokens // max(1, each) + 1)

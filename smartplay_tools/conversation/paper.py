@@ -74,7 +74,8 @@ class PaperConversation(BaseConversation):
     protocol: ProtocolName = "paper"
 
     def __init__(self, episode: Episode, *, player: str | None = None) -> None:
-        budgets.check_strategies(episode.budget, episode.spec, context=episode.config.context, protocol=self.protocol)
+        which = {"context": episode.config.context, "protocol": self.protocol, "observation": "text"}
+        budgets.check_strategies(episode.budget, episode.spec, **which)
         self._counter = episode.counter
         self._manual = None if episode.config.manual == "none" else episode.manual_text
         first = [*episode.game.before_reset, episode.game.observation]

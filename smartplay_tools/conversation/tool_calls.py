@@ -188,6 +188,8 @@ class ToolConversation(BaseConversation):
         why: dict[str, Any] = {"oldest": chosen.oldest, "notes": chosen.hidden}
         if self.episode.budget.own_words is not None:
             why["words"] = chosen.words
+        if self.episode.budget.newest_pictures is not None:
+            why["pictures"] = chosen.pictures
         if self.episode.budget.first_turns is not None:
             why["anchors"] = chosen.anchors
         if self.episode.budget.strategy is not None:

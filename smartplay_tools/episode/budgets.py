@@ -79,13 +79,17 @@ def check_pictures(budget: ResolvedBudget, least: int, picture: int, words: int)
             )
 
 
-def check_strategies(budget: Budget, spec: GameSpec, *, context: str, protocol: str = "tools") -> None:
+def check_strategies(
+    budget: Budget, spec: GameSpec, *, context: str, protocol: str = "tools", observation: str
+) -> None:
     """Raise an `InvalidArgumentError` if the budget says something of the past that cannot be enforced."""
-    if refusal := refused_strategy(budget, spec, context=context, protocol=protocol):
+    if refusal := refused_strategy(budget, spec, context=context, protocol=protocol, observation=observation):
         raise InvalidArgumentError(refusal)
 
 
-def refused_strategy(budget: Budget, spec: GameSpec, *, context: str, protocol: str = "tools") -> str | None:
+def refused_strategy(
+    budget: Budget, spec: GameSpec, *, context: str, protocol: str = "tools", observation: str = "text"
+) -> str | None:
     """Return why what the budget says of the past cannot be enforced, in one sentence; None if it can be."""
     history, asked = _history(budget, spec), ", ".join(budget.strategies)
     if not asked:
@@ -93,7 +97,7 @@ def refused_strategy(budget: Budget, spec: GameSpec, *, context: str, protocol: 
     if context != "window" or protocol != "tools":
         where = 'context="host" leaves the past to the host' if context != "window" else "the paper's protocol has none"
         return f'{asked} needs a window over tool calls, and {where}; use context="window" and protocol="tools".'
-    return refusal(budget, history)
+    return refusal(budget, history, observation)
 
 
 def _history(asked: Budget, spec: GameSpec) -> int | None:

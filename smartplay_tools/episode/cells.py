@@ -45,7 +45,8 @@ def cell_config(
             f"{spec.id} has no engine {engine!r}; its engines: {', '.join(kind.engines) or 'only one'}."
         )
     counter = counter or shared_counter()
-    check_strategies(budget or Budget(), spec, context=rules["context"], protocol=rules["protocol"])
+    which = {name: rules[name] for name in ("context", "protocol", "observation")}
+    check_strategies(budget or Budget(), spec, **which)
     check_carry(Rules(**rules), budget or Budget())
     engine = engine or next(iter(kind.engines), None)
     if rules["observation"] != "text":

@@ -57,7 +57,7 @@ class GameSession:
         self.observation = observation
         self.spec, self.game, self.counter = spec, game, counter
         self.manual, self.context = manual, context
-        budgets.check_strategies(asked, spec, context=context)
+        budgets.check_strategies(asked, spec, context=context, observation=observation)
         check_carry(config, asked)
         self.strategies = Strategies(asked, counter)
         self.tools = Tools(game, self.strategies.tools)

@@ -127,8 +127,8 @@ class Accounts:
         total["summary"] = self._summary(view) + (self._form.question_tokens if self._form and is_request else 0)
         tokens = list(total.values())
         oldest, notes = _oldest(view, self._index.turns), view.get("notes")
-        if self._budget.strategy is not None:
-            return self._chosen_parts(view, tokens)
+        if self._budget.strategy is not None or view.get("pictures"):
+            return self._parts_by_turn(view, tokens)
         spoken = self._index.first_from(view.get("words", 0))
         for first, last in view["turns"]:
             if spoken > first:
@@ -144,16 +144,16 @@ class Accounts:
                 tokens = _plus(tokens, _minus(self._whole[last + 1], self._whole[edge + 1]))
         return tokens
 
-    def _chosen_parts(self, view: ViewEvent, tokens: Tokens) -> Tokens:
-        """Add the parts of the turns and the texts that a brought strategy has chosen."""
-        hidden = {*_numbers(view["hidden"]), view["notes"]}
+    def _parts_by_turn(self, view: ViewEvent, tokens: Tokens) -> Tokens:
+        """Add the parts of turn after turn, and the texts that a brought strategy has chosen."""
+        hidden = {*_numbers(view.get("hidden", [])), view["notes"]}
         for number in _numbers(view["turns"]):
             turn = self._index.turns[number]
             oldest = turn.step + 1 if number in hidden else view["oldest"]
             if turn.step < view.get("words", 0):
                 tokens = _minus(tokens, _minus(self._spoken[number + 1], self._spoken[number]))
-            tokens = _plus(tokens, self._parts_of(turn, oldest))
-        for _, text in view["texts"]:
+            tokens = _plus(tokens, self._parts_of(turn, oldest, view.get("pictures", 0)))
+        for _, text in view.get("texts", []):
             tokens[_TEXTS] += self._counter.message(text_message(text))
         return tokens
 
@@ -179,7 +179,7 @@ class Accounts:
         history = budget.history if self._drops else None
         oldest = _oldest(view, turns)
         still = view["tokens"] - self._summary(view) + self._summary(before)
-        needs = {turn: self._needs(turns[turn], oldest, view.get("words", 0)) for turn in gone}
+        needs = {turn: self._needs(turns[turn], oldest, view) for turn in gone}
         unmoved = still + sum(needs.values()) + (self._form.question_tokens if self._form else 0)
         room = None if cap is None else cap - view["tokens"]
         for turn in reversed(gone):
@@ -200,10 +200,10 @@ class Accounts:
             if room is not None:
                 room -= needs[turn]
 
-    def _needs(self, turn: Turn, oldest: int, words: int) -> int:
+    def _needs(self, turn: Turn, oldest: int, view: ViewEvent) -> int:
         """What a turn would take in a prompt."""
-        spoken = turn.spoken(self._counter) if turn.step < words else 0
-        return turn.tokens(self._counter) - self._index.saved(turn, oldest) - spoken
+        spoken = turn.spoken(self._counter) if turn.step < view.get("words", 0) else 0
+        return turn.tokens(self._counter) - self._index.saved(turn, oldest, view.get("pictures", 0)) - spoken
 
     def _summary(self, view: ViewEvent) -> int:
         """The tokens of the summary that a prompt showed."""
@@ -223,16 +223,12 @@ class Accounts:
             self._heads[key] = (plain + tools + PRIMING, more)
         return self._heads[key]
 
-    def _parts_of(self, turn: Turn, oldest: int) -> Tokens:
-        """The parts of a turn whose observations before `oldest` are masked."""
+    def _parts_of(self, turn: Turn, oldest: int, pictures: int = 0) -> Tokens:
+        """The parts of a turn whose observations before `oldest` are masked, and whose first pictures are left out."""
         tokens, count = self._replies[turn.number].copy(), self._counter.message
-        for item in turn.items:
-            if (date := item.date) is None:
-                tokens[_OTHER] += count(item.message)
-            elif date < oldest:
-                tokens[_MASKED] += count(item.masked)
-            else:
-                tokens[_OBSERVATIONS] += count(item.message)
+        for item, message in zip(turn.items, turn.seen(oldest, pictures=pictures)[1:], strict=True):
+            part = _OTHER if item.date is None else _OBSERVATIONS if message is not item.masked else _MASKED
+            tokens[part] += count(message)
         return tokens
 
     def _parts_of_reply(self, turn: Turn, reply: Message) -> Tokens:

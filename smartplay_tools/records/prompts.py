@@ -79,6 +79,8 @@ class PromptParts(NamedTuple):
     """How many of the turns stand before the summary: first turns that stay."""
     turns: Sequence[tuple[Turn, int, bool]]
     """Each with the oldest observation that is shown of it, and whether its reply is bare."""
+    pictures: int
+    """How many of the first pictures are left out."""
     texts: Mapping[int, Message]
     """The texts of a brought strategy, by the turn before which each stands."""
     after: Sequence[Message]
@@ -114,8 +116,8 @@ class Rebuilder:
             if turn.number in shown.texts:
                 messages.append(shown.texts[turn.number])
                 lines.append(head_bytes(shown.texts[turn.number]))
-            messages.extend(turn.seen(oldest, bare=bare))
-            lines.extend(turn.canonical_seen(oldest, bare=bare))
+            messages.extend(turn.seen(oldest, bare=bare, pictures=shown.pictures))
+            lines.extend(turn.canonical_seen(oldest, bare=bare, pictures=shown.pictures))
         messages += shown.after
         lines += map(head_bytes, shown.after)
         named = [part["sha256"] for message in messages for part in pictures_of(message)] if self._pictures else []
@@ -138,6 +140,7 @@ class Rebuilder:
             before,
             sum(last < view.get("anchors", 0) for _, last in view["turns"][:-1]),
             [(turn, oldest_of(turn), turn.step < words) for turns in ranges for turn in turns],
+            view.get("pictures", 0),
             {turn: text_message(text) for turn, text in view.get("texts", ())},
             [self._form.question] if self._form is not None and purpose == "summary" else [],
         )

@@ -140,7 +140,7 @@ class _Units:
         self._units: dict[bytes, _Unit] = {}
         self._whole: dict[int, tuple[_Unit, ...]] = {}
         """The units of turns, unmasked."""
-        self._masked: dict[tuple[int, int], tuple[_Unit, ...]] = {}
+        self._masked: dict[tuple[int, int, int], tuple[_Unit, ...]] = {}
         """The units of turns, by how many results are masked: they are the oldest ones."""
 
     def prompts(self, record: Record) -> Iterator[tuple[Event, list[_Unit]]]:
@@ -165,8 +165,12 @@ class _Units:
                         units += map(self.of, shown.before)
                     if texts and turn.number in texts:
                         units.append(self.of(texts[turn.number]))
-                    is_masked = oldest and turn.dates and oldest > turn.dates[0]
-                    seen = self._partly(turn, oldest) if is_masked else whole.get(turn.number) or self.turn(turn)
+                    is_partly = (oldest and turn.dates and oldest > turn.dates[0]) or turn.left_out(shown.pictures)
+                    seen = (
+                        self._partly(turn, oldest, shown.pictures)
+                        if is_partly
+                        else whole.get(turn.number) or self.turn(turn)
+                    )
                     units += [self.of(turn.bare), *seen[1:]] if bare and turn.is_wordy else seen
                 yield event, [*units, *map(self.of, shown.after)]
 
@@ -197,11 +201,11 @@ class _Units:
             self._whole[turn.number] = tuple(map(self.of, turn.messages))
         return self._whole[turn.number]
 
-    def _partly(self, turn: Turn, oldest: int) -> tuple[_Unit, ...]:
-        """The units of a turn of which observations are masked."""
-        key = turn.number, len(turn.masked(oldest))
+    def _partly(self, turn: Turn, oldest: int, pictures: int) -> tuple[_Unit, ...]:
+        """The units of a turn of which observations are masked, or pictures left out."""
+        key = turn.number, len(turn.masked(oldest)), len(turn.left_out(pictures))
         if key not in self._masked:
-            self._masked[key] = tuple(map(self.of, turn.seen(oldest)))
+            self._masked[key] = tuple(map(self.of, turn.seen(oldest, pictures=pictures)))
         return self._masked[key]
 
     def _tools(self, tools: Sequence[ToolSpec]) -> _Unit:

@@ -16,14 +16,14 @@ def shown_turns(record: Record, view: ViewEvent) -> list[ShownAs]:
     """Return how a prompt showed every turn before it. An episode in the paper's protocol has no turns."""
     shown: list[ShownAs] = ["gone"] * view["turn"]
     masked = {turn for turn, _ in view.get("masked", [])} | set(_numbers(view.get("hidden", [])))
-    oldest, words = view.get("oldest", 0), view.get("words", 0)
+    oldest, words, pictures = view.get("oldest", 0), view.get("words", 0), view.get("pictures", 0)
     for turn in _numbers(view.get("turns", [])):
         if turn >= view["turn"]:  # a request for a summary is about the turn before it
             continue
         past = record.turns[turn]
         if turn == view.get("notes"):
             shown[turn] = "notes"
-        elif turn in masked or any(date < oldest for date in past.dates):
+        elif turn in masked or past.masked(oldest, pictures):
             shown[turn] = "masked"
         else:
             shown[turn] = "bare" if past.step < words else "whole"

@@ -70,6 +70,8 @@ class ViewEvent(TypedDict):
     """With strategies: the pinned turn with the notes, of which every observation is masked."""
     words: NotRequired[int]
     """With `own_words`: replies of turns older than this step are bare."""
+    pictures: NotRequired[int]
+    """With `newest_pictures`: how many of the first pictures of the conversation are left out."""
     anchors: NotRequired[int]
     """With `first_turns`: how many of the first turns are pinned; those before the run stand before the summary."""
     hidden: NotRequired[list[list[int]]]

@@ -74,6 +74,20 @@ def test_the_page_shows_the_pictures_that_the_model_saw(show, tmp_path, observat
     page.wait_for_function("document.querySelectorAll('#messages img.seen-picture').length === 4")
 
 
+@pytest.mark.parametrize(("observation", "marker"), [("both", 0), ("picture", 4)])
+def test_the_page_leaves_out_the_pictures_that_the_prompt_left_out(show, tmp_path, observation, marker):
+    path = record(
+        tmp_path / "new.jsonl", "Crafter-v0", "random", observation=observation, tool_calls=8, newest_pictures=2
+    )
+    page = show(path, "#episode=new&turn=7")
+    assert_the_same_prompts(page, path)
+    sentence = page.locator("#sentence").inner_text()
+    assert "2 pictures in all; 5 older pictures left out" in sentence
+    assert page.evaluate("markedResults(shown.episode, shown.episode.turns[7].view).length") == marker
+    page.evaluate("askAbout(1)")
+    assert "only the newest 2 pictures of the conversation were shown" in page.locator("#why-reason").inner_text()
+
+
 def test_every_prompt_is_put_together_word_for_word(show, tmp_path):
     run = tmp_path / "run"
     several = [reply(act("1"), act("2"), act("1")), reply(("read_manual", "")), reply(("observe", ""), act("1"))]

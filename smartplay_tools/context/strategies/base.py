@@ -67,6 +67,11 @@ class BudgetStrategy:
         """
         return None
 
+    @classmethod
+    def refused_form(cls, observation: str) -> str | None:
+        """Return why a budget cannot ask for it where this is what observations are; None if it can."""
+        return None
+
     def pinned(self, turn: Turn) -> int | None:
         """Return the turn to pin after this one, with its observations masked, where it fits; None for none."""
         return None

@@ -10,6 +10,7 @@ from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.strategies.memory import MemoryFiles
 from smartplay_tools.context.strategies.notes import Notes
 from smartplay_tools.context.strategies.offload import Offload
+from smartplay_tools.context.strategies.pictures import Pictures
 from smartplay_tools.context.strategies.recall import Recall
 from smartplay_tools.context.strategies.summaries import Summaries
 from smartplay_tools.context.strategies.thoughts import Thoughts
@@ -18,7 +19,7 @@ from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
 KINDS: tuple[type[BudgetStrategy], ...] = (
-    Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Offload, MemoryFiles, Brought,
+    Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Offload, MemoryFiles, Pictures, Brought,
 )  # fmt: skip
 """Every strategy, in the order in which they are asked."""
 
@@ -34,6 +35,8 @@ class Strategies:
         """What asks the agent for words when turns leave; None where nothing does."""
         self.thoughts = next((strategy for strategy in asked if isinstance(strategy, Thoughts)), None)
         """What strips old replies of their words; None where they keep them."""
+        self.pictures = next((strategy for strategy in asked if isinstance(strategy, Pictures)), None)
+        """What leaves older pictures out; None where they stay."""
         self.anchors = next((strategy.most for strategy in asked if isinstance(strategy, Anchors)), 0)
         """How many of the first turns stay, as far as they fit."""
         self.recall = next((strategy for strategy in asked if isinstance(strategy, Recall)), None)
@@ -70,7 +73,11 @@ class Strategies:
         return None
 
 
-def refusal(budget: Budget, history: int | None) -> str | None:
-    """Return why what a budget asks for cannot be enforced, in one sentence; `history` is the budget's in numbers."""
-    reasons = (kind.refusal(budget, history) for kind in KINDS if kind.is_asked_for(budget))
+def refusal(budget: Budget, history: int | None, observation: str) -> str | None:
+    """Return why what a budget asks for cannot be enforced, in one sentence.
+
+    `history` is the budget's in numbers, and `observation` what observations are.
+    """
+    asked = [kind for kind in KINDS if kind.is_asked_for(budget)]
+    reasons = (kind.refusal(budget, history) or kind.refused_form(observation) for kind in asked)
     return next((reason for reason in reasons if reason is not None), None)

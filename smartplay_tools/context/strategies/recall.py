@@ -44,6 +44,15 @@ class Recall(BudgetStrategy):
             return "recall_tokens has nothing to find where no observation ever leaves; give prompt_tokens a number."
         return None
 
+    @classmethod
+    def refused_form(cls, observation: str) -> str | None:
+        """Return why it finds nothing where observations have no words."""
+        if observation == "picture":
+            return (
+                'recall_tokens searches words, and with observation="picture" there are none; use observation="both".'
+            )
+        return None
+
     def check(self, budget: Budget, least: int) -> None:
         """Raise an `InvalidArgumentError` if a prompt cannot hold an answer beside a result.
 

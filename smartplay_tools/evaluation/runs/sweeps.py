@@ -16,7 +16,7 @@ import csv
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
 from typing import Any, Unpack
@@ -135,18 +135,22 @@ def grid(
     fixed = dict(budget or Budget())
     budgets = [Budget(**fixed | dict(zip(axes, values, strict=True))) for values in product(*axes.values())]
     protocol = rules.get("protocol", "tools")
-    refused: dict[tuple[str, str], str] = {}
+    refused: set[tuple[str, str, str]] = set()
     left_out: list[str] = []
-    for game, budget in product(games, budgets):
-        if reason := refused_strategy(budget, get_spec(game), context="window", protocol=protocol):
-            refused[game, budget.model_dump_json()] = reason
+    for game, budget, observation in product(games, budgets, varied["observation"]):
+        which = {"context": "window", "protocol": protocol, "observation": observation}
+        if reason := refused_strategy(budget, get_spec(game), **which):
+            refused.add((game, budget.model_dump_json(), observation))
             left_out.append(f"{game}, {budget.describe()}: {reason}")
 
-    def enforceable(spec: GameSpec) -> list[Budget]:
-        return [budget for budget in budgets if (spec.id, budget.model_dump_json()) not in refused]
+    def enforceable(spec: GameSpec, observation: str) -> list[Budget]:
+        return [budget for budget in budgets if (spec.id, budget.model_dump_json(), observation) not in refused]
 
-    settings = [dict(zip(varied, values, strict=True)) for values in product(*varied.values())]
-    wanted = [cell for chosen in settings for cell in make_cells(games, players, enforceable, **chosen, **rules)]
+    wanted: list[CellConfig] = []
+    for values in product(*varied.values()):
+        chosen = dict(zip(varied, values, strict=True))
+        allowed = partial(enforceable, observation=chosen["observation"])
+        wanted += make_cells(games, players, allowed, **chosen, **rules)
     wanted, too_small = _split_by_reserve(wanted)
     names = [player if isinstance(player, str) else player.name for player in players]
     order = {pair: place for place, pair in enumerate(product(games, names))}

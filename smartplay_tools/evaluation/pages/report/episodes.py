@@ -35,6 +35,7 @@ MOST_REBUILT = 200_000
 WORDS = {
     "observation_left": prompts.OBSERVATION_LEFT,
     "manual_is_above": prompts.MANUAL_IS_ABOVE,
+    "picture_shown": prompts.PICTURE_SHOWN,
     "system": paper.SYSTEM,
     "observation": paper.OBSERVATION,
     "question": paper.QUESTION,

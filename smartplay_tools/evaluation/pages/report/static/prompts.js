@@ -69,11 +69,26 @@ function markedResults(episode, view) {
     for (let at = first; at <= last; at += 1) {
       const oldest = isHidden(at) ? Infinity : view.oldest;
       episode.turns[at].items.forEach(({ call }, item) => {
-        if (call?.observation_step !== undefined && call.observation_step < oldest) marked.push([at, item]);
+        const isEmpty = isLeftOut(episode, view, at, item) && call.text.startsWith(page.words.picture_shown);
+        if (isEmpty || (call?.observation_step !== undefined && call.observation_step < oldest)) marked.push([at, item]);
       });
     }
   }
   return marked;
+}
+
+// Whether the picture of a result was left out of a prompt, which shows the newest of the conversation's only.
+function isLeftOut(episode, view, at, item) {
+  if (!view.pictures) return false;
+  if (!episode.picture_numbers) {
+    episode.picture_numbers = new Map();
+    for (const [turn, { items }] of episode.turns.entries()) {
+      for (const [index, { call }] of items.entries()) {
+        if (call?.picture) episode.picture_numbers.set(`${turn}.${index}`, episode.picture_numbers.size);
+      }
+    }
+  }
+  return episode.picture_numbers.get(`${at}.${item}`) < view.pictures;
 }
 
 // The same with where each message is from: `turn` (none for the head), and whether it was `marked`.
@@ -85,13 +100,16 @@ function promptParts(episode, words, number) {
     : windowParts(episode, words, number, view);
 }
 
-// How many pictures a prompt had: those of the results that it showed and did not mask.
+// How many pictures a prompt had: those of the results that it showed, neither masked nor left out.
 function picturesIn(episode, view) {
   const masked = new Set(markedResults(episode, view).map(([turn, item]) => `${turn}.${item}`));
   let count = 0;
   for (const [first, last] of view.turns) {
     for (let at = first; at <= last; at += 1) {
-      episode.turns[at].items.forEach(({ call }, item) => (count += Boolean(call?.picture) && !masked.has(`${at}.${item}`)));
+      episode.turns[at].items.forEach(({ call }, item) => {
+        const isShown = call?.picture && !masked.has(`${at}.${item}`) && !isLeftOut(episode, view, at, item);
+        if (isShown) count += 1;
+      });
     }
   }
   return count;
@@ -118,7 +136,8 @@ function windowParts(episode, words, number, view) {
       turn.items.forEach((item, index) => {
         const marked = marks.has(`${at}.${index}`);
         const message = messageOf(turn, item, words);
-        parts.push({ message: marked ? { ...message, content: words.observation_left } : message, turn: at, marked });
+        const plain = isLeftOut(episode, view, at, index) ? { ...message, content: item.call.text } : message;
+        parts.push({ message: marked ? { ...message, content: words.observation_left } : plain, turn: at, marked });
       });
     }
   }

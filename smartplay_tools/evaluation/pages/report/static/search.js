@@ -15,7 +15,7 @@ function promptsWith(episode, word) {
   return episode.turns.map(({ view, head }, at) => {
     if (!view) return false;
     // A strategy that changes what turns say is not foreseen here: its prompts are searched as they are.
-    if (view.words || view.texts?.length || view.hidden?.length) return whole(at);
+    if (view.words || view.pictures || view.texts?.length || view.hidden?.length) return whole(at);
     const manual = at > 0 ? (episode.facts[at - 1].manual ?? "") : "";
     if ((head ? has(head.map(textOf).join("\n")) : inHead) || has(manual) || has(summaryIn(episode, view))) return true;
     const masks = view.oldest !== undefined || Boolean(view.masked?.length);

@@ -35,12 +35,17 @@ function whyWords(episode, now, turn) {
   const size = episode.turns[turn].size;
   const tokens = (count) => (size ? `, ${plural(count, "token")}` : "");
   const isBare = stepOf(episode, turn) < (episode.turns[now].view.words ?? 0);
+  const view = episode.turns[now].view;
+  const isPlain = episode.turns[turn].items.some((_, item) => isLeftOut(episode, view, turn, item));
+  const newest = `only the newest ${plural(episode.budget.newest_pictures ?? 0, "picture")} of the conversation were shown`;
   const words = {
     seen: () =>
+      isPlain ? `Turn ${turn} was in this prompt without ${isBare ? "the words of its reply and " : ""}its picture: ${newest}.` :
       isBare
         ? `Turn ${turn} was in this prompt without the words and the reasoning of its reply, which are too old.`
         : `Turn ${turn} was in this prompt in full${tokens(size?.[0])}.`,
     marked: () =>
+      isPlain ? `Turn ${turn} was in this prompt, but ${newest}, so a marker stood in the place of its own.` :
       `Turn ${turn} was in this prompt, but what it showed is older than the history of ` +
       `${plural(episode.budget.history, "step")}, so a marker stood in its place${tokens(size?.[1])}` +
       `${size ? ` instead of ${number(size[0])}` : ""}.`,

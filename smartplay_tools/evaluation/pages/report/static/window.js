@@ -46,6 +46,7 @@ function sentence(episode, number) {
   if (notes) parts.push(`${notes} for the notes in it`);
   if (dropped) parts.push(`${summaryIn(episode, view) ? "a summary in place of" : "nothing of"} ${dropped}`);
   if (episode.pictures) parts.push(`${plural(picturesIn(episode, view), "picture")} in all`);
+  if (view.pictures) parts.push(`${plural(view.pictures, "older picture")} left out`);
   const reach = `The view reached back ${plural(view.shown_steps, "observation")}, the current one included`;
   return `${parts.join("; ")}. ${reach}; ${episode.limits.history}.`;
 }

@@ -1,0 +1,29 @@
+"""Pictures: the newest stay visible, and older observations keep their words alone."""
+
+from __future__ import annotations
+
+from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
+from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.types import Budget
+
+
+class Pictures(BudgetStrategy):
+    """Leaves out all but the newest pictures, whether or not their turns are still shown."""
+
+    name = "newest_pictures"
+    option_help = "The number of newest pictures that stay visible; older observations keep their words alone."
+
+    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+        assert budget.newest_pictures is not None
+        self._past, self._share = budget.newest_pictures - 1, share_kept(budget.slack)
+
+    @classmethod
+    def refused_form(cls, observation: str) -> str | None:
+        """Return why it does nothing where observations are words."""
+        if observation == "text":
+            return 'newest_pictures has nothing to leave out where observations are words; use observation="both".'
+        return None
+
+    def left_out(self, shown: int, before: int) -> int:
+        """Return p: of the `shown` pictures so far, the first p are left out; `before` is p before the latest turn."""
+        return moved(shown - 1, before, self._past, self._share) if shown else 0
