@@ -161,7 +161,7 @@ class Turn:
     def seen(self, oldest: int, *, bare: bool = False, pictures: int = 0) -> Sequence[Message]:
         """Return its messages with every observation older than `oldest` masked.
 
-        `bare`: without the reply's words. `pictures`: the first so many of the conversation's pictures are left out.
+        `bare`: without the reply's words. `pictures`: how many of the conversation's first pictures are left out.
         """
         if bare and self.is_wordy:
             return (self.bare, *self.seen(oldest, pictures=pictures)[1:])

@@ -32,7 +32,7 @@ class Selection:
     anchors: int = 0
     """How many of the first turns stay; they stand before a summary."""
     pictures: int = 0
-    """The first so many pictures of the conversation are left out."""
+    """How many of the first pictures of the conversation are left out."""
     is_chosen: bool = False
     """Whether a brought strategy has chosen the turns; `pinned` are then all but the newest."""
     masked: frozenset[int] = frozenset()

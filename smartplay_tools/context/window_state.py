@@ -35,7 +35,7 @@ class WindowState:
     spoken: int = 0
     """The first turn that is not older than `words`: replies before it are bare."""
     pictures: int = 0
-    """p: the first so many pictures are left out."""
+    """p: how many of the first pictures are left out."""
     pictured: int = 0
     """The first turn with a picture after these: the only one of which only some can be left out."""
     left_out: int = 0
