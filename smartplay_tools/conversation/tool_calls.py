@@ -128,7 +128,7 @@ class ToolConversation(BaseConversation):
                 return ()
             calls = self._open_turn(reply, pending)
             if pending is not None and (recall := self.episode._strategies.recall) is not None:
-                recall.view = pending.view
+                recall.answers(pending.view)
             self._results, self._edits = {}, {}
             self._idle_in_a_row = 0 if calls else self._idle_in_a_row + 1
             if not calls:

@@ -1,7 +1,7 @@
 """Documents: the observations of an episode as texts that can be searched, the first result that showed each.
 
-They are read from the turns when something is looked for, each once, into an index of words. Scores are BM25 over those
-documents that a prompt does not show, so statistics of all are kept, and those of what is shown are subtracted.
+They are read into an index of words as turns are added, so that the first search of a long episode takes no longer than
+the next one. Scores are BM25 over those documents that a prompt does not show: what is shown counts as without words.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import math
 import re
 from array import array
 from bisect import bisect_left
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -39,15 +39,15 @@ class Documents:
         self._turns = 0
         """How many turns have been read."""
         self._lengths = array("d")
+        """The words of each document."""
         self._words_before = [0]
         """The words of the documents before each."""
-        self._places: dict[str, tuple[array[int], array[float]]] = {}
-        """For each word, the documents that have it, and how often."""
+        self._places: dict[str, array[int]] = defaultdict(lambda: array("i"))
+        """For each word, the documents that have it, as often as they have it."""
 
     def read(self, turns: Sequence[Turn]) -> None:
         """Add what the turns show that have not been read."""
-        for number in range(self._turns, len(turns)):
-            turn = turns[number]
+        for turn in turns[self._turns :]:
             for item in turn.items:
                 step = item.observation_step
                 if step is not None and (not self.steps or step > self.steps[-1]):
@@ -56,14 +56,9 @@ class Documents:
         self._turns = len(turns)
 
     def _add(self, step: int, text: str) -> None:
-        number = len(self.steps)
-        words = [word.lower() for word in WORD.findall(text)]
-        for word, times in Counter(words).items():
-            if word not in self._places:
-                self._places[word] = array("q"), array("d")
-            documents, counts = self._places[word]
-            documents.append(number)
-            counts.append(times)
+        number, words, places = len(self.steps), WORD.findall(text), self._places
+        for word in words:
+            places[word.lower()].append(number)
         self.steps.append(step)
         self._texts.append(text)
         self._lengths.append(len(words))
@@ -94,7 +89,7 @@ class Documents:
 
         Of equal scores, newer documents come first.
         """
-        import numpy as np  # takes longer to import than everything else here
+        import numpy as np  # the games have it loaded
 
         total = len(self.steps)
         left = total - sum(map(len, shown))
@@ -106,15 +101,12 @@ class Documents:
         for word in dict.fromkeys(word.lower() for word in WORD.findall(query)):
             if word not in self._places:
                 continue
-            documents, counts = self._places[word]
-            having = len(documents) - sum(
-                bisect_left(documents, r.stop) - bisect_left(documents, r.start) for r in shown
-            )
+            times = np.bincount(np.frombuffer(self._places[word], np.intc), minlength=total)
+            for each in shown:
+                times[each.start : each.stop] = 0
+            having = np.count_nonzero(times)
             idf = math.log(1 + (left - having + 0.5) / (having + 0.5))
-            at, times = np.frombuffer(documents, np.int64), np.frombuffer(counts)
-            scores[at] += idf * (times * (K1 + 1) / (times + norm[at]))
-        for each in shown:
-            scores[each.start : each.stop] = 0
+            scores += idf * (times * (K1 + 1) / (times + norm))
         matching = np.flatnonzero(scores)
         values = np.round(scores[matching], DECIMALS)
         given, size = 0, BATCH

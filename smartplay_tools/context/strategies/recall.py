@@ -32,7 +32,7 @@ class Recall(BudgetStrategy):
         assert budget.recall_tokens is not None
         self._cap, self._count = budget.recall_tokens, counter.text
         self._documents = Documents()
-        self.view: View | None = None
+        self._view: View | None = None
         """What the prompt showed whose reply is being answered; None before the first, and without a conversation."""
         usage = f'Call {RECALL_TOOL} with {{"query": "..."}}.'
         self.tools = (StrategyTool(recall_spec(self._cap), "query", usage, self._answer),)
@@ -66,13 +66,17 @@ class Recall(BudgetStrategy):
                 "lower it, or raise prompt_tokens well above that."
             )
 
+    def answers(self, view: View) -> None:
+        """Take the prompt whose reply is answered next."""
+        self._view = view
+        self._documents.read(view.turns)
+
     def _answer(self, query: str) -> ToolAnswer:
         """Answer with the first documents that fit the cap."""
-        view = self.view
+        view = self._view
         if view is None:
             reason = f"{RECALL_TOOL} searches what a prompt does not show, and no prompt was sent."
             return ToolAnswer(reason, mistake="refused")
-        self._documents.read(view.turns)
         shown = self._documents.shown_by(view)
         if (steps := STEPS.fullmatch(query)) is not None:
             first, last = int(steps[1]), int(steps[2] or steps[1])
