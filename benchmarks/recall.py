@@ -37,8 +37,9 @@ class Agent:
     """An endless episode and who plays it at random."""
 
     def __init__(self, turns: int, recall: int | None) -> None:
-        limits = {"tool_calls": turns + 100, "stalled_turns": None}
-        budget = sp.Budget(prompt_tokens=CAP, history=None, recall_tokens=recall, **limits)
+        budget = sp.Budget(
+            prompt_tokens=CAP, history=None, recall_tokens=recall, tool_calls=turns + 100, stalled_turns=None
+        )
         spec = dataclasses.replace(sp.GAMES[GAME], rollout=10**9)
         self._conversation = sp.Conversation(sp.Episode(spec, seed=1, budget=budget))
         self._player = sp.get_player("random", seed=1)

@@ -191,6 +191,13 @@ async def pydantic_ai_newest(game: HostedGame) -> None:
     await agent.run(game.task, usage_limits=UsageLimits(request_limit=None))
 
 
+async def openhands_summary(game: HostedGame) -> None:
+    """The `LLMSummarizingCondenser` of OpenHands, whose SDK needs an environment of its own."""
+    from openhands_host import play as play_openhands
+
+    play_openhands(game.tools, game.instructions, game.task, game.model, game.base_url, CAP)
+
+
 HOSTS: dict[str, Callable[[HostedGame], Awaitable[None]]] = {
     "langchain-all": langchain_all,
     "langchain-summary": langchain_summary,
@@ -202,6 +209,8 @@ HOSTS: dict[str, Callable[[HostedGame], Awaitable[None]]] = {
     "pydantic-ai-newest": pydantic_ai_newest,
 }
 """The agents by the names that the table gives them."""
+APART = {"openhands-summary": openhands_summary}
+"""Those that are played only if they are named, since their framework needs an environment of its own."""
 
 
 def play(host: Callable[[HostedGame], Awaitable[None]], player: str, episode: sp.Episode) -> None:
@@ -222,7 +231,7 @@ def agent_of(name: str, player: str) -> Callable[[sp.Episode], None]:
     """Return the agent of a host as `evaluate` takes it."""
 
     def agent(episode: sp.Episode) -> None:
-        play(HOSTS[name], player, episode)
+        play({**HOSTS, **APART}[name], player, episode)
 
     return agent
 
@@ -287,7 +296,7 @@ def _interval(estimate: MeanEstimate) -> str:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Context strategies of other frameworks, on the same worlds.")
     parser.add_argument("--player", default="rule-notes", help="what answers in the place of the frameworks' model")
-    parser.add_argument("--host", action="append", choices=[*HOSTS], help="one of the hosts alone; repeatable")
+    parser.add_argument("--host", action="append", choices=[*HOSTS, *APART], help="one of the hosts alone; repeatable")
     parser.add_argument("--trials", type=int, default=10, help="episodes of every cell")
     parser.add_argument("--out", type=Path, default=Path("runs/hosts"), help="the folder of the runs")
     parser.add_argument("--publish", action="store_true", help="put the table into the documentation")

@@ -78,17 +78,17 @@ class RulePlayer:
             return Reply({"role": "assistant", "content": self._summary(reading)})
         if reading.is_over:
             return Reply({"role": "assistant", "content": GAME_IS_OVER})
-        if not reading.actions and all(tool.name != "act" for tool in prompt.tools):
-            return Reply(self._beside_the_play(reading))
+        if all(tool.name != "act" for tool in prompt.tools) and (said := self._beside_the_play(reading)) is not None:
+            return Reply(said)
         for rules in self.rules:
             if reading.actions and rules.plays(reading):
                 return Reply(_offered(self._decide(rules, reading), reading))
         actions = ", ".join(reading.actions) or "none"
         raise InvalidArgumentError(f"The rule player has no rules for a game with the actions {actions}.")
 
-    def _beside_the_play(self, reading: Reading) -> Message:
-        """The reply to a request other than to play."""
-        return NOTHING_TO_PLAY.copy()
+    def _beside_the_play(self, reading: Reading) -> Message | None:
+        """The reply to a request other than to play; None where actions are listed, as in the paper's prompts."""
+        return None if reading.actions else NOTHING_TO_PLAY.copy()
 
     def _decide(self, rules: GameRules, reading: Reading) -> Message:
         return rules.decide(reading)
@@ -139,10 +139,12 @@ class RuleNotesPlayer(RulePlayer):
             return message
         return {**message, "content": text} if cap is None else noted(message, text)
 
-    def _beside_the_play(self, reading: Reading) -> Message:
-        """The newest memory that the request quotes: a host may ask for a summary in words of its own."""
+    def _beside_the_play(self, reading: Reading) -> Message | None:
+        """The newest memory that the request quotes: a host may ask for a summary in words and lists of its own."""
         quoted = newest_quoted(reading)
-        return super()._beside_the_play(reading) if quoted is None else {"role": "assistant", "content": quoted}
+        if quoted is None or any(rules.plays(reading) for rules in self.rules if reading.actions):
+            return super()._beside_the_play(reading)
+        return {"role": "assistant", "content": quoted}
 
     def _summary(self, reading: Reading) -> str:
         memory = self._memory(reading)

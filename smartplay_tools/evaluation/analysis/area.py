@@ -70,10 +70,11 @@ class _Curve:
         return {row["seed"]: row["score"] for row in self.cells.get(cap, [])}
 
 
-def areas(rows: Sequence[Row]) -> list[Area]:
+def areas(rows: Sequence[Row], *, compared: int | None = None) -> list[Area]:
     """Return the areas of all players and strategies that were played under caps on prompts.
 
-    A family of one cap is not a curve and has no entry. `random` has to be among the players.
+    A family of one cap is not a curve and has no entry. `random` has to be among the players. `compared` is of how many
+    differences the intervals hold together; by default all those of these rows.
     """
     groups = by_cell(row for row in rows if row["end_reason"] != "run_budget")
     games: dict[str, dict[str, list[tuple[PlayedCell, list[Row]]]]] = {}
@@ -89,7 +90,9 @@ def areas(rows: Sequence[Row]) -> list[Area]:
             for members in families.values()
             if len(members) > 1 and members[0][0].player != RANDOM
         ]
-    confidence = jointly(sum(len(curves) - 1 for curves in lines.values() if curves)).confidence
+    if compared is None:
+        compared = sum(len(curves) - 1 for curves in lines.values() if curves)
+    confidence = jointly(compared).confidence
     result: list[Area] = []
     for game, curves in lines.items():
         random = {row["seed"]: row["score"] for cell, members in groups for row in members if _is_random(cell, game)}

@@ -1,0 +1,291 @@
+"""The curves of the arena: every strategy under every cap, at four games, played by rules and by learned models.
+
+    python experiments/arena_curves.py                              # both tables, from the published rows
+    python experiments/arena_curves.py --publish                    # and puts them into the page
+    python experiments/arena_curves.py play --out runs/curves       # plays them; continues where it stopped
+    python experiments/arena_curves.py play --learned runs/learned  # with the models of experiments/learned.py, too
+
+Rows are those of runs, each with the calls of memory tools and with what the episode costs under three caches.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import lzma
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+import smartplay_tools as sp
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.analysis import MEASURES, by_cell, mean_estimate
+from smartplay_tools.evaluation.analysis.area import Area, areas, curve_name
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimates
+from smartplay_tools.evaluation.analysis.names import strategy_name
+from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample, tokens
+from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.runs import PlayerConfig, Run, make_cells
+from smartplay_tools.evaluation.runs.plan import check_playable
+from smartplay_tools.records import Record
+from smartplay_tools.records.manifest import trial_seed
+from smartplay_tools.records.rows import Row, row_of
+from smartplay_tools.records.tariffs import charge_records, tariffs_of
+from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, PAGES_TOOL, RECALL_TOOL, STRATEGIES
+
+if TYPE_CHECKING:
+    from learned import Lab
+
+PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
+PUBLISHED = Path(__file__).parent / "arena" / "rows.jsonl.xz"
+CONTROL = "random"
+SEED = 815
+"""Of the runs: their worlds are in no other table."""
+TRIALS = {"MessengerL3-v0": 20, "CrafterFirst200-v0": 12}
+"""Episodes of a cell, where they are not 32."""
+CACHES = ("none", "openai-5-5", "anthropic-512")
+"""The rules of caches under which an episode is priced: without a cache, one by itself, and one that is marked."""
+ASKED = (RECALL_TOOL, PAGES_TOOL, MEMORY_TOOL, NOTES_TOOL)
+"""The tools of memory."""
+CRAFTER = sp.register(replace(sp.GAMES["Crafter-v0"], id="CrafterFirst200-v0", rollout=200))
+"""The first 200 steps of Crafter. The limit is on steps, since one on calls would charge those of memory tools."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A game of the curves."""
+
+    game: str
+    caps: Sequence[int]
+    ways: Sequence[Mapping[str, Any]]
+    """The strategies, as fields of a budget; the first is what the others are compared with."""
+
+    def budgets(self, further: Iterable[str] = ()) -> Iterator[sp.Budget]:
+        """Yield every strategy under every cap that holds its head and its reserve, brought ones included."""
+        for cap in self.caps:
+            for way in (*self.ways, *({"strategy": name} for name in further)):
+                budget = sp.Budget(history=None, prompt_tokens=cap, **way)
+                try:
+                    check_playable(*make_cells([self.game], [CONTROL], [budget]))
+                except InvalidArgumentError:
+                    continue
+                yield budget
+
+
+def _ways(notes: int, summary: int, recall: int, memory: int) -> list[dict[str, Any]]:
+    return [
+        {},
+        {"slack": 0.5},
+        {"first_turns": 3},
+        {"notes_tokens": notes},
+        {"summary_tokens": summary, "slack": 0.5},
+        {"recall_tokens": recall},
+        {"memory_tokens": memory},
+    ]
+
+
+STAGES = {
+    stage.game: stage
+    for stage in (
+        Stage("BanditTwoArmedHighLowFixed-v0", (700, 900, 1200), _ways(200, 100, 150, 100)),
+        Stage("RockPaperScissorBasic-v0", (700, 900, 1200), _ways(200, 100, 150, 100)),
+        Stage("MessengerL3-v0", (700, 900, 1200), _ways(200, 100, 150, 200)),
+        Stage(CRAFTER.id, (800, 1500, 3000), [*_ways(600, 500, 250, 600), {"beyond_result": "offload"}]),
+    )
+}
+LEARNED_GAME = "RockPaperScissorBasic-v0"
+"""The game of the models of `experiments/learned.py`."""
+
+
+def play(
+    stage: Stage, players: Sequence[PlayerConfig], brought: Sequence[str], out: Path, **options: Any
+) -> Iterator[Row]:
+    """Play a game, and yield its rows: full context and the control once, and every strategy under every cap."""
+    full = sp.Budget(history=None)
+    whole = complete([stage.game], [*players, PlayerConfig(name=CONTROL)], budgets=full, out=out / "whole", **options)
+    limited = complete([stage.game], players, budgets=list(stage.budgets(brought)), out=out / "capped", **options)
+    for run in (whole, limited):
+        yield from priced(run.rows, {row["key"]: run.transcript(row["key"]) for row in run.rows})
+
+
+def priced(rows: Iterable[Row], records: Mapping[str, Path]) -> Iterator[Row]:
+    """Yield rows with what only their records say: the calls of memory tools, and the cost under each cache."""
+    charged = charge_records(records, tariffs_of(CACHES), {})
+    for row in rows:
+        called = [event["name"] for event in Record.read(records[row["key"]]).calls]
+        charge = charged[row["key"]]
+        costs = [] if charge is None else [round(each.cost, 1) for each in charge.charges]
+        yield {**row, "memory_calls": sum(map(called.count, ASKED)), "costs": costs}
+
+
+def play_learned(stage: Stage, lab: Lab, name: str, out: Path, *, trials: int, seed: int) -> Iterator[Row]:
+    """Play a game by a learned model, the episodes of a cell side by side, and yield its rows."""
+    import tiny_agent  # type: ignore[import-not-found]  # from examples/, which `learned` puts on the path
+
+    for number, budget in enumerate([sp.Budget(history=None), *stage.budgets()]):
+        records = [out / name / f"{number}-{trial}.jsonl" for trial in range(trials)]
+        records[0].parent.mkdir(parents=True, exist_ok=True)
+        if not all(path.exists() and Record.head(path).is_complete for path in records):
+            for path in records:
+                path.unlink(missing_ok=True)
+            episodes = [
+                sp.Episode(stage.game, seed=trial_seed(seed, stage.game, trial), budget=budget, transcript=path)
+                for trial, path in enumerate(records)
+            ]
+            tiny_agent.play(lab.model(name), lab.tokenizer(), episodes, name=name)
+        rows = [row_of(Record.read(path), trial) for trial, path in enumerate(records)]
+        yield from priced(rows, {row["key"]: path for row, path in zip(rows, records, strict=True)})
+
+
+def complete(*arguments: Any, **options: Any) -> Run:
+    """Play a run, or leave if some of its episodes have no result."""
+    done = sp.evaluate(*arguments, **options)
+    if not done.complete:
+        left = done.planned - len(done.rows)
+        sys.exit(f"{left} episodes of {done.folder.path} are not finished; run the command again.")
+    return done
+
+
+LEFT_OUT = ("versions", "deviations", "asked", "state_hash", "key")
+"""What the tables do not need of a row."""
+
+
+def write_rows(rows: Iterable[Row], path: Path) -> None:
+    """Write rows as JSON Lines, compressed, without what only their records need."""
+    lines = [json.dumps({name: row[name] for name in row if name not in LEFT_OUT}) for row in rows]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(lzma.compress("".join(f"{line}\n" for line in lines).encode(), preset=9))
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Read rows."""
+    return [json.loads(line) for line in lzma.decompress(path.read_bytes()).splitlines()]
+
+
+HEADINGS = (
+    "game", "player", "cap: strategy", "episodes", "score [95 %]", "less dropping [95 %, all together]", "tokens",
+    "largest prompt", "calls of memory", "ended by the cap",
+)  # fmt: skip
+
+
+def curves_table(rows: Sequence[Row]) -> Iterator[str]:
+    """Every strategy beside dropping under the same cap, in Markdown; intervals of differences hold together."""
+    cells = [(cell, members) for cell, members in by_cell(rows) if cell.player != CONTROL]
+    plain = {_place(cell): members for cell, members in cells if _is_plain(cell)}
+    compared = [at for at, (cell, _) in enumerate(cells) if not _is_plain(cell)]
+    paired = [pairs(cells[at][1], plain[_place(cells[at][0])]) for at in compared]
+    samples = [difference_sample(each, MEASURES["score"]) for each in paired]
+    together = dict(zip(compared, mean_estimates(samples, jointly(len(samples))), strict=True))
+    yield _row([*HEADINGS, *CACHES])
+    yield _row(["---"] * (len(HEADINGS) + len(CACHES)))
+    for at, (cell, own) in enumerate(cells):
+        cap = cell.budget["prompt_tokens"]
+        way = "full context" if cap is None else f"{cap:,}: {_way(cell)}"
+        scores = sample(own, MEASURES["score"])
+        less = _interval(together[at], "+") if at in together else "" if cap is None else "reference"
+        facts = [f"{fmean(map(tokens, own)):,.0f}", f"{max(row['peak_prompt_tokens'] for row in own):,}"]
+        facts += [f"{fmean(row['memory_calls'] for row in own):.1f}"]
+        facts += [str(sum(row["end_reason"] == "prompt_tokens" for row in own))]
+        costs = [f"{fmean(each):,.0f}" for each in zip(*(row["costs"] for row in own), strict=True)]
+        shown = _interval(mean_estimate(scores.values, scores.bounds))
+        yield _row([f"`{cell.game}`", cell.player, way, str(len(own)), shown, less, *facts, *costs])
+
+
+def areas_of(rows: Sequence[Row]) -> list[Area]:
+    """The area under the curve of every player and strategy; their differences to dropping hold together."""
+    # Without a cap nothing leaves, so full context is the same episodes under every strategy.
+    whole = [row for row in rows if row["budget"]["prompt_tokens"] is None]
+    families = dict.fromkeys((row["game"], row["player"]) for row in rows if row["player"] != CONTROL)
+    curves: list[list[Row]] = []
+    for game, player in families:
+        own = [row for row in rows if (row["game"], row["player"]) == (game, player)]
+        limited = [row for row in own if row["budget"]["prompt_tokens"] is not None]
+        ways = {json.dumps(way): way for way in map(_strategy_fields, limited)}
+        full = [{**row, "budget": {**row["budget"], **way}} for way in ways.values() for row in own if row in whole]
+        control = [row for row in whole if row["game"] == game and row["player"] == CONTROL]
+        curves.append([*control, *full, *limited])
+    compared = sum(len(areas(own)) - 1 for own in curves)
+    return [area for own in curves for area in areas(own, compared=compared)]
+
+
+def areas_table(curves: Sequence[Area]) -> Iterator[str]:
+    """Every strategy in one number for all caps, in Markdown."""
+    yield _row(["game", "player and strategy", "seeds", "area [95 %]", "less dropping [95 %, all together]"])
+    yield _row(["---"] * 5)
+    for each in curves:
+        area = each.reason or f"{each.area:.2f} [{each.low:.2f}, {each.high:.2f}]"
+        if each.infeasible:
+            area += f"; does not fit {', '.join(map(str, each.infeasible))}"
+        less = "{:+.2f} [{:+.2f}, {:+.2f}]".format(*each.together) if each.together else "reference"
+        less = "" if each.reason else less
+        yield _row([f"`{each.game}`", each.name, str(each.seeds), area, less])
+
+
+def _strategy_fields(row: Row) -> dict[str, Any]:
+    return {name: row["budget"][name] for name in (*STRATEGIES, "slack") if name in row["budget"]}
+
+
+def _is_plain(cell: PlayedCell) -> bool:
+    return not cell.budget["slack"] and strategy_name(cell) == sp.Budget().words()["beyond_history"]
+
+
+def _place(cell: PlayedCell) -> tuple[str, str, int | None]:
+    return cell.game, cell.player, cell.budget["prompt_tokens"]
+
+
+def _way(cell: PlayedCell) -> str:
+    return curve_name(cell).partition(", ")[2]
+
+
+def _interval(estimate: MeanEstimate, sign: str = "-") -> str:
+    mean = f"{estimate.mean:{sign}.2f}"
+    if estimate.low is None or estimate.high is None:
+        return mean
+    return f"{mean} [{estimate.low:{sign}.2f}, {estimate.high:{sign}.2f}]"
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Print the tables of the published rows, or play."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=("table", "play"), default="table")
+    parser.add_argument("--out", type=Path, default=Path("runs/curves"), help="where the runs are")
+    parser.add_argument("--learned", type=Path, help="the folder in which experiments/learned.py keeps its models")
+    parser.add_argument("--publish", action="store_true", help="put the tables into the documentation")
+    asked = parser.parse_args()
+    if asked.what == "play":
+        write_rows(_played(asked.out, asked.learned), asked.out / "rows.jsonl.xz")
+        return
+    rows = read_rows(PUBLISHED)
+    tables = {"arena-curves": curves_table(rows), "arena-curve-areas": areas_table(areas_of(rows))}
+    text = PAGE.read_text(encoding="utf-8")
+    for name, lines in tables.items():
+        written = "\n".join(lines)
+        print(written, "\n")
+        before, _, rest = text.partition(f"<!-- table: {name} -->\n")
+        text = f"{before}<!-- table: {name} -->\n\n{written}\n\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
+    if asked.publish:
+        PAGE.write_text(text, encoding="utf-8")
+
+
+def _played(out: Path, models: Path | None) -> Iterator[Row]:
+    silent = PlayerConfig(name="rule-notes", options={"words": False})
+    for game, stage in STAGES.items():
+        options = {"trials": TRIALS.get(game, 32), "seed": SEED}
+        yield from play(stage, [silent], (), out / game, executor="inline", **options)
+        if models is not None and game == LEARNED_GAME:
+            from learned import Lab
+
+            for name in ("full-0", "small-1"):
+                yield from play_learned(stage, Lab(models), name, out / "learned", **options)
+
+
+if __name__ == "__main__":
+    main()
