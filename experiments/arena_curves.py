@@ -38,7 +38,7 @@ from smartplay_tools.records.tariffs import charge_records, tariffs_of
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, PAGES_TOOL, RECALL_TOOL, STRATEGIES
 
 if TYPE_CHECKING:
-    from learned import Lab
+    from learned_lab import Lab
 
 PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
 PUBLISHED = Path(__file__).parent / "arena" / "rows.jsonl.xz"
@@ -124,7 +124,7 @@ def priced(rows: Iterable[Row], records: Mapping[str, Path]) -> Iterator[Row]:
 
 def play_learned(stage: Stage, lab: Lab, name: str, out: Path, *, trials: int, seed: int) -> Iterator[Row]:
     """Play a game by a learned model, the episodes of a cell side by side, and yield its rows."""
-    import tiny_agent  # type: ignore[import-not-found]  # from examples/, which `learned` puts on the path
+    import tiny_agent  # type: ignore[import-not-found]  # from examples/, which `learned_lab` puts on the path
 
     for number, budget in enumerate([sp.Budget(history=None), *stage.budgets()]):
         records = [out / name / f"{number}-{trial}.jsonl" for trial in range(trials)]
@@ -281,10 +281,10 @@ def _played(out: Path, models: Path | None) -> Iterator[Row]:
         options = {"trials": TRIALS.get(game, 32), "seed": SEED}
         yield from play(stage, [silent], (), out / game, executor="inline", **options)
         if models is not None and game == LEARNED_GAME:
-            from learned import Lab
+            from learned_lab import Lab
 
             for name in ("full-0", "small-1"):
-                yield from play_learned(stage, Lab(models), name, out / "learned", **options)
+                yield from play_learned(stage, Lab(models, game), name, out / "learned", **options)
 
 
 if __name__ == "__main__":
