@@ -83,6 +83,7 @@ def play(
         # A player may have connections to close.
         with who if isinstance(who, AbstractContextManager) else nullcontext(), new_episode as played:
             if page is not None:
+                played.begin(player=who.name, protocol=protocol)  # a record without an event is not a page yet
                 page.announce()
             if frames:
                 played.on_step(FrameWriter(frames, played.game))
