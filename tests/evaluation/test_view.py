@@ -64,6 +64,8 @@ def test_runs_and_episodes(site):
     listed = json.loads(get(f"{site}/api/runs/one/episodes")[2])
     first = dict(zip(listed["columns"], listed["episodes"][0], strict=True))
     assert (first["game"], first["status"], first["score"], first["mistakes"]) == (HANOI, "finished", 3.0, 0)
+    times = [dict(zip(listed["columns"], episode, strict=True))["time"] for episode in listed["episodes"]]
+    assert runs[1]["seconds"] == pytest.approx(sum(times))
     status, headers, page = get(f"{site}/episode/one/{first['record']}")
     assert (status, headers["content-type"]) == (200, "text/html; charset=utf-8")
     assert "Content-Security-Policy" in page

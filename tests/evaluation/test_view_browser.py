@@ -105,6 +105,30 @@ def test_a_list_is_filtered_sorted_and_linked(show, site):
     assert page.locator("#count").inner_text() == "0 episodes"
 
 
+def test_episodes_are_grouped_with_their_means(show, site):
+    page = show(site, "#run=one")
+    page.select_option("#group", "player")
+    groups, rows = page.locator("#rows .group"), page.locator("#rows > div")
+    assert [text.split("\n")[0] for text in groups.all_inner_texts()] == [
+        "▾ rule: 4 episodes, means",
+        "▾ random: 4 episodes, means",
+    ]
+    place = page.locator("#head [role=columnheader]").all_inner_texts().index("normalized")
+    scores = [float(rows.nth(at).locator(":scope > *").nth(place).inner_text()) for at in range(1, 5)]
+    means = groups.first.locator(":scope > *").all_inner_texts()
+    assert float(means[place - 5]) == pytest.approx(sum(scores) / 4, abs=0.005)
+    page.keyboard.press("Enter")
+    sync_api.expect(rows).to_have_count(6)
+    assert groups.first.get_attribute("aria-expanded") == "false"
+    page.keyboard.press("j")
+    page.keyboard.press("j")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("body[data-ready] #player:not([hidden])")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("body[data-ready] #rows > div")
+    assert page.input_value("#group") == "player", "the way back leads to the same list"
+
+
 def test_a_run_links_to_its_report_and_to_a_comparison(show, site):
     page = show(site, "#run=one")
     report = page.locator("#report")

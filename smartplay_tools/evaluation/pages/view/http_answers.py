@@ -13,7 +13,7 @@ from smartplay_tools.evaluation.pages import templates
 
 STATIC = {
     **dict.fromkeys(
-        ("site.js", "view.js", "play.js", "games.js", "challenge.js", "waiting.js", "view.css"),
+        ("site.js", "view.js", "runs.js", "groups.js", "play.js", "games.js", "challenge.js", "waiting.js", "view.css"),
         "smartplay_tools.evaluation.pages.view",
     ),
     **dict.fromkeys(("basics.js", "page.css"), "smartplay_tools.evaluation.pages.report"),

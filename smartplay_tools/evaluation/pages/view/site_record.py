@@ -67,9 +67,9 @@ class SiteRecord:
         facts = record.facts
         shown = [facts["game"], facts["player"], Budget.from_record(facts["asked"]).describe(), None, facts["seed"]]
         if record.ending is None:
-            return [[PLAYING, "running", *shown, *[None] * 9]]
+            return [[PLAYING, "running", *shown, *[None] * 10]]
         if record.result_data is None:
-            return [[FINISHED, record.outcome, *shown, *[None] * 7, record.error, None]]
+            return [[FINISHED, record.outcome, *shown, *[None] * 7, record.error, None, None]]
         status = "failed" if record.outcome == "failed" else "finished"
         return [
             [
@@ -77,6 +77,7 @@ class SiteRecord:
                 status,
                 *shown,
                 *figures(Result.of({**record.result_data, "cost": None})),
+                None,
                 len(read_notes(self._path)) or None,
             ]
         ]

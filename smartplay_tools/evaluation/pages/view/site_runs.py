@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import threading
+from collections import defaultdict
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,10 +18,11 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.records.run_follower import Result, RunFollower
 from smartplay_tools.records.snapshot import RunSnapshot
+from smartplay_tools.transcript.lines import GrowingLines, parse_json
 
 COLUMNS = (
     *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
-    *("tokens", "cost", "mistakes", "cut", "end", "notes"),
+    *("tokens", "cost", "mistakes", "cut", "end", "time", "notes"),
 )
 """The values of an episode in the list."""
 
@@ -66,12 +68,42 @@ class ViewedRun(Protocol):
         ...
 
 
+class Times:
+    """How many seconds the attempts at the episodes of a run took, as its folder says (`timings.jsonl`)."""
+
+    def __init__(self, folder: Path) -> None:
+        self._lines = GrowingLines(folder / "timings.jsonl")
+        self._seconds: dict[tuple[str, int], float] = {}
+        self._lock = threading.Lock()
+
+    def of_attempts(self) -> dict[tuple[str, int], float]:
+        """Return the seconds of every attempt that is over, by key and number."""
+        with self._lock:
+            lines, is_replaced = self._lines.read()
+            if is_replaced or not self._lines.path.exists():
+                self._seconds = {}
+            for line in lines:
+                try:
+                    row = parse_json(line)
+                    self._seconds[str(row["key"]), int(row["attempt"])] = float(row["seconds"])
+                except (KeyError, TypeError, ValueError, RecursionError):
+                    raise InvalidArgumentError(f"{self._lines.path} is damaged: a line is not a time.") from None
+            return dict(self._seconds)
+
+    def of_episodes(self) -> dict[str, float]:
+        """Return the seconds of all attempts at each episode together, by key."""
+        together: dict[str, float] = defaultdict(float)
+        for (key, _), seconds in self.of_attempts().items():
+            together[key] += seconds
+        return together
+
+
 class SiteRun:
     """One run folder."""
 
     def __init__(self, path: Path, name: str) -> None:
         self.folder, self.name = RunFolder(path), name
-        self._follower = RunFollower(self.folder)
+        self._follower, self._times = RunFollower(self.folder), Times(path)
         self._read: tuple[Any, list[list[Any]]] | None = None
         self._lock = threading.Lock()
 
@@ -92,6 +124,7 @@ class SiteRun:
             "players": sorted({cell.player for cell in now.cells}),
             "games": sorted({cell.game for cell in now.cells}),
             "score": score,
+            "seconds": sum(self._times.of_attempts().values()),
             "written_at": self.written_at,
         }
         return {"name": self.name, **{name: getattr(now, name) for name in SUMMARY}, **facts}
@@ -158,7 +191,7 @@ class SiteRun:
         notes = [(str(path), _stamp(path)) for path in self._notes()]
         return [
             notes,
-            *map(_stamp, (self.folder.path / "manifest.json", self.folder.path / "results.jsonl")),
+            *(_stamp(self.folder.path / name) for name in ("manifest.json", "results.jsonl", "timings.jsonl")),
             running,
         ] + [record.name for record in self._attempts()]
 
@@ -176,6 +209,7 @@ class SiteRun:
         noted = {
             str(path.relative_to(self.folder.path)): len(read_notes(path)) for path in map(record_of, self._notes())
         }
+        attempted, together = self._times.of_attempts(), self._times.of_episodes()
         rows = []
         for planned in manifest.episodes:
             cell, key = manifest.cells[planned.cell], planned.key
@@ -189,6 +223,8 @@ class SiteRun:
             if key not in results and not attempts:
                 rows.append([None, "waiting", *facts, None, None, None, None, None, None, None, None])
         for row in rows:
+            key, _, attempt = (row[0] or "").rpartition("/")[2].partition(".")
+            row.append(attempted.get((key, int(attempt))) if attempt else together.get(key))
             row.append(noted.get(f"{row[0]}.jsonl"))
         return rows
 

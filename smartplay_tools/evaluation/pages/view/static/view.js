@@ -1,24 +1,24 @@
 "use strict";
 // The list: runs, what is being played, and the episodes of one run. Only the rows in sight are elements of the page.
-// The address holds what is shown (`#run=NAME&find=crafter&only=mistakes&sort=score&down=1`), so that it can be shared.
+// The address holds what is shown (`#run=NAME&find=crafter&only=mistakes&group=player&sort=score&down=1`), so that it can be shared.
 // When an episode is opened, the list is remembered, so that its page knows its neighbours and the way back.
 
 const HEIGHT = 34;
-const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "end", "notes"];
-const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "notes"]);
+const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "end", "notes"];
+const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "notes"]);
 // The least width of each column in pixels, and how much of the room that is left it takes.
 const WIDTHS = {
   ...{ status: [90, 0], game: [252, 1.2], player: [76, 0.8], budget: [116, 1.7], seed: [104, 0], trial: [46, 0] },
   ...{ score: [64, 0], normalized: [92, 0], steps: [58, 0], tokens: [76, 0], cost: [66, 0], mistakes: [82, 0] },
-  ...{ cut: [46, 0], end: [92, 0.7], notes: [58, 0] },
+  ...{ cut: [56, 0], time: [62, 0], end: [92, 0.7], notes: [58, 0] },
 };
 // Columns that are shown only if an episode of the run has something there.
-const RARE = new Set(["cost", "cut", "notes"]);
+const RARE = new Set(["cost", "cut", "time", "notes"]);
 const LIST = "smartplay-list";
 const MOST_MARKED = 4;
 
 // `run` is the name of the run that is shown; `marked` are records of any run, as RUN/KIND/STEM.
-const site = { runs: [], run: null, at: {}, all: [], texts: [], listed: [], columns: SHOWN, selected: 0, marked: [], sort: null, down: false, cards: new Map() };
+const site = { runs: [], run: null, at: {}, all: [], texts: [], listed: [], lines: [], closed: new Set(), columns: SHOWN, selected: 0, marked: [], sort: null, down: false, cards: new Map() };
 
 function value(episode, name) {
   return episode[site.at[name]];
@@ -42,88 +42,7 @@ function shownRun() {
   return site.runs.find((run) => run.name === site.run);
 }
 
-// --- Runs and what is being played -----------------------------------------------------------------------------------
-
-function duration(seconds) {
-  if (seconds < 90) return `${number(seconds, 0)} s`;
-  return seconds < 5400 ? `${number(seconds / 60, 0)} min` : `${number(seconds / 3600, 1)} h`;
-}
-
-function bar(run) {
-  const share = (count) => (100 * count) / Math.max(1, run.planned);
-  const done = shape("rect", { class: "done", width: share(run.finished), height: 8 });
-  const busy = shape("rect", { class: "busy", x: share(run.finished), width: share(run.running), height: 8 });
-  const made = picture(100, 8, `${run.finished} of ${run.planned} finished`, shape("rect", { class: "trough", width: 100, height: 8 }), done, busy);
-  made.setAttribute("preserveAspectRatio", "none");
-  made.setAttribute("class", "bar");
-  return made;
-}
-
-function words(run) {
-  if (run.error) return [run.error];
-  const counts = [`${number(run.finished)} of ${number(run.planned)} finished`];
-  if (run.running) counts.push(`${number(run.running)} being played`);
-  if (run.paused) counts.push(`${number(run.paused)} paused`);
-  if (run.failed) counts.push(plural(run.failed, "failed attempt"));
-  const spent = [`${number(run.tokens)} tokens`, run.cost === null ? "cost unknown" : run.cost ? `$${number(run.cost)}` : null];
-  if (run.seconds_left !== null && run.finished < run.planned) spent.push(`about ${duration(run.seconds_left)} left`);
-  if (run.score !== null && run.score !== undefined) spent.push(`mean score ${number(run.score)}`);
-  const who = run.players.length > 3 ? plural(run.players.length, "player") : run.players.join(", ");
-  const what = run.games.length > 2 ? plural(run.games.length, "game") : run.games.join(", ");
-  const date = run.written_at ? new Date(1000 * run.written_at).toISOString().slice(0, 16).replace("T", " ") : "";
-  return [counts.join(", "), spent.filter(Boolean).join(", "), [who, what].filter(Boolean).join(" · "), date && `${date} UTC`].filter(Boolean);
-}
-
-// A card stays the same element as long as its run is there, so that it keeps the focus.
-function card(run) {
-  if (!site.cards.has(run.name)) {
-    const made = element("button", { type: "button", class: "run", onclick: () => choose(run.name) });
-    site.cards.set(run.name, { made, text: "" });
-  }
-  const kept = site.cards.get(run.name);
-  const { made } = kept;
-  const text = JSON.stringify(run);
-  if (kept.text !== text) {
-    kept.text = text;
-    made.classList.toggle("bad", Boolean(run.error));
-    const lines = words(run).map((line) => element("span", { class: "small" }, line));
-    made.replaceChildren(element("b", {}, run.name), ...(run.error ? [] : [bar(run)]), ...lines);
-  }
-  made.setAttribute("aria-pressed", String(run.name === site.run));
-  return made;
-}
-
-function showRuns() {
-  const cards = site.runs.map(card);
-  const names = new Set(site.runs.map((run) => run.name));
-  for (const name of [...site.cards.keys()]) if (!names.has(name)) site.cards.delete(name);
-  // Elements that are moved lose the focus, so only a list that has changed is put in again.
-  if (cards.length !== $("runs").children.length || cards.some((made, at) => $("runs").children[at] !== made)) {
-    const focused = document.activeElement;
-    $("runs").replaceChildren(...cards);
-    if (cards.includes(focused)) focused.focus();
-  }
-  $("none").hidden = site.runs.length > 0;
-  showPlaying();
-}
-
-function showPlaying() {
-  const playing = site.runs.flatMap((run) => (run.playing ?? []).map((one) => ({ ...one, run: run.name })));
-  $("now").hidden = !playing.length;
-  const rows = playing.slice(0, 100).map((one) => {
-    const href = `/episode/${encoded(`${one.run}/${one.record}`)}`;
-    const known = document.querySelector(`#playing a[href="${CSS.escape(href)}"]`);
-    const link = known ?? element("a", { href });
-    link.textContent = `${one.game || one.key}, ${one.player}, seed ${one.seed}`;
-    const cells = [one.steps, one.calls, number(one.tokens), `${one.silent} s`];
-    const row = known?.closest("tr") ?? element("tr", {}, element("td", {}, link));
-    while (row.children.length > 1) row.lastChild.remove();
-    row.append(...cells.map((cell) => element("td", { class: "number" }, String(cell))));
-    return row;
-  });
-  const body = $("playing");
-  if (rows.length !== body.children.length || rows.some((row, at) => body.children[at] !== row)) body.replaceChildren(...rows);
-}
+// --- Reports, and what the server tells -----------------------------------------------------------------------------
 
 // The report page of the run that is shown; with another one, their comparison.
 function linkReport() {
@@ -192,6 +111,7 @@ function absent() {
 
 function choose(name) {
   site.run = name;
+  site.closed.clear();
   site.selected = 0;
   keep("pushState");
   showRuns();
@@ -218,10 +138,24 @@ function list() {
     // What has no value stands last, whichever way the list is sorted.
     site.listed.sort((a, b) => (a[place] === null) - (b[place] === null) || sign * compare(a[place], b[place]));
   }
-  site.selected = between(0, site.selected, Math.max(0, site.listed.length - 1));
+  site.lines = linesOf(site.listed, $("group").value, site.closed);
+  site.selected = between(0, site.selected, Math.max(0, site.lines.length - 1));
   $("count").textContent = plural(site.listed.length, "episode");
-  $("space").style.height = `${site.listed.length * HEIGHT}px`;
+  $("space").style.height = `${site.lines.length * HEIGHT}px`;
   draw();
+}
+
+// Open or close a group.
+function toggle({ group }) {
+  if (!site.closed.delete(group)) site.closed.add(group);
+  list();
+}
+
+function figureOf(name, what) {
+  // A seed is a name, not a quantity.
+  if (name === "seed") return String(what ?? "–");
+  if (name === "time") return what === null ? "–" : duration(what);
+  return number(what, name === "cost" ? 4 : 2);
 }
 
 function cell(one, name) {
@@ -234,31 +168,32 @@ function cell(one, name) {
   }
   if (!NUMBERS.has(name)) return element("span", { ...role, title: shown && typeset(shown) }, typeset(shown ?? ""));
   const poor = (name === "mistakes" || name === "cut") && shown > 0;
-  const digits = name === "cost" ? 4 : 2;
-  // A seed is a name, not a quantity.
-  return element("span", { ...role, class: `number${poor ? " poor" : ""}` }, name === "seed" ? String(shown ?? "–") : number(shown, digits));
+  return element("span", { ...role, class: `number${poor ? " poor" : ""}` }, figureOf(name, shown));
 }
 
 // Only the rows in sight, and a few beyond, are made.
 function draw() {
   const first = Math.max(0, Math.floor($("list").scrollTop / HEIGHT) - 5);
-  const last = Math.min(site.listed.length, first + Math.ceil($("list").clientHeight / HEIGHT) + 10);
+  const last = Math.min(site.lines.length, first + Math.ceil($("list").clientHeight / HEIGHT) + 10);
   const rows = [];
   for (let place = first; place < last; place += 1) {
-    const one = site.listed[place];
-    const marked = site.marked.includes(recordOf(one)) ? "marked" : "";
-    const attributes = { role: "row", id: `row-${place}`, class: marked, "aria-selected": String(place === site.selected), "aria-rowindex": place + 2, onclick: () => select(place) };
-    rows.push(element("div", attributes, ...site.columns.map((name) => cell(one, name))));
+    const one = site.lines[place];
+    const isGroup = one.group !== undefined;
+    const kind = isGroup ? "group" : site.marked.includes(recordOf(one)) ? "marked" : "";
+    const onclick = () => (select(place), isGroup && toggle(one));
+    const attributes = { role: "row", id: `row-${place}`, class: kind, "aria-selected": String(place === site.selected), "aria-rowindex": place + 2, onclick };
+    const cells = isGroup ? groupCells(one, $("group").value, site.columns, site.closed.has(one.group)) : site.columns.map((name) => cell(one, name));
+    rows.push(element("div", isGroup ? { ...attributes, "aria-expanded": String(!site.closed.has(one.group)) } : attributes, ...cells));
   }
-  $("list").setAttribute("aria-rowcount", site.listed.length + 1);
-  if (site.listed.length) $("list").setAttribute("aria-activedescendant", `row-${site.selected}`);
+  $("list").setAttribute("aria-rowcount", site.lines.length + 1);
+  if (site.lines.length) $("list").setAttribute("aria-activedescendant", `row-${site.selected}`);
   else $("list").removeAttribute("aria-activedescendant");
   $("rows").style.top = `${first * HEIGHT}px`;
   $("rows").replaceChildren(...rows);
 }
 
 function select(place) {
-  site.selected = between(0, place, Math.max(0, site.listed.length - 1));
+  site.selected = between(0, place, Math.max(0, site.lines.length - 1));
   const box = $("list");
   const top = site.selected * HEIGHT;
   if (top < box.scrollTop) box.scrollTop = top;
@@ -269,7 +204,8 @@ function select(place) {
 }
 
 function mark() {
-  const record = site.listed[site.selected] && recordOf(site.listed[site.selected]);
+  const one = site.lines[site.selected];
+  const record = one && one.group === undefined && recordOf(one);
   if (!record) return;
   const isMarked = site.marked.includes(record);
   site.marked = isMarked ? site.marked.filter((one) => one !== record) : [...site.marked, record].slice(-MOST_MARKED);
@@ -303,7 +239,7 @@ function heads() {
 // --- The address and keys ---------------------------------------------------------------------------------------------
 
 function listAddress() {
-  const asked = { run: site.run, find: $("find").value, only: $("only").value, sort: site.sort, down: site.down ? 1 : null };
+  const asked = { run: site.run, find: $("find").value, only: $("only").value, group: $("group").value, sort: site.sort, down: site.down ? 1 : null };
   const kept = Object.entries(asked).filter(([, what]) => what !== null && what !== "");
   return kept.length ? `/#${new URLSearchParams(kept)}` : "/";
 }
@@ -318,6 +254,7 @@ function recall() {
   $("find").value = asked.get("find") ?? "";
   $("only").value = asked.get("only") ?? "";
   if (!$("only").value) $("only").value = "";
+  $("group").value = GROUPS.includes(asked.get("group")) ? asked.get("group") : "";
   site.sort = SHOWN.includes(asked.get("sort")) ? asked.get("sort") : null;
   site.down = asked.get("down") === "1";
 }
@@ -344,7 +281,7 @@ function restore() {
   site.marked = kept.marked ?? [];
   showMarks();
   if (kept.home !== listAddress()) return;
-  site.selected = between(0, kept.selected, Math.max(0, site.listed.length - 1));
+  site.selected = between(0, kept.selected, Math.max(0, site.lines.length - 1));
   $("list").scrollTop = kept.top;
   draw();
 }
@@ -359,7 +296,9 @@ const KEYS = {
   t: toggleTheme,
   "?": () => $("keys").showModal(),
   Enter: () => {
-    const chosen = site.listed[site.selected] && address(site.listed[site.selected]);
+    const one = site.lines[site.selected];
+    if (one?.group !== undefined) return toggle(one);
+    const chosen = one && address(one);
     if (chosen) location.assign(chosen);
   },
 };
@@ -368,7 +307,7 @@ async function start() {
   site.runs = await (await fetch("/api/runs")).json();
   recall();
   heads();
-  for (const id of ["find", "only"]) $(id).addEventListener("input", () => [keep(), list()]);
+  for (const id of ["find", "only", "group"]) $(id).addEventListener("input", () => [keep(), list()]);
   $("list").addEventListener("scroll", draw);
   window.addEventListener("resize", draw);
   window.addEventListener("popstate", () => [recall(), heads(), showRuns(), linkReport(), load()]);
