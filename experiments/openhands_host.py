@@ -67,7 +67,7 @@ KINDS: Sequence[tuple[type[_GameTool], type[Action]]] = ((ObserveTool, Look), (A
 def play(
     tools: Sequence[Callable[..., str]], instructions: str, task: str, model: str, base_url: str, cap: int
 ) -> None:
-    """Play one episode with the agent, whose `LLMSummarizingCondenser` begins at so many tokens, by its own count."""
+    """Play one episode with the agent, whose `LLMSummarizingCondenser` begins at `cap` tokens, by its own count."""
     for (kind, action), function in zip(KINDS, tools, strict=True):
         described = {"description": str(function.__doc__), "action_type": action, "observation_type": Seen}
         register_tool(function.__name__, kind(executor=Executor(function), **described))

@@ -12,11 +12,11 @@ GAMES = (*SMALL * 12, *sp.GAMES)
 
 
 def main() -> None:
-    """Play until so many prompts are compared, and print what was; the first that differs is an AssertionError."""
+    """Play until enough prompts are compared, and print what was; the first that differs is an AssertionError."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--prompts", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--replay-every", type=int, default=20, help="replay the record of every so many episodes")
+    parser.add_argument("--replay-every", type=int, default=20, help="replay the record of one episode in N")
     parser.add_argument("--games", nargs="+", default=GAMES)
     given = parser.parse_args()
     tally, seed, replayed = Tally(), given.seed, 0

@@ -78,7 +78,7 @@ class Counting:
     """What texts, messages, tools and prompts cost."""
 
     def __init__(self, text: Callable[[str], int], picture: Callable[[int, int], int]) -> None:
-        """`text` counts a text without surrogates, `picture` a picture of so many pixels."""
+        """`text` counts a text without surrogates, `picture` a picture by its width and height."""
         self.picture = picture
         self.text = functools.lru_cache(100_000)(lambda words: text(without_surrogates(words)))
 

@@ -73,7 +73,7 @@ class Tally:
 
 
 def random_budget(rng: random.Random, head: int) -> dict[str, Any]:
-    """Return a budget around a head of so many tokens: caps, slack, history, strategies alone and together."""
+    """Return a budget around a head of `head` tokens: caps, slack, history, strategies alone and together."""
     budget: dict[str, Any] = {}
 
     def sometimes(share: float, name: str, *values: Any) -> None:
