@@ -68,7 +68,7 @@ class ViewedRun(Protocol):
         ...
 
 
-class Times:
+class AttemptTimes:
     """How many seconds the attempts at the episodes of a run took, as its folder says (`timings.jsonl`)."""
 
     def __init__(self, folder: Path) -> None:
@@ -103,7 +103,7 @@ class SiteRun:
 
     def __init__(self, path: Path, name: str) -> None:
         self.folder, self.name = RunFolder(path), name
-        self._follower, self._times = RunFollower(self.folder), Times(path)
+        self._follower, self._times = RunFollower(self.folder), AttemptTimes(path)
         self._read: tuple[Any, list[list[Any]]] | None = None
         self._lock = threading.Lock()
 
