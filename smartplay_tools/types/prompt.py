@@ -1,0 +1,121 @@
+"""Prompts, replies, and the players that answer the one with the other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal, Protocol, runtime_checkable
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.messages import Message, copy_of
+from smartplay_tools.pictures.picture import NO_PICTURES, Picture
+from smartplay_tools.types.tool import ToolSpec
+from smartplay_tools.types.usage import SampledTokens, Usage
+
+Purpose = Literal["play", "summary"]
+"""What a prompt asks for: the next reply of the play, or a summary of the turns that are about to leave."""
+
+
+class _Messages:
+    """The field `messages` of a prompt: a list is the prompt's own, a tuple is copied when it is first read."""
+
+    def __get__(self, prompt: Prompt | None, owner: type[Prompt]) -> list[Message]:
+        if prompt is None:
+            raise AttributeError("The messages of a prompt have no default.")
+        messages = prompt.__dict__["_messages"]
+        if isinstance(messages, tuple):
+            messages = prompt.__dict__["_messages"] = list(map(copy_of, messages))
+        own: list[Message] = messages
+        return own
+
+    def __set__(self, prompt: Prompt, messages: Sequence[Message]) -> None:
+        prompt.__dict__["_messages"] = messages
+
+
+@dataclass(frozen=True)
+class Prompt:
+    """The input of a player: messages in chat form, the tools, and how many tokens the reply may have.
+
+    The prompts of a conversation share its messages, as a tuple, until they are first read: a player that needs only
+    the tools does not pay for a long window.
+    """
+
+    messages: _Messages = _Messages()
+    """The messages, which the player may change."""
+    tools: tuple[ToolSpec, ...]  # type: ignore[misc]  # mypy does not see that the descriptor is not a default
+    max_tokens: int | None = None
+    prefix_messages: int = field(default=0, compare=False)
+    """How many messages at the beginning are the same as in the previous prompt: a provider's cache can serve them."""
+    purpose: Purpose = "play"
+    """What is asked for. A "summary" is sent with `tool_choice`, below, and its reply is not a turn."""
+    cache_key: str = field(default="", compare=False)
+    """The same for all prompts of an episode, for providers that cache prompts with the same key together."""
+    pictures: Mapping[str, Picture] = field(default_factory=lambda: NO_PICTURES, compare=False)
+    """The pictures that the messages name, by their sha256."""
+
+    @property
+    def asks_for_summary(self) -> bool:
+        """Whether a summary of the turns that are about to leave is asked for, and not the next reply of the play."""
+        return self.purpose == "summary"
+
+    @property
+    def tool_choice(self) -> Literal["auto", "none"]:
+        """What a provider is told about tools: a summary is written in words, though the tools are sent with it."""
+        return "none" if self.asks_for_summary else "auto"
+
+    def settings(
+        self, own: Mapping[str, Any] = MappingProxyType({}), *, cap: str = "max_tokens", no_tools: Any = "none"
+    ) -> dict[str, Any]:
+        """Return a caller's own settings of a model with those of this prompt.
+
+        Of two caps on the reply the smaller one applies. The tool choice is the caller's, unless tools must not be
+        called; one that forbids the model to play is an `InvalidArgumentError`.
+
+        Arguments:
+            own: the caller's settings.
+            cap: the provider's name of the cap on a reply.
+            no_tools: the provider's value of `tool_choice` where tools must not be called.
+        """
+        settings = dict(own)
+        if self.max_tokens is not None:
+            settings[cap] = min(self.max_tokens, own.get(cap) or self.max_tokens)
+        if self.tool_choice == "none":
+            settings["tool_choice"] = no_tools
+        elif own.get("tool_choice") in ("none", no_tools):
+            raise InvalidArgumentError(
+                "With the tool choice `none` the model cannot play; take it out of the settings."
+            )
+        return settings
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """The output of a player: an assistant message, and the provider's usage if it is known."""
+
+    message: Message
+    usage: Usage | None = None
+    sampled: SampledTokens | None = None
+    """The tokens of which the reply was made, where the player knows them and wants them in the record."""
+
+
+@runtime_checkable
+class Player(Protocol):
+    """Anything that answers a prompt: a rule, a model behind an endpoint, a person at a terminal."""
+
+    name: str
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Answer the prompt."""
+        ...
+
+
+@runtime_checkable
+class AsyncPlayer(Protocol):
+    """A player whose reply is awaited, such as a model behind a network."""
+
+    name: str
+
+    async def areply(self, prompt: Prompt) -> Reply:
+        """Answer the prompt."""
+        ...
