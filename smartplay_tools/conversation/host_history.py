@@ -15,6 +15,7 @@ from smartplay_tools.tokens import TokenCounter
 T = TypeVar("T")
 
 COST = "Each summary is a model call with at least these tokens, paid for beside the budget, which does not count it."
+IN_VAIN = f"{COST} Leave it out."
 
 log = logging.getLogger("smartplay_tools.conversation")
 
@@ -29,7 +30,7 @@ class HostHistory(Generic[T]):
     """
 
     def __init__(
-        self, counter: TokenCounter, read: Callable[[T], tuple[Hashable, str]], *, cost: str = f"{COST} Leave it out."
+        self, counter: TokenCounter, read: Callable[[T], tuple[Hashable, str]], *, cost: str = IN_VAIN
     ) -> None:
         self._counter, self._read, self._cost = counter, read, cost
         self._latest: Sequence[T] = ()

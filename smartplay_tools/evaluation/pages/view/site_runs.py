@@ -86,7 +86,7 @@ class AttemptTimes:
                 try:
                     row = parse_json(line)
                     self._seconds[str(row["key"]), int(row["attempt"])] = float(row["seconds"])
-                except (KeyError, TypeError, ValueError, RecursionError):
+                except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
                     raise InvalidArgumentError(f"{self._lines.path} is damaged: a line is not a time.") from None
             return dict(self._seconds)
 
@@ -115,7 +115,7 @@ class SiteRun:
     def summary(self) -> dict[str, Any]:
         """Return how far the run is: counts, spending, the time that is left; or what is wrong with its folder."""
         try:
-            now = self._snapshot()
+            now, seconds = self._snapshot(), sum(self._times.of_attempts().values())
         except SmartPlayError as error:
             return {"name": self.name, "error": str(error)}
         finished = [cell for cell in now.cells if cell.finished]
@@ -124,7 +124,7 @@ class SiteRun:
             "players": sorted({cell.player for cell in now.cells}),
             "games": sorted({cell.game for cell in now.cells}),
             "score": score,
-            "seconds": sum(self._times.of_attempts().values()),
+            "seconds": seconds,
             "written_at": self.written_at,
         }
         return {"name": self.name, **{name: getattr(now, name) for name in SUMMARY}, **facts}
