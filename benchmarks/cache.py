@@ -24,7 +24,7 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.records import RequestLog, cache_rules, calls_under, sent_prompts
-from smartplay_tools.records.requests import Request
+from smartplay_tools.records.request_log import Request, Unit
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
 STRATEGIES: dict[str, dict[str, Any]] = {
@@ -84,26 +84,10 @@ def prompts(budget: dict[str, Any], calls: int) -> list[dict[str, Any]]:
 
 def log_of(requests: Sequence[Sequence[int]]) -> RequestLog:
     """Requests whose units are tokens."""
-    return RequestLog(
-        [
-            Request(
-                units=tuple(tokens),
-                ends=tuple(range(len(tokens) + 1)),
-                blocks=tuple(range(len(tokens) + 1)),
-                system=0,
-                stable=0,
-                purpose="play",
-                prompt=len(tokens),
-                reply=1,
-                answer=-1,
-                answered=len(tokens) + 1,
-                score=0.0,
-                at=None,
-            )
-            for tokens in requests
-        ],
-        None,
-    )
+    reply = Unit(-1, 1, 1, is_system=False)
+    units = {token: Unit(token, 1, 1, is_system=False) for tokens in requests for token in tokens}
+    sent = [[units[token] for token in tokens] for tokens in requests]
+    return RequestLog([Request(each, 0, 0, "play", len(each), 1, reply, 0.0, None) for each in sent], None)
 
 
 def main() -> None:

@@ -210,7 +210,7 @@ class Call:
 def read_calls(message: Message, ids: Sequence[str]) -> tuple[Call, ...]:
     """Return the calls of a canonical reply, with the ids that they have in the conversation."""
     calls = zip(calls_of(message), ids, strict=True)
-    return tuple(Call(i, c["id"], c["function"]["name"], read(c["function"]["arguments"])) for c, i in calls)
+    return tuple([Call(i, c["id"], c["function"]["name"], read(c["function"]["arguments"])) for c, i in calls])
 
 
 def whole(text: str) -> str:

@@ -82,7 +82,7 @@ def check_episode(seed: int) -> str:
     sent = played.sent[: len(replies)]
     if log.ratio is None:
         assert [request.prompt for request in log.requests] == [prompt["tokens"] for prompt in sent]
-        assert all(request.ends[-1] + 3 == request.prompt for request in log.requests)
+        assert all(sum(unit.tokens for unit in each.units) + 3 == each.prompt for each in log.requests)
     times: list[float | None] = [None] * len(replies)
     if chance.random() < 0.7:
         times = sorted(float(chance.randrange(6 * len(replies))) for _ in replies)
@@ -225,7 +225,7 @@ def test_the_papers_protocol_is_charged_too_and_a_pinned_manual() -> None:
     with sp.Episode("Hanoi3Disk-v0", seed=0, transcript=events) as episode:
         sp.play(episode, sp.ScriptedPlayer([{"role": "assistant", "content": "Hm."}] * 6), protocol="paper")
     log = requests_of(Record(events))
-    assert all(request.ends[-1] + 3 == request.prompt for request in log.requests)
+    assert all(sum(unit.tokens for unit in each.units) + 3 == each.prompt for each in log.requests)
     calls = calls_under(log, cache_rules()["llama-cpp"])
     # The second question of a step repeats the first, and the answer to it; the next step has another history.
     first = log.requests[0]

@@ -100,9 +100,9 @@ class Turn:
             self.calls = read_calls(self.assistant, ids)
         items = self.items
         self.step = max([item.step for item in items], default=self.made_at)
-        self.shows = tuple([item.observation_step for item in items if item.observation_step is not None])
+        self.shows = tuple([step for item in items if (step := item.observation_step) is not None])
         self.dates = self.shows
-        if any(item.brings_back for item in items):
+        if True in [item.brings_back for item in items]:
             self.dates = tuple([date for item in items if (date := item.date) is not None])
         self.messages = (self.assistant, *[item.message for item in items])
         self.pictured = tuple([at for at, item in enumerate(items) if pictures_of(item.message)])
@@ -336,16 +336,16 @@ class TurnBuilder:
         if not self.is_open:
             return self.turns[-1] if self.turns else None
         if self._latest is None:
-            items = (*(self._results[at] for at in sorted(self._results)), *self._others)
+            items = (*[self._results[at] for at in sorted(self._results)], *self._others)
             facts = self._made_at, self.manual, self.calls, self.notes, self._first_picture
             self._latest = Turn(self.number, self._assistant, items, *facts)
         return self._latest
 
 
-def with_ids(message: Message, ids: Sequence[str]) -> Message:
+def with_ids(message: Message, ids: list[str]) -> Message:
     """Return a message whose calls have these ids; the message itself if they have them already."""
     calls = calls_of(message)
-    if all(call["id"] == call_id for call, call_id in zip(calls, ids, strict=True)):
+    if [call["id"] for call in calls] == ids:
         return message
     changed = message.copy()
     changed["tool_calls"] = [{**call, "id": call_id} for call, call_id in zip(calls, ids, strict=True)]

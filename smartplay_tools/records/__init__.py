@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from smartplay_tools.records.record import Record
     from smartplay_tools.records.replayed_pictures import recorded_pictures
     from smartplay_tools.records.replays import Replay, replay
-    from smartplay_tools.records.requests import RequestLog, requests_of
+    from smartplay_tools.records.request_log import RequestLog
+    from smartplay_tools.records.requests import requests_of
     from smartplay_tools.records.resumption import Resumed, fork, resume
     from smartplay_tools.records.run_folder import RunFolder
     from smartplay_tools.records.run_follower import run_snapshot
@@ -90,7 +91,8 @@ if not TYPE_CHECKING:
             "prompts": ("SentPrompt", "recorded_turns", "sent_prompts"),
             "record": ("Record",),
             "replays": ("Replay", "replay"),
-            "requests": ("RequestLog", "requests_of"),
+            "request_log": ("RequestLog",),
+            "requests": ("requests_of",),
             "resumption": ("Resumed", "fork", "resume"),
             "run_folder": ("RunFolder",),
             "run_follower": ("run_snapshot",),

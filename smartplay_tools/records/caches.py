@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Mapping
 from datetime import date
 from fnmatch import fnmatchcase
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -63,11 +63,7 @@ class CacheRule(BaseModel):
 
         Without a price, return one whose unit is an uncached token of the input.
         """
-        if price is None:
-            price = Price.per_million(1e6, self.output * 1e6, source="tokens")
-        read = scaled(price.input, self.read) if price.cached == price.input else price.cached
-        write = price.write or scaled(price.input, 1 if self.write is None else self.write)
-        return Price(price.input, price.output, read, price.source, write, price.write_1h)
+        return _priced(price, self.read, 1 if self.write is None else self.write, self.output)
 
 
 def cache_rules(path: Path | None = None) -> dict[str, CacheRule]:
@@ -112,6 +108,15 @@ def openai_cache_fields(model: str, base_url: str) -> CacheFields:
     is_openai = urlsplit(base_url).hostname == "api.openai.com"
     rule = _rule_for(f"openai:{model}", _own_rules()) if is_openai else None
     return CacheFields(is_openai, rule is not None and rule.marks != "auto")
+
+
+@lru_cache(64)
+def _priced(price: Price | None, read: float, write: float, output: float) -> Price:
+    if price is None:
+        price = Price.per_million(1e6, output * 1e6, source="tokens")
+    cached = scaled(price.input, read) if price.cached == price.input else price.cached
+    written = price.write or scaled(price.input, write)
+    return Price(price.input, price.output, cached, price.source, written, price.write_1h)
 
 
 def _rule_for(model: str, rules: Mapping[str, CacheRule]) -> CacheRule | None:

@@ -7,15 +7,16 @@ attempts at a reply, and evictions before an entry's life is over. The first mak
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import fsum, inf
+from operator import mul
 from typing import Any, Literal, NamedTuple, get_args
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.records.caches import CacheRule
 from smartplay_tools.records.prices import Price
-from smartplay_tools.records.requests import Request, RequestLog
+from smartplay_tools.records.request_log import Prefixes, Request, RequestLog
 
 Place = Literal["stable", "end"]
 """Where a player marks a prompt: at the end of what is unchanged since the prompt before, or at its own end."""
@@ -59,11 +60,11 @@ class Charge:
 
 def charge(log: RequestLog, rule: CacheRule, *, marks: Sequence[Place] = PLACES, price: Price | None = None) -> Charge:
     """Return what an episode's requests cost under a rule; see `calls_under`."""
-    calls = calls_under(log, rule, marks=marks)
-    prompt, hit, written, reply = map(sum, zip(*calls, strict=True)) if calls else (0, 0, 0, 0)
-    costs = rule.priced(price).each(calls)
-    area = fsum(cost * request.score for cost, request in zip(costs, log.requests, strict=True))
-    return Charge(len(calls), prompt, hit, written, reply, fsum(costs), area)
+    prompts, replies, scores = log.columns
+    hits, written = _cached(log, rule, marks)
+    costs = rule.priced(price).each(zip(prompts, hits, written, replies, strict=True))
+    area = fsum(map(mul, costs, scores))
+    return Charge(len(prompts), sum(prompts), sum(hits), sum(written), sum(replies), fsum(costs), area)
 
 
 def calls_under(log: RequestLog, rule: CacheRule, *, marks: Sequence[Place] = PLACES) -> list[ChargedCall]:
@@ -71,83 +72,109 @@ def calls_under(log: RequestLog, rule: CacheRule, *, marks: Sequence[Place] = PL
 
     `marks` says where the player marks its prompts, for rules that cache only up to marks.
     """
-    if unknown := set(marks) - set(PLACES):
+    prompts, replies, _ = log.columns
+    return [*map(ChargedCall, prompts, *_cached(log, rule, marks), replies)]
+
+
+def _cached(log: RequestLog, rule: CacheRule, places: Sequence[Place]) -> tuple[Sequence[int], Sequence[int]]:
+    """The hits and the written tokens of each request."""
+    if unknown := set(places) - set(PLACES):
         raise InvalidArgumentError(f"A mark is at one of {', '.join(PLACES)}, not {', '.join(sorted(unknown))}.")
-    knows_times = all(request.at is not None for request in log.requests)
-    life = rule.life if knows_times else None
-    stored = _stored_whole(log, rule, life) if rule.marks == "auto" else _stored_to_marks(log, rule, life, marks)
-    calls = []
-    block, minimum, writes = rule.block, rule.minimum, rule.write is not None
-    for request, (length, last) in zip(log.requests, stored, strict=True):
-        hit = min(request.ends[length], request.prompt - 1)
-        hit -= hit % block
-        if hit < minimum:
-            hit = 0
-        last -= last % block
-        written = last - hit if writes and last >= minimum and last > hit else 0
-        calls.append(ChargedCall(request.prompt, hit, written, request.reply))
-    return calls
+    found, stored = _found(log, rule, tuple(places))
+    hits = _down(found, rule)
+    if rule.write is None:
+        return hits, [0] * len(hits)
+    return hits, [max(0, end - hit) for end, hit in zip(_down(stored, rule), hits, strict=True)]
 
 
-def _stored_whole(log: RequestLog, rule: CacheRule, life: float | None) -> Iterator[tuple[int, int]]:
-    """Yield for each request the length of its longest stored prefix, in units, and how many of its tokens are stored.
+def _down(lengths: Sequence[int], rule: CacheRule) -> list[int]:
+    """Round lengths down to blocks; one below the minimum is 0."""
+    block, minimum = rule.block, rule.minimum
+    return [whole if (whole := length - length % block) >= minimum else 0 for length in lengths]
+
+
+def _found(log: RequestLog, rule: CacheRule, places: tuple[Place, ...]) -> tuple[Sequence[int], Sequence[int]]:
+    """The tokens of each request that are found stored, and those that are stored after it.
+
+    They are the same under all rules that differ in minimum, blocks and rates alone: a prefix below the minimum is no
+    hit, whether it is stored or not, and a longer one is preferred to it.
+    """
+    prefixes = log.prefixes_by_purpose if rule.tool_choice else log.prefixes
+    life = inf if rule.life is None or log.seconds is None or log.seconds <= rule.life else rule.life
+    key = prefixes is log.prefixes, rule.marks, rule.lookback, rule.replies, life, places
+    if key not in log.remembered:
+        prompts, tokens = log.columns[0], prefixes.tokens
+        if rule.marks == "auto":
+            lengths, stored = _stored_whole(log.requests, prefixes, rule, life), prompts
+        else:
+            marks = [_marked(request, rule.marks, places) for request in log.requests]
+            lengths = _stored_to_marks(log.requests, prefixes, rule, life, marks)
+            stored = [tokens[path[ends[-1]]] if ends else 0 for path, ends in zip(prefixes.paths, marks, strict=True)]
+        found = zip(prefixes.paths, lengths, prompts, strict=True)
+        # The last token of a prompt is always computed.
+        log.remembered[key] = [min(tokens[path[length]], prompt - 1) for path, length, prompt in found], stored
+    found_and_stored: tuple[Sequence[int], Sequence[int]] = log.remembered[key]
+    return found_and_stored
+
+
+def _stored_whole(requests: Sequence[Request], prefixes: Prefixes, rule: CacheRule, life: float) -> Sequence[int]:
+    """The length in units of the longest stored prefix of each request, where requests are stored whole.
 
     Where a prefix is stored, all that it begins with are, and were used no earlier, so that the longest is found by
     bisection.
     """
+    if life == inf:
+        return prefixes.known_to_reply if rule.replies else prefixes.known
     used: dict[int, float] = {}
-    paths, answers = log.paths(by_purpose=rule.tool_choice)
-    for request, path, answer in zip(log.requests, paths, answers, strict=True):
+    lengths = []
+    for request, path, answer in zip(requests, prefixes.paths, prefixes.answers, strict=True):
         now = request.at or 0.0
-        if life is None:
-            length = bisect_left(path, True, key=lambda prefix: prefix not in used)
-            used.update(dict.fromkeys(path[length:], now))
-        else:
-            length = bisect_left(path, True, key=lambda prefix: now - used.get(prefix, -inf) > life)
-            used.update(dict.fromkeys(path, now))
+        lengths.append(bisect_left(path, True, lo=1, key=lambda prefix: now - used.get(prefix, -inf) > life) - 1)
+        used.update(dict.fromkeys(path, now))
         if rule.replies:
             used[answer] = now
-        yield length, request.prompt
+    return lengths
 
 
 def _stored_to_marks(
-    log: RequestLog, rule: CacheRule, life: float | None, places: Sequence[Place]
-) -> Iterator[tuple[int, int]]:
-    """Yield the same where requests are stored up to their marks.
+    requests: Sequence[Request],
+    prefixes: Prefixes,
+    rule: CacheRule,
+    life: float,
+    marks: Sequence[Sequence[int]],
+) -> Sequence[int]:
+    """The same where requests are stored up to their marks.
 
     A stored prefix is looked for at each mark, from the last one on, and at most `lookback` blocks before it.
     """
     used: dict[int, float] = {}
     """The stored prefixes by their numbers, with the time of their last use."""
-    paths, answers = log.paths(by_purpose=rule.tool_choice)
-    minimum, longest_life = rule.minimum, inf if life is None else life
     lookback = inf if rule.lookback is None else rule.lookback
-    for request, path, answer in zip(log.requests, paths, answers, strict=True):
-        now, ends, blocks = request.at or 0.0, request.ends, request.blocks
-        marks = _marked(request, rule, places)
-        length = 0
-        for mark in reversed(marks):
-            farthest = max(length, bisect_left(blocks, blocks[mark] - lookback) - 1)
-            for at in range(mark, farthest, -1):
-                prefix = path[at - 1]
-                if prefix in used and now - used[prefix] <= longest_life:
-                    length = at
+    blocks, lengths = prefixes.blocks, []
+    each = zip(requests, prefixes.paths, prefixes.known_to_reply, prefixes.answers, marks, strict=True)
+    for request, path, known, answer, ends in each:
+        now, longest = request.at or 0.0, 0
+        for mark in reversed(ends):
+            farthest = blocks[path[mark]] - lookback
+            for length in range(min(mark, known), longest, -1):
+                prefix = path[length]
+                if blocks[prefix] < farthest:
                     break
-        if length:
-            used[path[length - 1]] = now
-        for mark in marks:
-            if ends[mark] >= minimum:
-                used[path[mark - 1]] = now
-        if rule.replies and request.answered >= minimum:
+                if prefix in used and now - used[prefix] <= life:
+                    longest = length
+                    break
+        for length in (longest, *ends):
+            used[path[length]] = now
+        if rule.replies:
             used[answer] = now
-        yield length, ends[marks[-1]] if marks else 0
+        lengths.append(longest)
+    return lengths
 
 
-def _marked(request: Request, rule: CacheRule, places: Sequence[Place]) -> Sequence[int]:
-    """The numbers of units after which a request is marked."""
+def _marked(request: Request, marks: int, places: Sequence[Place]) -> Sequence[int]:
+    """The numbers of units after which a request is marked; of the marks the last ones count."""
     stable, end = request.stable, len(request.units)
-    marks = [stable] if "stable" in places and 0 < stable < end else []
+    wanted = [stable] if "stable" in places and 0 < stable < end else []
     if "end" in places or ("stable" in places and stable == end):
-        marks.append(end)
-    assert isinstance(rule.marks, int)
-    return marks[-rule.marks :] if rule.marks else []
+        wanted.append(end)
+    return wanted[-marks:] if marks else []

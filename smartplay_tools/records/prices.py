@@ -10,6 +10,8 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
+from itertools import repeat
 from typing import Any, Self
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -102,19 +104,26 @@ class Price:
         rate = max(_rate(rates, prompt) for rates in (self.input, self.write) if rates)
         return (prompt * rate + reply * _rate(self.output, prompt)) / 1_000_000
 
-    def each(self, calls: Iterable[tuple[int, int, int, int]]) -> list[float]:
-        """Return the cost of each call, given as tokens of prompt, cached part, written part and reply."""
+    @cached_property
+    def _tiers(self) -> tuple[list[int], list[tuple[float, float, float, float]]]:
+        """The lengths of prompts at which a rate changes, and the four rates from there on."""
         kinds = (self.input, self.cached, self.write or self.input, self.output)
         starts = sorted({start for rates in kinds for start, _ in rates})
-        tiers = [tuple(_rate(rates, start) for rates in kinds) for start in starts]
-        given, read, write, taken = tiers[0]
-        costs = []
-        for prompt, cached, written, reply in calls:
-            if len(tiers) > 1:
-                given, read, write, taken = tiers[bisect_right(starts, prompt) - 1]
-            dollars = (prompt - cached - written) * given + cached * read + written * write + reply * taken
-            costs.append(dollars / 1_000_000)
-        return costs
+        given, read, write, taken = ([_rate(rates, start) for start in starts] for rates in kinds)
+        return starts, [*zip(given, read, write, taken, strict=True)]
+
+    def each(self, calls: Iterable[tuple[int, int, int, int]]) -> list[float]:
+        """Return the cost of each call, given as tokens of prompt, cached part, written part and reply."""
+        starts, tiers = self._tiers
+        rated: Iterable[tuple[tuple[int, int, int, int], tuple[float, float, float, float]]]
+        if len(tiers) == 1:
+            rated = zip(calls, repeat(tiers[0]))
+        else:
+            rated = ((call, tiers[bisect_right(starts, call[0]) - 1]) for call in calls)
+        return [
+            ((prompt - cached - written) * given + cached * read + written * write + reply * taken) / 1_000_000
+            for (prompt, cached, written, reply), (given, read, write, taken) in rated
+        ]
 
 
 def find_price(player: str, player_options: Mapping[str, Any]) -> Price | None:

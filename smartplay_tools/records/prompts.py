@@ -77,14 +77,29 @@ class PromptParts(NamedTuple):
     """The summary, if one is shown."""
     front: int
     """How many of the turns stand before the summary: first turns that stay."""
-    turns: Sequence[tuple[Turn, int, bool]]
-    """Each with the oldest observation that is shown of it, and whether its reply is bare."""
+    ranges: Sequence[Sequence[int]]
+    """The turns, as ranges of their numbers, first and last included."""
+    masks: Callable[[Turn], int] | None
+    """Which is the oldest observation that is shown of a turn; None if all are."""
+    words: int
+    """Replies of turns older than this step are bare."""
     pictures: int
     """How many of the first pictures are left out."""
     texts: Mapping[int, Message]
     """The texts of a brought strategy, by the turn before which each stands."""
     after: Sequence[Message]
     """The question for a summary, if the prompt asks for one."""
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether there are only turns between head and question, and these whole."""
+        return self.masks is None and not (self.words or self.pictures or self.before or self.texts)
+
+    def seen(self, turns: Sequence[Turn]) -> Iterator[tuple[Turn, int, bool]]:
+        """Yield each of the turns with the oldest observation that is shown of it, and whether its reply is bare."""
+        for first, last in self.ranges:
+            for turn in turns[first : last + 1]:
+                yield turn, 0 if self.masks is None else self.masks(turn), turn.step < self.words
 
 
 class Rebuilder:
@@ -109,7 +124,7 @@ class Rebuilder:
         """Return the prompt that a view shows."""
         shown = self.shown(view)
         messages, lines = [*shown.head.messages], shown.head.canonical.copy()
-        for place, (turn, oldest, bare) in enumerate(shown.turns):
+        for place, (turn, oldest, bare) in enumerate(shown.seen(self._turns)):
             if place == shown.front:
                 messages.extend(shown.before)
                 lines += map(head_bytes, shown.before)
@@ -128,30 +143,31 @@ class Rebuilder:
 
     def shown(self, view: Event) -> PromptParts:
         """Return the parts of the prompt that a view shows."""
-        purpose: Purpose = view.get("purpose", "play")
-        seen_turns = view["turn"] - (purpose == "summary")
+        is_summary = view.get("purpose") == "summary"
+        seen_turns = view["turn"] - is_summary
         before: list[Message] = []
         if self._form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):
             before.append(self._form.show(text).message)
-        oldest_of, words = self._masks(view), view.get("words", 0)
-        ranges = (self._turns[first : last + 1] for first, last in view["turns"])
         return PromptParts(
             self._head_of(self._turns[seen_turns - 1].manual if seen_turns else None),
             before,
-            sum(last < view.get("anchors", 0) for _, last in view["turns"][:-1]),
-            [(turn, oldest_of(turn), turn.step < words) for turns in ranges for turn in turns],
+            sum([last < view["anchors"] for _, last in view["turns"][:-1]]) if "anchors" in view else 0,
+            view["turns"],
+            self._masks(view),
+            view.get("words", 0),
             view.get("pictures", 0),
-            {turn: text_message(text) for turn, text in view.get("texts", ())},
-            [self._form.question] if self._form is not None and purpose == "summary" else [],
+            {turn: text_message(text) for turn, text in view["texts"]} if "texts" in view else {},
+            [self._form.question] if self._form is not None and is_summary else [],
         )
 
-    def _masks(self, view: Event) -> Callable[[Turn], int]:
-        """Return which is the oldest observation that a view shows of a turn."""
+    def _masks(self, view: Event) -> Callable[[Turn], int] | None:
+        """Return which is the oldest observation that a view shows of a turn; None if it shows all."""
         if "oldest" in view:
             masked = frozenset(at for first, last in view.get("hidden", ()) for at in range(first, last + 1))
             return Selection((), 0, -1, view["oldest"], view["notes"], masked=masked).oldest_of
-        if not (results := {(turn, item) for turn, item in view["masked"]}):
-            return lambda turn: 0
+        if not view["masked"]:
+            return None
+        results = {(turn, item) for turn, item in view["masked"]}
         return lambda turn: _boundary(turn, results)
 
     def _head_of(self, manual: str | None) -> Head:

@@ -18,7 +18,7 @@ from smartplay_tools.errors import TranscriptError
 from smartplay_tools.transcript.appended import AppendedFile
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.hashing import chain_after, event_line, with_chain
-from smartplay_tools.transcript.lines import complete_lines, parse_json
+from smartplay_tools.transcript.lines import complete_lines, parse_json, parse_lines
 from smartplay_tools.transcript.times import TimesWriter
 
 
@@ -162,7 +162,10 @@ def _read(path: str | Path) -> tuple[list[Event], bytes]:
     except OSError as error:
         raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
     lines = complete_lines(io.BytesIO(written)) or written.splitlines(keepends=True)  # one line alone is damaged
-    return [read_line(line, path, number) for number, line in enumerate(lines, start=1)], written
+    events = parse_lines(lines)
+    if events is None or not all(map(is_event, events)):
+        events = [read_line(line, path, number) for number, line in enumerate(lines, start=1)]
+    return events, written
 
 
 def check_format(start: Event, path: object = "The record") -> None:

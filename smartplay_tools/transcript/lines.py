@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,6 +25,14 @@ def parse_json(text: str | bytes) -> Any:
     except (TypeError, ValueError):
         # It is not JSON, or it is what only `json` reads: half of a surrogate pair, or more than 200 levels.
         return json.loads(text)
+
+
+def parse_lines(lines: Iterable[bytes]) -> list[Any] | None:
+    """Return the values of lines of JSON; None if one is not JSON, or is what only `parse_json` reads."""
+    try:
+        return [from_json(line, cache_strings="all") for line in lines]
+    except ValueError:
+        return None
 
 
 def complete_lines(file: BinaryIO) -> list[bytes]:
