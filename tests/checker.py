@@ -1,6 +1,7 @@
 """An independent judge of context windows: slow, obvious, and written from the documents' text alone.
 
-It imports nothing of the package; `tests/judge.py` decides the views. Its input is plain data: a transcript's events
+It imports nothing of the package; `tests/judge.py` decides the views, and what tools of strategies have to answer is
+in `tests/model_from_docs`. Its input is plain data: a transcript's events
 (what happened, in numbers), the prompts as they were sent (JSON), and `n`, which counts the tokens of a text.
 Everything else is computed again, at every prefix, by brute force. Where judge and package disagree, one of them
 misreads the documents.
@@ -15,8 +16,9 @@ from typing import Any
 
 from tests.counting import arguments_text, message_tokens, picture_tokens, plain_text, tools_tokens
 from tests.judge import FRAME, MARKER, PICTURE, Judge
-from tests.judged_memory import MemoryJudge
-from tests.judged_recall import documents, listed
+from tests.model_from_docs.cutting import Pages, cut
+from tests.model_from_docs.files import Files
+from tests.model_from_docs.recalling import answer, matching
 
 __all__ = ["Judge", "allowed", "arguments_text", "check_episode", "check_prompt", "message_tokens", "plain_text"]
 __all__ += ["tools_tokens", "turns_of"]
@@ -24,8 +26,6 @@ __all__ += ["tools_tokens", "turns_of"]
 MANUAL_IS_ABOVE = "The manual stands at the end of the system message."
 GIVEN = re.compile(r"[A-Za-z0-9]{9}")
 """The format of an id that the conversation assigned."""
-NOTHING = "Nothing that has left your view matches."
-NOTICE = re.compile(r"\[-?\d+ tokens cut\]")
 Json = dict[str, Any]
 Count = Callable[[str], int]
 
@@ -232,16 +232,10 @@ def check_summaries(summaries: Sequence[Json], judge: Judge) -> None:
             return judge.n(FRAME + words) - judge.n(FRAME)
 
         assert added(text) <= cap
-        if event["empty"]:
-            assert text == before
-            assert not reply.strip() or added(reply) > cap
-        elif event["cut"]:
-            assert added(reply) > cap
-            kept, _, notice = text.rpartition("[")
-            assert NOTICE.fullmatch(f"[{notice}")
-            assert reply.startswith(kept.rstrip("\n"))
-        else:
-            assert text == reply
+        judged = cut(reply, judge.n(FRAME) + cap, judge.n, FRAME) if reply.strip() else ""
+        assert event["cut"] == (bool(reply.strip()) and judged != reply)
+        assert event["empty"] == (not judged.strip())
+        assert text == (judged if judged.strip() else before)
         assert event["tokens"] == (judge.tokens([{"role": "user", "content": FRAME + text}]) if text else 0)
         before = text
 
@@ -268,27 +262,41 @@ def check_recalls(events: Sequence[Json], judge: Judge, budget: Json) -> None:
     for event in events:
         if event["event"] != "call" or event["name"] != "recall" or event["is_error"]:
             continue
-        cap, n, text = budget["recall_tokens"], judge.n, event["text"]
-        query = json.loads(event["arguments"])["query"]
-        matching = listed(documents(judge, event["turn"]), query)
-        texts = [document for _, document in matching]
-        fitting = [count for count in range(1, len(texts) + 1) if n(well_formed("\n\n".join(texts[:count]))) <= cap]
-        whole = "\n\n".join(texts[: max(fitting)]) if fitting else NOTHING
-        if fitting or (not texts and n(NOTHING) <= cap):
-            assert (text, event["cut"]) == (whole, False), f"the answer to {query!r} is {text!r}, judged {whole!r}"
-        else:
-            kept, _, notice = text.rpartition("[")
-            assert event["cut"]
-            assert not text or NOTICE.fullmatch(f"[{notice}")
-            assert (texts[0] if texts else NOTHING).startswith(kept.rstrip("\n"))
-        assert event["data"]["recalled"] == [step for step, _ in matching[: max(fitting, default=1)]]
+        query, having = json.loads(event["arguments"])["query"], documents(judge, event["turn"])
+        judged = answer(query, having, budget["recall_tokens"], lambda text: judge.n(well_formed(text)))
+        assert (event["text"], event["cut"]) == judged, f"the answer to {query!r} is {event['text']!r}, judged {judged}"
+        asked = matching(query, having)
+        assert event["data"]["recalled"] == asked[: max(1, len(event["data"]["recalled"]))]
+
+
+def documents(judge: Judge, k: int) -> dict[int, str]:
+    """The documents of a reply to the prompt of k turns: what these have shown and the prompt does not, by step."""
+    visible = set()
+    for i, hidden in judge.shown(k):
+        turn = judge.turns[i]
+        for was, now, step in zip(turn["messages"], judge.seen(i, k, hidden), turn["shows"], strict=True):
+            if step is not None and not judge.is_marked(i, turn["messages"].index(was), now):
+                visible.add(step)
+    texts: dict[int, str] = {}
+    for turn in judge.turns[:k]:
+        for message, step in zip(turn["messages"], turn["shows"], strict=True):
+            if step is not None and step not in texts:
+                texts[step] = f"Step {step}, after {_played(turn, message)}:\n{plain_text(message['content'])}"
+    return {step: texts[step] for step in sorted(texts) if step not in visible}
+
+
+def _played(turn: Json, result: Json) -> str:
+    [call] = [call for call in turn["messages"][0]["tool_calls"] if call["id"] == result["tool_call_id"]]
+    if call["function"]["name"] == "observe":
+        return "observe()"
+    return 'act("' + json.loads(call["function"]["arguments"])["action"].strip() + '")'
 
 
 def check_memory(events: Sequence[Json], n: Count, budget: Json) -> None:
     """Judge every answer of `memory`, from the calls in their order on record."""
     if budget.get("memory_tokens") is None:
         return
-    files, refused = MemoryJudge(budget["memory_tokens"], lambda text: n(well_formed(text))), 0
+    files, refused = Files(budget["memory_tokens"], lambda text: n(well_formed(text))), 0
     for event in events:
         if event["event"] == "end":
             assert event["result"].get("refused_memory", 0) == refused
@@ -297,14 +305,13 @@ def check_memory(events: Sequence[Json], n: Count, budget: Json) -> None:
         mistake = event["data"].get("mistake")
         if mistake == "over" or (mistake == "malformed" and not is_object(event["arguments"])):
             continue
-        text, judged = files.answer(json.loads(event["arguments"]))
-        assert (mistake, event["is_error"]) == (judged, judged is not None), f"{event['arguments']}: {event['text']}"
+        text, judged = files.call(json.loads(event["arguments"]))
+        assert (mistake or "", event["is_error"]) == (judged, judged != ""), f"{event['arguments']}: {event['text']}"
         refused += judged == "memory"
-        if judged != "malformed":
-            cap = budget["result_tokens"]
-            assert event["cut"] == (cap is not None and n(well_formed(text)) > cap)
-            assert event["cut"] or event["text"] == text, f"{event['text']!r}, judged {text!r}"
-        assert files.size(files.files) <= files.cap
+        if text is not None:
+            shown = cut(text, budget["result_tokens"], lambda text: n(well_formed(text)))
+            assert (event["text"], event["cut"]) == (shown, shown != text)
+        assert files.size() <= budget["memory_tokens"]
 
 
 def is_object(arguments: str) -> bool:
@@ -319,40 +326,18 @@ def check_pages(events: Sequence[Json], n: Count, budget: Json, whole: Sequence[
     """Judge every observation that was too long, and every page of it that was read, from their whole texts."""
     if whole is None or budget.get("beyond_result", "cut") != "offload" or budget["result_tokens"] is None:
         return
-    left, pages, cut = iter(whole), dict[str, str](), 0
+    left, pages = iter(whole), Pages(budget["result_tokens"], lambda text: n(well_formed(text)))
     for event in events:
         if event["event"] != "call" or event["is_error"]:
             continue
         if event["name"] in ("act", "observe"):
             rest = next(left)
             shown = [{"type": "image", **event["data"]["picture"]}] if "picture" in event["data"] else []
-            cap = budget["result_tokens"] - picture_tokens(shown)
-            assert event["cut"] == (n(well_formed(rest)) > cap)
-            if not event["cut"]:
-                assert event["text"] == rest
-                continue
-            cut, page = cut + 1, 1
-            while True:
-                text, rest = page_of(rest, f"r{cut}.{page + 1}", cap, n)
-                pages[f"r{cut}.{page}"] = text
-                if not rest or not text:
-                    break
-                page, cap = page + 1, budget["result_tokens"]
-            assert event["text"] == pages[f"r{cut}.1"]
+            judged = pages.offload(rest, picture_tokens(shown))
+            assert (event["text"], event["cut"]) == (judged, judged != rest)
         if event["name"] == "read_result":
-            page_read = json.loads(event["arguments"])["page"]
-            assert (event["text"], event["cut"], event["data"]["page"]) == (pages[page_read], False, page_read)
-
-
-def page_of(rest: str, following: str, cap: int, n: Count) -> tuple[str, str]:
-    """The first page of a text, tried at every length, and what follows it; of a tokenizer that counts words."""
-    if n(rest) <= cap:
-        return rest, ""
-    for length in range(len(rest) - 1, 0, -1):
-        page = f'{rest[:length]}\n[{n(rest) - n(rest[:length])} more tokens: read_result("{following}")]'
-        if n(page) <= cap:
-            return page, rest[length:]
-    return "", rest
+            page = json.loads(event["arguments"])["page"]
+            assert (event["text"], event["cut"], event["data"]["page"]) == (pages.read(page), False, page)
 
 
 def check_end(events: Sequence[Json], judge: Judge, spent: int, answered: int) -> None:

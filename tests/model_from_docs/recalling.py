@@ -35,16 +35,19 @@ def ranking(query: str, documents: Mapping[int, str]) -> list[int]:
     return sorted(scores, key=lambda step: (-scores[step], -step))
 
 
-def answer(query: str, documents: Mapping[int, str], cap: int, n: Callable[[str], int]) -> tuple[str, bool]:
-    """Return the answer to a query over the documents of what has left, by their steps, and whether it was cut."""
+def matching(query: str, documents: Mapping[int, str]) -> list[int]:
+    """Return the steps whose documents a query asks for, in the order of the answer."""
     if asked := STEPS.fullmatch(query):
         first, last = int(asked[1]), int(asked[2] or asked[1])
-        matching = [step for step in sorted(documents) if first <= step <= last]
-    else:
-        matching = ranking(query, documents)
-    if not matching:
+        return [step for step in sorted(documents) if first <= step <= last]
+    return ranking(query, documents)
+
+
+def answer(query: str, documents: Mapping[int, str], cap: int, n: Callable[[str], int]) -> tuple[str, bool]:
+    """Return the answer to a query over the documents of what has left, by their steps, and whether it was cut."""
+    found = [documents[step] for step in matching(query, documents)]
+    if not found:
         return cut(NOTHING, cap, n), n(NOTHING) > cap
-    found = [documents[step] for step in matching]
     for count in range(len(found), 0, -1):
         if n("\n\n".join(found[:count])) <= cap:
             return "\n\n".join(found[:count]), False
