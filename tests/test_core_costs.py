@@ -8,8 +8,9 @@ from collections import Counter
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools import arguments, types
+from smartplay_tools import arguments
 from smartplay_tools.context import turns
+from smartplay_tools.types import prompt
 
 RPS = "RockPaperScissorBasic-v0"
 
@@ -30,7 +31,7 @@ def counted(monkeypatch):
 
     count(arguments, "parse", "parsed")
     count(turns, "message_bytes", "encoded")
-    count(types, "copy_of", "copied")
+    count(prompt, "copy_of", "copied")
     return counts
 
 
