@@ -7,15 +7,15 @@ have accounts: any other name in a record could ask for a download.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.strategies import Strategies
-from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import with_manual
 from smartplay_tools.messages import Message, reasoning_of, text_of
@@ -81,10 +81,9 @@ class Accounts:
         self._budget = ResolvedBudget(**record.budget)
         strategies = Strategies(self._budget, self._counter)
         self._drops, self._form = strategies.ageing.drops, strategies.summaries
-        self._index = TokenIndex(self._counter)
-        for turn in record.turns:
-            self._index.append(turn)
-        self._replies = [self._parts_of_reply(turn, turn.assistant) for turn in record.turns]
+        self._turns = record.turns
+        self._steps = [turn.step for turn in self._turns]
+        self._replies = [self._parts_of_reply(turn, turn.assistant) for turn in self._turns]
         """The parts of each turn's reply."""
         self._heads: dict[tuple[int, str | None], tuple[int, int]] = {}
 
@@ -98,49 +97,53 @@ class Accounts:
     @cached_property
     def _whole(self) -> list[Tokens]:
         """The parts of the turns before each, unmasked."""
-        return _sums(self._parts_of(turn, 0) for turn in self._index.turns)
+        return _sums(self._parts_of(turn, 0) for turn in self._turns)
 
     @cached_property
     def _hidden(self) -> list[Tokens]:
         """The parts of the turns before each, with every observation masked."""
-        return _sums(self._parts_of(turn, turn.step + 1) for turn in self._index.turns)
+        return _sums(self._parts_of(turn, turn.step + 1) for turn in self._turns)
 
     @cached_property
     def _spoken(self) -> list[Tokens]:
         """What bare replies of the turns before each save."""
-        pairs = zip(self._index.turns, self._replies, strict=True)
+        pairs = zip(self._turns, self._replies, strict=True)
         bare = ((whole, self._parts_of_reply(turn, turn.bare) if turn.is_wordy else whole) for turn, whole in pairs)
         return _sums(_minus(*each) for each in bare)
 
     def sizes(self) -> Iterator[tuple[int, int]]:
         """Yield the tokens of each turn, unmasked and with every observation masked."""
-        for at in range(len(self._index.turns)):
-            yield self._index.whole(at, at + 1), self._index.masked(at, at + 1)
+        for sums in zip(pairwise(self._whole), pairwise(self._hidden), strict=True):
+            whole, masked = (sum(after) - sum(before) for before, after in sums)
+            yield whole, masked
 
     def parts(self, view: ViewEvent) -> Tokens:
         """Return the tokens of the parts of a prompt."""
         is_request = concerns_summary(view)
         seen = view["turn"] - is_request
-        manual = self._index.turns[seen - 1].manual if seen else None
+        manual = self._turns[seen - 1].manual if seen else None
         total = dict.fromkeys(PARTS, 0)
         total["task"], total["manual"] = self._head(self._record.head_of[view["turn"]], manual)
         total["summary"] = self._summary(view) + (self._form.question_tokens if self._form and is_request else 0)
         tokens = list(total.values())
-        oldest, notes = _oldest(view, self._index.turns), view.get("notes")
+        oldest, notes = _oldest(view, self._turns), view.get("notes")
         if self._budget.strategy is not None or view.get("pictures"):
             return self._parts_by_turn(view, tokens)
-        spoken = self._index.first_from(view.get("words", 0))
+        spoken = bisect_left(self._steps, view.get("words", 0))
         for first, last in view["turns"]:
             if spoken > first:
                 tokens = _minus(tokens, _minus(self._spoken[min(last + 1, spoken)], self._spoken[first]))
             if first == last == notes:
                 tokens = _plus(tokens, _minus(self._hidden[last + 1], self._hidden[first]))
                 continue
-            edge = min(max(self._index.first_from(oldest), first), last + 1)
+            # Of all turns only the first that is not older can be masked in part.
+            edge = min(max(bisect_left(self._steps, oldest), first), last + 1)
             if edge > first:
                 tokens = _plus(tokens, _minus(self._hidden[edge], self._hidden[first]))
-            if edge <= last:
-                tokens = _plus(tokens, self._parts_of(self._index.turns[edge], oldest))
+            if not oldest:
+                tokens = _plus(tokens, _minus(self._whole[last + 1], self._whole[edge]))
+            elif edge <= last:
+                tokens = _plus(tokens, self._parts_of(self._turns[edge], oldest))
                 tokens = _plus(tokens, _minus(self._whole[last + 1], self._whole[edge + 1]))
         return tokens
 
@@ -148,7 +151,7 @@ class Accounts:
         """Add the parts of turn after turn, and the texts that a brought strategy has chosen."""
         hidden = {*_numbers(view.get("hidden", [])), view["notes"]}
         for number in _numbers(view["turns"]):
-            turn = self._index.turns[number]
+            turn = self._turns[number]
             oldest = turn.step + 1 if number in hidden else view["oldest"]
             if turn.step < view.get("words", 0):
                 tokens = _minus(tokens, _minus(self._spoken[number + 1], self._spoken[number]))
@@ -172,7 +175,7 @@ class Accounts:
         gone = [turn for turn in _numbers(before["turns"]) if turn not in shown]
         if not gone:
             return
-        turns, budget, cap = self._index.turns, self._budget, self._budget.prompt_tokens
+        turns, budget, cap = self._turns, self._budget, self._budget.prompt_tokens
         step = turns[view["turn"] - 1].step
         run = before["turns"][-1][0]
         """The first turn of the run that moved on; turns before it were pinned."""
@@ -203,7 +206,7 @@ class Accounts:
     def _needs(self, turn: Turn, oldest: int, view: ViewEvent) -> int:
         """What a turn would take in a prompt."""
         spoken = turn.spoken(self._counter) if turn.step < view.get("words", 0) else 0
-        return turn.tokens(self._counter) - self._index.saved(turn, oldest, view.get("pictures", 0)) - spoken
+        return sum(self._parts_of(turn, oldest, view.get("pictures", 0))) - spoken
 
     def _summary(self, view: ViewEvent) -> int:
         """The tokens of the summary that a prompt showed."""
