@@ -87,7 +87,7 @@ def random_budget(rng: random.Random, head: int) -> dict[str, Any]:
     sometimes(0.2, "stalled_turns", None, 2, 4, 20)
     sometimes(0.1, "tool_calls", 3, 10, 40)
     sometimes(0.1, "reply_tokens", 5, 60)
-    sometimes(0.15, "episode_tokens", head * 3, head * 20, head * 60)
+    sometimes(0.15, "episode_tokens", head, head * 3, head * 20, head * 60)
     alone = rng.random() < 0.4
     strategies: list[tuple[str, tuple[Any, ...]]] = [
         ("beyond_history", ("mask",)),
@@ -209,6 +209,7 @@ def play(seed: int, tally: Tally, games: Sequence[str] = SMALL, most_turns: int 
             continue
         results = conversation.receive(speaker.reply())
         tally.answers += len(results)
+        speaker.heard += [word for result in results for word in result.text.split()]
         wrong = _follow(conversation, model, results, setting.foreign, rng)
         assert not wrong, f"{where}: turn {turn}: " + "; ".join(wrong)
     _compare_totals(episode, model, where)

@@ -54,6 +54,8 @@ class Speaker:
         self._foreign = foreign if foreign in self._tools else None
         self._kind = rng.choice(("steady", "steady", "wild", "idle", "curious", "many"))
         self._said = ["{}"]
+        self.heard: list[str] = ["Rock"]
+        """Words of the results so far, to look for."""
 
     def text(self, most: int = 12) -> str:
         """Return some words, hard ones among them."""
@@ -139,13 +141,25 @@ class Speaker:
     def _query(self) -> str:
         rng = self._rng
         first, last = rng.randint(0, 12), rng.randint(0, 30)
-        steps = (f"{first}", f" {first} - {last}\u2003", f"{first}-{last}", "0-999999", "0-9999999", "١", "3–5", "-1")
+        steps = (
+            f"{first}",
+            f" {first} - {last}\u2003",
+            f"{first}-{last}",
+            "0-999999",
+            "0-9999999",
+            "0000003",
+            "١",
+            "3–5",
+            "-1",
+        )
+        if rng.random() < 0.4:
+            return " ".join(rng.choice(self.heard) for _ in range(rng.randint(1, 5)))
         return rng.choice((*steps, self.text(), self.text(3), self._action(), "opponent chose", "the", ""))
 
     def _memory(self) -> dict[str, Any]:
         rng = self._rng
         command = rng.choice((*COMMANDS, "create", "create", "view"))
-        path = rng.choice(PATHS[:6]) if rng.random() < 0.7 else rng.choice(PATHS)
+        path = rng.choice(PATHS[: rng.choice((1, 2, 6))]) if rng.random() < 0.8 else rng.choice(PATHS)
         values: dict[str, Any] = {"command": command, "path": path}
         texts = (self.text(4), self.text(4), "", "\n", "a\nb\nc\n", "a", "x" * rng.choice((1, 30)))
         everything = {
