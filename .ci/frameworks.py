@@ -2,6 +2,8 @@
 
     python .ci/frameworks.py                       # all of them
     python .ci/frameworks.py smolagents vercel     # these
+    python .ci/frameworks.py python-clients        # those of a page that has several, each in a section
+    python .ci/frameworks.py python-clients#ag2    # one of them
     python .ci/frameworks.py --envs /tmp/frameworks strands
 
 A page of `docs/` names what to install, with versions, in its first block that begins with `pip install` or
@@ -47,6 +49,8 @@ PROGRAM_PAGES = (
     "deepagents",
 )
 """Pages whose agent is a program that `smartplay-tools agent` starts."""
+SHARED_PAGES = ("python-clients", "javascript-clients")
+"""Pages with many such programs, each in a section with what to install."""
 TEXT_PAGES = ("dspy",)
 """Pages whose agent owns the context, and reads its calls from the model's text."""
 
@@ -67,15 +71,30 @@ QUIET = {
 """Nothing is reported to anybody, and nobody's key is used."""
 
 
-def blocks_of(page: str) -> tuple[str, str, str]:
-    """Return a page's command that installs, the language of its agent, and the agent."""
+def agents_of(page: str) -> list[str]:
+    """Return the names of a page's agents: its own, or for a page with several PAGE#SECTION."""
+    return [f"{page}#{name}" for name in sections_of(page)] if page in SHARED_PAGES else [page]
+
+
+def sections_of(page: str) -> dict[str, str]:
+    """Return the sections of a page that have an agent, by the end of their address."""
+    pieces = re.split(r"^## (.+)$", (DOCS / f"{page}.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    names = [re.sub(r"[^a-z0-9 -]", "", title.lower()).replace(" ", "-") for title in pieces[1::2]]
+    kinds = [{kind for kind, _ in BLOCK.findall(text)} for text in pieces[2::2]]
+    return {name: text for name, text, has in zip(names, pieces[2::2], kinds, strict=True) if has & set(SCRIPTS)}
+
+
+def blocks_of(agent: str) -> tuple[str, str, str]:
+    """Return the command that installs an agent, its language, and the agent."""
+    page, _, section = agent.partition("#")
     install = ""
-    for kind, text in BLOCK.findall((DOCS / f"{page}.md").read_text(encoding="utf-8")):
+    shown = sections_of(page)[section] if section else (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    for kind, text in BLOCK.findall(shown):
         if kind == "sh" and re.match(r"(pip|npm) install", text):
             install = text.strip()
         elif kind in SCRIPTS:
             return install, kind, text
-    raise ValueError(f"{page} has no agent")
+    raise ValueError(f"{agent} has no agent")
 
 
 def environment(install: str, folder: Path) -> None:
@@ -115,7 +134,7 @@ def run(command: list[str], folder: Path, **options: Any) -> str:
 def play(page: str, envs: Path) -> str:
     """Have the agent of a page play, and say how it did."""
     install, kind, agent = blocks_of(page)
-    folder = envs / page
+    folder = envs / page.replace("#", "-")
     environment(install, folder)
     (folder / SCRIPTS[kind]).write_text(agent, encoding="utf-8")
     command = [{"js": "node", "bash": "bash"}.get(kind) or python_of(folder), SCRIPTS[kind]]
@@ -123,7 +142,7 @@ def play(page: str, envs: Path) -> str:
     if page in TEXT_PAGES:
         played = with_texts(command, folder)
     else:
-        played = (as_a_program if page in PROGRAM_PAGES else through_the_window)(page, command, folder)
+        played = (through_the_window if page in PAGES else as_a_program)(page, command, folder)
     return f"{played}, {time.monotonic() - begun:.0f} s; {install}"
 
 
@@ -210,12 +229,15 @@ def main() -> None:
     """Run the agents of the pages that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "pages", nargs="*", default=(*PAGES, *PROGRAM_PAGES, *TEXT_PAGES), help="pages of docs/, without .md"
+        "pages",
+        nargs="*",
+        default=(*PAGES, *PROGRAM_PAGES, *SHARED_PAGES, *TEXT_PAGES),
+        help="pages of docs/, without .md; or PAGE#SECTION",
     )
     parser.add_argument("--envs", type=Path, default=Path(tempfile.gettempdir()) / "smartplay-frameworks")
     given = parser.parse_args()
-    for page in given.pages:
-        print(f"{page:<16} {play(page, given.envs)}", flush=True)
+    for agent in (agent for page in given.pages for agent in agents_of(page)):
+        print(f"{agent:<16} {play(agent, given.envs)}", flush=True)
 
 
 if __name__ == "__main__":
