@@ -78,7 +78,7 @@ def agents_of(page: str) -> list[str]:
 
 def sections_of(page: str) -> dict[str, str]:
     """Return the sections of a page that have an agent, by the end of their address."""
-    pieces = re.split(r"^## (.+)$", (DOCS / f"{page}.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    pieces: list[str] = re.split(r"^## (.+)$", (DOCS / f"{page}.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
     names = [re.sub(r"[^a-z0-9 -]", "", title.lower()).replace(" ", "-") for title in pieces[1::2]]
     kinds = [{kind for kind, _ in BLOCK.findall(text)} for text in pieces[2::2]]
     return {name: text for name, text, has in zip(names, pieces[2::2], kinds, strict=True) if has & set(SCRIPTS)}
@@ -88,7 +88,7 @@ def blocks_of(agent: str) -> tuple[str, str, str]:
     """Return the command that installs an agent, its language, and the agent."""
     page, _, section = agent.partition("#")
     install = ""
-    shown = sections_of(page)[section] if section else (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    shown: str = sections_of(page)[section] if section else (DOCS / f"{page}.md").read_text(encoding="utf-8")
     for kind, text in BLOCK.findall(shown):
         if kind == "sh" and re.match(r"(pip|npm) install", text):
             install = text.strip()
