@@ -128,7 +128,8 @@ def run(command: list[str], folder: Path, **options: Any) -> str:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, **options)
     if done.returncode:
         raise SystemExit(f"{' '.join(command)} failed:\n{done.stdout[-2000:]}{done.stderr[-4000:]}")
-    return done.stdout
+    printed: str = done.stdout
+    return printed
 
 
 def play(page: str, envs: Path) -> str:
