@@ -203,7 +203,7 @@ def test_two_samples_at_once():
     ("limit", "detail"),
     [
         ({"message_limit": 11}, "message_limit"),
-        ({"token_limit": 100}, "token_limit"),
+        ({"token_limit": 6 * USAGE.total_tokens}, "token_limit"),
         ({"turn_limit": 4}, "turn_limit"),
         ({"time_limit": 1}, "time_limit"),
         ({"working_limit": 1}, "working_limit"),
