@@ -3,14 +3,15 @@
 `python -m tests.model_from_docs --prompts 100000` compares more of them.
 """
 
+import smartplay_tools as sp
 from tests.model_from_docs.play import Tally, play, replay_is_identical
 
 
 def test_prompts_answers_and_counters_are_those_of_the_model() -> None:
-    tally, seed = Tally(), 50
+    tally, seed = Tally(), 10
     while tally.prompts < 400:
         record = play(seed, tally)
-        if record and seed % 8 == 0:
+        if record and record[0]["config"]["game"] in sp.GAMES and seed % 8 == 0:
             assert replay_is_identical(record)
         seed += 1
     assert len(tally.strategies) == 9

@@ -14,12 +14,14 @@ from smartplay_tools.games import get_spec
 from smartplay_tools.transcript import Event
 
 from . import choosing
+from .babble import BABBLE
 from .counting import PRIMING, Counting
 from .model import Expected, Model
 from .refusals import in_numbers, is_refused
 from .replies import Speaker
 
-SMALL = (
+SMALL: tuple[str | sp.GameSpec, ...] = (
+    BABBLE,
     "RockPaperScissorBasic-v0",
     "BanditTwoArmedHighLowFixed-v0",
     "Hanoi3Disk-v0",
@@ -119,7 +121,7 @@ def random_budget(rng: random.Random, head: int) -> dict[str, Any]:
 class _Setting:
     """What an episode is made of, drawn at random."""
 
-    game: str
+    game: str | sp.GameSpec
     tokenizer: Any
     limits: dict[str, Any]
     rules: dict[str, Any]
@@ -129,10 +131,11 @@ class _Setting:
 
     def __str__(self) -> str:
         tokenizer = getattr(self.tokenizer, "name", self.tokenizer)
-        return f"{self.game}, {tokenizer}, {self.limits}, {self.rules}{', a foreign tool' if self.foreign else ''}"
+        foreign = ", a foreign tool" if self.foreign else ""
+        return f"{get_spec(self.game).id}, {tokenizer}, {self.limits}, {self.rules}{foreign}"
 
     @classmethod
-    def drawn(cls, rng: random.Random, seed: int, games: Sequence[str]) -> _Setting:
+    def drawn(cls, rng: random.Random, seed: int, games: Sequence[str | sp.GameSpec]) -> _Setting:
         game, tokenizer = rng.choice(games), rng.choice(TOKENIZERS)
         manual, batch = rng.choice(("tool", "tool", "tool", "pinned", "none")), rng.choice(("all", "all", "first_act"))
         rules = {"manual": manual, "batch": batch}
@@ -171,7 +174,7 @@ def _begin(setting: _Setting, seed: int, record: list[Event]) -> tuple[sp.Conver
     return conversation, Model(copy, seed, {**facts, **rules}, n)
 
 
-def play(seed: int, tally: Tally, games: Sequence[str] = SMALL, most_turns: int = 60) -> list[Event]:
+def play(seed: int, tally: Tally, games: Sequence[str | sp.GameSpec] = SMALL, most_turns: int = 60) -> list[Event]:
     """Play one random episode and compare everything; return its record, which is empty where the budget is refused."""
     rng = random.Random(seed)
     setting = _Setting.drawn(rng, seed, games)
@@ -240,7 +243,7 @@ def _follow(
 
 
 def replay_is_identical(record: Sequence[Event]) -> bool:
-    """Replay the record of an episode that was played here."""
+    """Replay the record of an episode that was played here, of a game that is known by its name."""
     own = {tokenizer.name: tokenizer for tokenizer in TOKENIZERS if not isinstance(tokenizer, str)}
     return sp.replay(record, tokenizer=own.get(record[0]["config"].get("tokenizer"))).identical
 

@@ -52,7 +52,9 @@ class Speaker:
         self._tools = [tool.name for tool in tools]
         self._actions = actions
         self._foreign = foreign if foreign in self._tools else None
-        self._kind = rng.choice(("steady", "steady", "wild", "idle", "curious", "many"))
+        self._kind = rng.choice(("steady", "steady", "wild", "idle", "curious", "many", "devoted", "devoted"))
+        added = [tool for tool in self._tools if tool in ("take_notes", "recall", "read_result", "memory")]
+        self._favourite = rng.choice(added) if added and self._kind == "devoted" else None
         self._said = ["{}"]
         self.heard: list[str] = ["Rock"]
         """Words of the results so far, to look for."""
@@ -66,7 +68,7 @@ class Speaker:
     def reply(self) -> dict[str, Any]:
         """Return a reply to a prompt to play."""
         rng = self._rng
-        likely = {"steady": 0.99, "wild": 0.85, "idle": 0.5, "curious": 0.97, "many": 0.98}[self._kind]
+        likely = {"steady": 0.99, "wild": 0.85, "idle": 0.5, "curious": 0.97, "many": 0.98, "devoted": 0.99}[self._kind]
         count = 0 if rng.random() > likely else 1
         while count and rng.random() < (0.6 if self._kind == "many" else 0.1) and count < 5:
             count += 1
@@ -107,6 +109,8 @@ class Speaker:
         other = [tool for tool in self._tools if tool not in ("act", "observe", "read_manual")]
         acts = 0.35 if self._kind == "curious" else 0.65
         draw = rng.random()
+        if self._favourite and rng.random() < 0.6:
+            return self._favourite, self._json(self._values(self._favourite))
         if draw < acts or (not other and draw < 0.85):
             return "act", self._json({"action": self._action()})
         if draw > 0.98:
