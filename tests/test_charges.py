@@ -18,10 +18,11 @@ from smartplay_tools.records import Price, Record
 from smartplay_tools.records.caches import CacheRule, cache_rules, rule_named, rule_of
 from smartplay_tools.records.charges import calls_under, charge
 from smartplay_tools.records.requests import requests_of
+from smartplay_tools.tokens.tokenizers import with_pictures
 from tests import cache_judge, fuzz, scripts
 
 RULE = {"title": "a rule", "read_on": "2026-11-23", "source": "this test"}
-WORDS = scripts.Words()
+WORDS = with_pictures(scripts.Words())
 
 
 def any_rule(chance: random.Random) -> CacheRule:
@@ -40,17 +41,19 @@ def any_rule(chance: random.Random) -> CacheRule:
 
 
 def any_episode(chance: random.Random) -> tuple[scripts.Played, str]:
-    """A conversation at random under a budget at random, and its strategy."""
-    game, host = chance.choice(scripts.GAMES), chance.random() < 0.3
+    """A conversation at random under a budget at random, and its strategy; one in ten is about pictures."""
+    form = chance.choice(["picture", "both"]) if chance.random() < 0.1 else "text"
+    game, host = "Crafter-v0" if form != "text" else chance.choice(scripts.GAMES), chance.random() < 0.3
     size = scripts.head_tokens(game, WORDS, host=host)
-    budget = fuzz.budget(chance, game, size)
+    budget = fuzz.budget(chance, game, size, fuzz.PICTURE + fuzz.WORDS_BESIDE if form != "text" else 0, form)
     script = [
         scripts.Move(fuzz.hostile_reply(chance), chance.choice(scripts.AFTER)) for _ in range(chance.randrange(14))
     ]
     answers = chance.choices(scripts.ANSWERS, k=3)
     played = scripts.converse(
-        game, script, host=host, answers=answers, seed=chance.randrange(9), budget=budget, tokenizer=WORDS
-    )
+        game, script, host=host, answers=answers, seed=chance.randrange(9), budget=budget, tokenizer=WORDS,
+        observation=form,
+    )  # fmt: skip
     return played, fuzz.strategy_of(budget)
 
 
