@@ -70,10 +70,8 @@ def message_blocks(message: Json) -> int:
 
 
 def common(first: Tokens, second: Tokens) -> int:
-    length = 0
-    while length < min(len(first), len(second)) and first[length] == second[length]:
-        length += 1
-    return length
+    differing = (at for at, (one, other) in enumerate(zip(first, second, strict=False)) if one != other)
+    return next(differing, min(len(first), len(second)))
 
 
 TooOld = Callable[[Any, Any], bool]

@@ -2,7 +2,8 @@
 
 It imports nothing of the package but is given plain data: the turns of `tests/checker.py`, the budget as a dictionary,
 `n`, which counts the tokens of a text, and the summaries that were shown. The definition that it is written from is
-`docs/budgets.md` and `docs/strategies.md`. Everything is a fold over all prefixes; nothing is remembered but costs.
+`docs/budgets.md` and `docs/strategies.md`. Everything is a fold over all prefixes of the turns; what follows from the
+first k of them is computed once.
 """
 
 from __future__ import annotations
@@ -65,22 +66,29 @@ class Judge:
         """(turns at the time, text shown from then on) of every summary."""
         self.choices = choices
         """With a brought strategy: (turns, masked turns, texts by turn) that it chose after k turns."""
+        self.newest = functools.cache(self._newest)
+        """t: the index of the newest observation that k turns have shown."""
+        self.step = functools.cache(self._step)
+        """The step of a turn: of its newest item, or the step at which it was made if it has none."""
+        self.boundary = functools.cache(self._boundary)
+        """b: after k turns, an observation below it is masked."""
+        self.words_from = functools.cache(self._words_from)
+        """w: after k turns, a reply of a turn that is older than it has its calls alone."""
+        self.pictures_from = functools.cache(self._pictures_from)
+        """p: of all the pictures that k turns have shown, the first p are left out."""
         self._costs: dict[Any, int] = {}
         self._folds: dict[int, tuple[int, bool]] = {0: (0, False)}
 
     # What is old.
 
-    def newest(self, k: int) -> int:
-        """t: the index of the newest observation shown so far."""
+    def _newest(self, k: int) -> int:
         return max((o for turn in self.turns[:k] for o in turn["shows"] if o is not None), default=0)
 
-    def step(self, i: int) -> int:
-        """The step of a turn: of its newest item, or the step at which it was made if it has none."""
+    def _step(self, i: int) -> int:
         made = self.turns[i]["made"]
         return max(made[1:], default=made[0])
 
-    def boundary(self, k: int) -> int:
-        """b: an observation below it is masked."""
+    def _boundary(self, k: int) -> int:
         if self.history is None:
             return 0
         if not self.masks or self.slack == 0:
@@ -92,8 +100,7 @@ class Judge:
                 b = t - math.ceil((1 - self.slack) * self.history)
         return b
 
-    def words_from(self, k: int) -> int:
-        """w: a reply of a turn that is older than it has its calls alone."""
+    def _words_from(self, k: int) -> int:
         if self.words_kept is None:
             return 0
         if self.slack == 0:
@@ -105,8 +112,7 @@ class Judge:
                 w = t - math.ceil((1 - self.slack) * self.words_kept)
         return w
 
-    def pictures_from(self, k: int) -> int:
-        """p: of all the pictures that k turns have shown, the first p are left out."""
+    def _pictures_from(self, k: int) -> int:
         if self.pictures_kept is None:
             return 0
         counts = [sum(map(has_picture, turn["messages"])) for turn in self.turns[:k]]
@@ -155,9 +161,10 @@ class Judge:
             {**one, "content": MARKER} if date is not None and (hidden or date < b) else one
             for one, date in zip(turn["messages"], turn["dates"], strict=True)
         ]
-        number, p = sum(has_picture(one) for turn in self.turns[:i] for one in turn["messages"]), self.pictures_from(k)
+        p = self.pictures_from(k)
+        number = sum(has_picture(one) for turn in self.turns[:i] for one in turn["messages"]) if p else 0
         for m, one in enumerate(turn["messages"]):
-            if has_picture(one):
+            if p and has_picture(one):
                 number += 1
                 if number <= p and messages[m]["content"] != MARKER:
                     words = plain_text(one["content"])
