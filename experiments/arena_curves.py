@@ -1,8 +1,9 @@
 """The curves of the arena: every strategy under every cap, at four games, played by rules and by learned models.
 
     python experiments/arena_curves.py                              # both tables, from the published rows
-    python experiments/arena_curves.py --publish                    # and puts them into the page
+    python experiments/arena_curves.py --publish                    # and puts them and their figure into the page
     python experiments/arena_curves.py play --out runs/curves       # plays them; continues where it stopped
+    python experiments/arena_curves.py play --game MessengerL3-v0   # one of the games alone; repeatable
     python experiments/arena_curves.py play --learned runs/learned  # with the models of experiments/learned.py, too
 
 Rows are those of runs, each with the calls of memory tools and with what the episode costs under three caches.
@@ -13,23 +14,25 @@ from __future__ import annotations
 import argparse
 import json
 import lzma
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
+from page_tables import complete, interval, publish, table_row
+
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis import MEASURES, by_cell, mean_estimate
 from smartplay_tools.evaluation.analysis.area import Area, areas, curve_name
+from smartplay_tools.evaluation.analysis.figures import areas_under_curves, save_figure
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimates
+from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.names import strategy_name
 from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample, tokens
 from smartplay_tools.evaluation.analysis.windows import jointly
-from smartplay_tools.evaluation.runs import PlayerConfig, Run, make_cells
+from smartplay_tools.evaluation.runs import PlayerConfig, make_cells
 from smartplay_tools.evaluation.runs.plan import check_playable
 from smartplay_tools.records import Record
 from smartplay_tools.records.manifest import trial_seed
@@ -97,8 +100,12 @@ STAGES = {
         Stage(CRAFTER.id, (800, 1500, 3000), [*_ways(600, 500, 250, 600), {"beyond_result": "offload"}]),
     )
 }
+SUBJECT = PlayerConfig(name="rule-notes", options={"words": False})
+"""The scripted player, told to say nothing."""
 LEARNED_GAME = "RockPaperScissorBasic-v0"
 """The game of the models of `experiments/learned.py`."""
+LEARNED = ("full-0", "small-1")
+"""Those that play."""
 
 
 def play(
@@ -141,15 +148,6 @@ def play_learned(stage: Stage, lab: Lab, name: str, out: Path, *, trials: int, s
         yield from priced(rows, {row["key"]: path for row, path in zip(rows, records, strict=True)})
 
 
-def complete(*arguments: Any, **options: Any) -> Run:
-    """Play a run, or leave if some of its episodes have no result."""
-    done = sp.evaluate(*arguments, **options)
-    if not done.complete:
-        left = done.planned - len(done.rows)
-        sys.exit(f"{left} episodes of {done.folder.path} are not finished; run the command again.")
-    return done
-
-
 LEFT_OUT = ("versions", "deviations", "asked", "state_hash", "key")
 """What the tables do not need of a row."""
 
@@ -180,23 +178,26 @@ def curves_table(rows: Sequence[Row]) -> Iterator[str]:
     paired = [pairs(cells[at][1], plain[_place(cells[at][0])]) for at in compared]
     samples = [difference_sample(each, MEASURES["score"]) for each in paired]
     together = dict(zip(compared, mean_estimates(samples, jointly(len(samples))), strict=True))
-    yield _row([*HEADINGS, *CACHES])
-    yield _row(["---"] * (len(HEADINGS) + len(CACHES)))
+    yield table_row([*HEADINGS, *CACHES])
+    yield table_row(["---"] * (len(HEADINGS) + len(CACHES)))
     for at, (cell, own) in enumerate(cells):
         cap = cell.budget["prompt_tokens"]
         way = "full context" if cap is None else f"{cap:,}: {_way(cell)}"
         scores = sample(own, MEASURES["score"])
-        less = _interval(together[at], "+") if at in together else "" if cap is None else "reference"
+        less = interval(together[at], "+") if at in together else "" if cap is None else "reference"
         facts = [f"{fmean(map(tokens, own)):,.0f}", f"{max(row['peak_prompt_tokens'] for row in own):,}"]
         facts += [f"{fmean(row['memory_calls'] for row in own):.1f}"]
         facts += [str(sum(row["end_reason"] == "prompt_tokens" for row in own))]
         costs = [f"{fmean(each):,.0f}" for each in zip(*(row["costs"] for row in own), strict=True)]
-        shown = _interval(mean_estimate(scores.values, scores.bounds))
-        yield _row([f"`{cell.game}`", cell.player, way, str(len(own)), shown, less, *facts, *costs])
+        shown = interval(mean_estimate(scores.values, scores.bounds))
+        yield table_row([f"`{cell.game}`", cell.player, way, str(len(own)), shown, less, *facts, *costs])
 
 
-def areas_of(rows: Sequence[Row]) -> list[Area]:
-    """The area under the curve of every player and strategy; their differences to dropping hold together."""
+def areas_of(rows: Sequence[Row], compared: int | None = None) -> list[Area]:
+    """The area under the curve of every player and strategy; their differences to dropping hold together.
+
+    `compared` is of how many differences they do; by default all those of these rows.
+    """
     # Without a cap nothing leaves, so full context is the same episodes under every strategy.
     whole = [row for row in rows if row["budget"]["prompt_tokens"] is None]
     families = dict.fromkeys((row["game"], row["player"]) for row in rows if row["player"] != CONTROL)
@@ -208,21 +209,22 @@ def areas_of(rows: Sequence[Row]) -> list[Area]:
         full = [{**row, "budget": {**row["budget"], **way}} for way in ways.values() for row in own if row in whole]
         control = [row for row in whole if row["game"] == game and row["player"] == CONTROL]
         curves.append([*control, *full, *limited])
-    compared = sum(len(areas(own)) - 1 for own in curves)
+    if compared is None:
+        compared = sum(len(areas(own)) - 1 for own in curves)
     return [area for own in curves for area in areas(own, compared=compared)]
 
 
 def areas_table(curves: Sequence[Area]) -> Iterator[str]:
     """Every strategy in one number for all caps, in Markdown."""
-    yield _row(["game", "player and strategy", "seeds", "area [95 %]", "less dropping [95 %, all together]"])
-    yield _row(["---"] * 5)
+    yield table_row(["game", "player and strategy", "seeds", "area [95 %]", "less dropping [95 %, all together]"])
+    yield table_row(["---"] * 5)
     for each in curves:
         area = each.reason or f"{each.area:.2f} [{each.low:.2f}, {each.high:.2f}]"
         if each.infeasible:
             area += f"; does not fit {', '.join(map(str, each.infeasible))}"
         less = "{:+.2f} [{:+.2f}, {:+.2f}]".format(*each.together) if each.together else "reference"
         less = "" if each.reason else less
-        yield _row([f"`{each.game}`", each.name, str(each.seeds), area, less])
+        yield table_row([f"`{each.game}`", each.name, str(each.seeds), area, less])
 
 
 def _strategy_fields(row: Row) -> dict[str, Any]:
@@ -241,50 +243,39 @@ def _way(cell: PlayedCell) -> str:
     return curve_name(cell).partition(", ")[2]
 
 
-def _interval(estimate: MeanEstimate, sign: str = "-") -> str:
-    mean = f"{estimate.mean:{sign}.2f}"
-    if estimate.low is None or estimate.high is None:
-        return mean
-    return f"{mean} [{estimate.low:{sign}.2f}, {estimate.high:{sign}.2f}]"
-
-
-def _row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
 def main() -> None:
     """Print the tables of the published rows, or play."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="?", choices=("table", "play"), default="table")
     parser.add_argument("--out", type=Path, default=Path("runs/curves"), help="where the runs are")
+    parser.add_argument("--game", action="append", choices=[*STAGES], help="play this game alone; repeatable")
     parser.add_argument("--learned", type=Path, help="the folder in which experiments/learned.py keeps its models")
-    parser.add_argument("--publish", action="store_true", help="put the tables into the documentation")
+    parser.add_argument("--publish", action="store_true", help="put tables and figure into the documentation")
     asked = parser.parse_args()
     if asked.what == "play":
-        write_rows(_played(asked.out, asked.learned), asked.out / "rows.jsonl.xz")
+        write_rows(_played(asked.game or STAGES, asked.out, asked.learned), asked.out / "rows.jsonl.xz")
         return
     rows = read_rows(PUBLISHED)
-    tables = {"arena-curves": curves_table(rows), "arena-curve-areas": areas_table(areas_of(rows))}
-    text = PAGE.read_text(encoding="utf-8")
-    for name, lines in tables.items():
+    curves = areas_of(rows)
+    for name, lines in {"arena-curves": curves_table(rows), "arena-curve-areas": areas_table(curves)}.items():
         written = "\n".join(lines)
         print(written, "\n")
-        before, _, rest = text.partition(f"<!-- table: {name} -->\n")
-        text = f"{before}<!-- table: {name} -->\n\n{written}\n\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
+        if asked.publish:
+            publish(PAGE, name, written)
     if asked.publish:
-        PAGE.write_text(text, encoding="utf-8")
+        drawn = [each for each in curves if each.name.startswith(SUBJECT.name)]
+        save_figure(areas_under_curves(drawn), PAGE.parent / "figures" / "arena-areas", formats=["svg"])
 
 
-def _played(out: Path, models: Path | None) -> Iterator[Row]:
-    silent = PlayerConfig(name="rule-notes", options={"words": False})
-    for game, stage in STAGES.items():
+def _played(games: Iterable[str], out: Path, models: Path | None) -> Iterator[Row]:
+    for game in games:
         options = {"trials": TRIALS.get(game, 32), "seed": SEED}
-        yield from play(stage, [silent], (), out / game, executor="inline", **options)
+        yield from play(STAGES[game], [SUBJECT], (), out / game, executor="inline", **options)
         if models is not None and game == LEARNED_GAME:
             from learned_lab import Lab
 
-            for name in ("full-0", "small-1"):
-                yield from play_learned(stage, Lab(models, game), name, out / "learned", **options)
+            for name in LEARNED:
+                yield from play_learned(STAGES[game], Lab(models, game), name, out / "learned", **options)
 
 
 if __name__ == "__main__":

@@ -11,14 +11,13 @@ The same command continues where it stopped; `--publish` puts table and figure i
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from page_tables import publish
+from page_tables import complete, interval, publish
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import MEASURES, MeanEstimate, by_cell
+from smartplay_tools.evaluation.analysis import MEASURES, by_cell
 from smartplay_tools.evaluation.analysis.figures import save_figure, score_against_trial
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample
@@ -38,7 +37,7 @@ def main() -> None:
     asked = _arguments()
     rows: list[Row] = []
     for carry in (None, "notes"):
-        done = sp.evaluate(
+        done = complete(
             GAMES,
             asked.player or ["rule-notes"],
             budgets=BUDGET,
@@ -49,9 +48,6 @@ def main() -> None:
             workers=asked.workers,
             **({} if carry is None else {"carry": "notes", "chain": CHAIN}),
         )
-        if not done.complete:
-            left = done.planned - len(done.rows)
-            sys.exit(f"{left} episodes of {done.folder.path} are not finished; run the command again.")
         rows += done.rows
     written = "\n".join(table(rows))
     print(written)
@@ -76,13 +72,7 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
     for (cell, _), own, difference in zip(carrying, paired, differences, strict=True):
         means = mean_estimates([sample(side, measure) for side in ([b for _, b in own], [a for a, _ in own])])
         shown = " | ".join(f"{mean.mean:.2f}" for mean in means)
-        yield f"| `{cell.game}` | {cell.player} | {difference.episodes} | {shown} | {_interval(difference)} |"
-
-
-def _interval(estimate: MeanEstimate) -> str:
-    if estimate.low is None or estimate.high is None:
-        return f"{estimate.mean:+.2f} (all {estimate.episodes} equal)"
-    return f"{estimate.mean:+.2f} [{estimate.low:+.2f}, {estimate.high:+.2f}]"
+        yield f"| `{cell.game}` | {cell.player} | {difference.episodes} | {shown} | {interval(difference, '+')} |"
 
 
 def _arguments() -> argparse.Namespace:

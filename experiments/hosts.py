@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
-import sys
 import tempfile
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -26,11 +25,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from page_tables import publish
+from page_tables import complete, interval, publish
 from smartplay_openai import LocalEndpoint
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import MEASURES, MeanEstimate, by_cell
+from smartplay_tools.evaluation.analysis import MEASURES, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample
 from smartplay_tools.evaluation.analysis.windows import jointly
@@ -242,14 +241,10 @@ def main() -> None:
     os.environ |= {"NO_PROXY": "127.0.0.1", "INSPECT_LOG_LEVEL": "error", "LANGSMITH_TRACING": "false"}
     # What a result may have is the same for all: its cap follows from that on prompts.
     budget = sp.Budget(prompt_tokens=CAP, history=None)
-    run = partial(sp.evaluate, GAMES, trials=asked.trials, budgets=budget)
+    run = partial(complete, GAMES, trials=asked.trials, budgets=budget)
     window = run([PlayerConfig(name=asked.player)], out=asked.out / "window")
     agents = {name: agent_of(name, asked.player) for name in asked.host or HOSTS}
     hosted = run(agents, out=asked.out / "hosts", context="host", workers=1)
-    for done in (window, hosted):
-        if not done.complete:
-            left = done.planned - len(done.rows)
-            sys.exit(f"{left} episodes of {done.folder.path} are not finished; run the command again.")
     written = "\n".join(table(window.rows, hosted.rows, hosted.folder))
     print(written)
     if asked.publish:
@@ -274,7 +269,7 @@ def table(window: Sequence[Row], hosted: Sequence[Row], folder: RunFolder) -> It
         ]:
             mean, spent = mean_estimates([sample(members, score), sample(members, tokens)])
             peak = max(row["peak_prompt_tokens"] for row in members)
-            shown = "reference" if difference is None else _interval(difference)
+            shown = "reference" if difference is None else interval(difference, "+")
             over = "0" if difference is None else _share_over(members, folder)
             ended = sum(row["end_reason"] == "host" for row in members)
             facts = (len(members), f"{mean.mean:.2f}", shown, f"{spent.mean:,.0f}", f"{peak:,}", over, ended)
@@ -285,12 +280,6 @@ def _share_over(rows: Sequence[Row], folder: RunFolder) -> str:
     records = [sp.records.Record.read(folder.transcript(row["key"])) for row in rows]
     sent = [event for record in records for event in record.sent]
     return f"{100 * sum(event['over'] for event in sent) / len(sent):.0f} %"
-
-
-def _interval(estimate: MeanEstimate) -> str:
-    if estimate.low is None or estimate.high is None:
-        return f"{estimate.mean:+.2f} (all {estimate.episodes} equal)"
-    return f"{estimate.mean:+.2f} [{estimate.low:+.2f}, {estimate.high:+.2f}]"
 
 
 def _arguments() -> argparse.Namespace:
