@@ -33,6 +33,8 @@ PUBLISHED = Path(__file__).parent / "arena" / "fresh-rows.jsonl.xz"
 SEED = 2032
 """Of the runs: their worlds are in no other table."""
 TRIALS = 64
+LEARNED_TRIALS = 32
+"""Of a learned model, which takes longer."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,8 @@ def played(out: Path, models: Path | None) -> Iterator[Row]:
             elif models is not None:
                 from learned_lab import Lab
 
-                yield from play_learned(stage, Lab(models, LEARNED_GAME), player, out / "learned", **options)
+                few = {**options, "trials": LEARNED_TRIALS}
+                yield from play_learned(stage, Lab(models, LEARNED_GAME), player, out / "learned", **few)
         for cap in dict.fromkeys(claim.cap for claim in own if claim.cap is not None):
             ways = [{}, *(claim.way for claim in own if claim.cap == cap)]
             budgets = [sp.Budget(history=HISTORY, prompt_tokens=cap, **way) for way in ways]
