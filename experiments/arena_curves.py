@@ -199,15 +199,15 @@ def areas_of(rows: Sequence[Row], compared: int | None = None) -> list[Area]:
     `compared` is of how many differences they do; by default all those of these rows.
     """
     # Without a cap nothing leaves, so full context is the same episodes under every strategy.
-    whole = [row for row in rows if row["budget"]["prompt_tokens"] is None]
     families = dict.fromkeys((row["game"], row["player"]) for row in rows if row["player"] != CONTROL)
     curves: list[list[Row]] = []
     for game, player in families:
         own = [row for row in rows if (row["game"], row["player"]) == (game, player)]
         limited = [row for row in own if row["budget"]["prompt_tokens"] is not None]
         ways = {json.dumps(way): way for way in map(_strategy_fields, limited)}
-        full = [{**row, "budget": {**row["budget"], **way}} for way in ways.values() for row in own if row in whole]
-        control = [row for row in whole if row["game"] == game and row["player"] == CONTROL]
+        unlimited = [row for row in own if row["budget"]["prompt_tokens"] is None]
+        full = [{**row, "budget": {**row["budget"], **way}} for way in ways.values() for row in unlimited]
+        control = [row for row in rows if (row["game"], row["player"]) == (game, CONTROL)]
         curves.append([*control, *full, *limited])
     if compared is None:
         compared = sum(len(areas(own)) - 1 for own in curves)

@@ -1,6 +1,7 @@
 """Context strategies of other frameworks, as their packages have them, on the same worlds: a table of `docs/hosts.md`.
 
     pip install 'smartplay-tools[openai]' langchain langchain-openai deepagents inspect-ai 'pydantic-ai-slim[openai]'
+    pip install openhands-sdk                            # needs Python 3.12; without it, name the other hosts
     python experiments/hosts.py                          # a scripted player as the model: no key, minutes
     python experiments/hosts.py --player openai:MODEL    # the same question to a model
     python experiments/hosts.py --host langchain-summary # one of them alone; repeatable
@@ -191,7 +192,7 @@ async def pydantic_ai_newest(game: HostedGame) -> None:
 
 
 async def openhands_summary(game: HostedGame) -> None:
-    """The `LLMSummarizingCondenser` of OpenHands, whose SDK needs an environment of its own."""
+    """The `LLMSummarizingCondenser` of OpenHands, whose SDK needs Python 3.12."""
     from openhands_host import play as play_openhands
 
     play_openhands(game.tools, game.instructions, game.task, game.model, game.base_url, CAP)
@@ -206,10 +207,9 @@ HOSTS: dict[str, Callable[[HostedGame], Awaitable[None]]] = {
     "inspect-trim": inspect_trim,
     "inspect-summary": inspect_summary,
     "pydantic-ai-newest": pydantic_ai_newest,
+    "openhands-summary": openhands_summary,
 }
 """The agents by the names that the table gives them."""
-APART = {"openhands-summary": openhands_summary}
-"""Those that are played only if they are named, since their framework needs an environment of its own."""
 
 
 def play(host: Callable[[HostedGame], Awaitable[None]], player: str, episode: sp.Episode) -> None:
@@ -230,7 +230,7 @@ def agent_of(name: str, player: str) -> Callable[[sp.Episode], None]:
     """Return the agent of a host as `evaluate` takes it."""
 
     def agent(episode: sp.Episode) -> None:
-        play({**HOSTS, **APART}[name], player, episode)
+        play(HOSTS[name], player, episode)
 
     return agent
 
@@ -285,7 +285,7 @@ def _share_over(rows: Sequence[Row], folder: RunFolder) -> str:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Context strategies of other frameworks, on the same worlds.")
     parser.add_argument("--player", default="rule-notes", help="what answers in the place of the frameworks' model")
-    parser.add_argument("--host", action="append", choices=[*HOSTS, *APART], help="one of the hosts alone; repeatable")
+    parser.add_argument("--host", action="append", choices=[*HOSTS], help="one of the hosts alone; repeatable")
     parser.add_argument("--trials", type=int, default=10, help="episodes of every cell")
     parser.add_argument("--out", type=Path, default=Path("runs/hosts"), help="the folder of the runs")
     parser.add_argument("--publish", action="store_true", help="put the table into the documentation")

@@ -28,6 +28,16 @@ def arena():
     yield from script("arena")
 
 
+@pytest.fixture(scope="module")
+def curves():
+    yield from script("arena_curves")
+
+
+@pytest.fixture(scope="module")
+def claims():
+    yield from script("arena_claims")
+
+
 def script(name):
     """The module of a script, which finds those beside it while it is loaded."""
     before = set(sys.modules)
@@ -137,3 +147,30 @@ def test_the_arenas_table_says_what_is_played(arena, tmp_path, monkeypatch):
     rows = cells_of(arena.table(done).splitlines())
     assert len(rows) == 2
     assert all(row in cells_of(published("arena")) for row in rows)
+
+
+def test_the_areas_in_the_page_are_those_of_the_published_rows(curves):
+    assert published("arena-curve-areas") == [*curves.areas_table(curves.areas_of(curves.read_rows(curves.PUBLISHED)))]
+
+
+@pytest.mark.slow
+def test_the_curves_in_the_page_are_those_of_the_published_rows(curves):
+    assert published("arena-curves") == [*curves.curves_table(curves.read_rows(curves.PUBLISHED))]
+
+
+def test_the_first_worlds_of_a_curve_played_again_are_the_published_rows(curves, tmp_path):
+    whole = curves.STAGES["RockPaperScissorBasic-v0"]
+    stage = curves.Stage(whole.game, whole.caps[:1], [{}, {"notes_tokens": 200}])
+    rows = curves.play(stage, [curves.SUBJECT], (), tmp_path, trials=1, seed=curves.SEED, executor="inline")
+    curves.write_rows(rows, tmp_path / "rows.xz")
+    played = curves.read_rows(tmp_path / "rows.xz")
+    assert len(played) == 4
+    assert [row for row in played if row not in curves.read_rows(curves.PUBLISHED)] == []
+
+
+def test_a_claim_is_confirmed_by_an_interval_on_its_side_alone(claims):
+    better = claims.Claim(claims.BANDIT, {"notes_tokens": 200}, better=True)
+    worse = claims.Claim(claims.BANDIT, {"notes_tokens": 200}, better=False)
+    above, around = claims.Outcome(64, 0.1, 0.05, 0.15), claims.Outcome(64, 0.1, -0.05, 0.25)
+    assert [above.of(better), above.of(worse)] == ["confirmed", "contradicted"]
+    assert [around.of(better), around.of(worse)] == ["undecided", "undecided"]

@@ -80,8 +80,12 @@ def test_differences_hold_together_in_wider_intervals_and_the_figure_has_a_row_f
     for each in others:
         assert each.together[0] == each.difference[0]
         assert each.together[1] <= each.difference[1] < each.difference[2] <= each.together[2]
+    # One difference alone has the interval that holds by itself, and one of many a wider one.
+    alone, many = (areas(rows, compared=compared)[1].together for compared in (1, 100))
+    assert alone == others[0].difference
+    assert many[1] < others[0].together[1] < others[0].together[2] < many[2]
     (panel,) = areas_under_curves([first, *others]).axes
-    assert [label.get_text() for label in panel.get_yticklabels()] == [each.name for each in (first, *others)]
+    assert [label.get_text() for label in panel.get_yticklabels()] == ["dropping", "notes <= 200", "first turns 200"]
     with pytest.raises(sp.InvalidArgumentError, match="nothing to draw"):
         areas_under_curves([])
 
