@@ -6,13 +6,13 @@
     python .ci/frameworks.py python-clients#ag2    # one of them
     python .ci/frameworks.py --envs /tmp/frameworks strands
 
-A page of `docs/` names what to install, with versions, in its first block that begins with `pip install` or
-`npm install`, and has the agent in the first block of Python (`py`), JavaScript (`js`) or shell (`bash`); a page about
-more than that has both below "Through the window endpoint". They are taken as they stand. An endpoint runs in the
-Python that runs this script, in place of the model: the window endpoint with the rule player behind it, or, where the
-framework owns the context and reads calls from text, one that writes the rule player's calls as the framework asks for
-them. An agent has to win the game, and no prompt of the window endpoint may exceed its cap. Environments are kept, and
-reused while the page installs the same; a page that installs smartplay-tools gets that of this checkout.
+A page of `docs/` names what to install, with versions, in its first block that begins with `pip install` or `npm
+install`, and has the agent in the first block of Python (`py`), JavaScript (`js`) or shell (`bash`). They are taken as
+they stand. `smartplay-tools agent`, in the Python that runs this script, starts the agent with the rule player behind
+the window endpoint, and with `--only-game-tools` where the page has that. Where the framework owns the context and
+reads calls from text, an endpoint writes the rule player's calls as the framework asks for them. An agent has to win
+the game, and no prompt of the window endpoint may exceed its cap. Environments are kept, and reused while the page
+installs the same; a page that installs smartplay-tools gets that of this checkout.
 """
 
 from __future__ import annotations
@@ -29,16 +29,23 @@ import time
 from pathlib import Path
 from typing import Any
 
-from smartplay_openai import LocalEndpoint, WindowEndpoint
+from smartplay_openai import LocalEndpoint
 
 import smartplay_tools as sp
 from smartplay_tools.messages import text_of
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = ("pydantic-ai", "smolagents", "llamaindex", "crewai", "adk", "agent-framework", "strands", "agno", "vercel")
-"""Pages whose agent plays through the window endpoint."""
-PROGRAM_PAGES = (
+PAGES = (
+    "pydantic-ai",
+    "smolagents",
+    "llamaindex",
+    "crewai",
+    "adk",
+    "agent-framework",
+    "strands",
+    "agno",
+    "vercel",
     "claude-code",
     "codex",
     "opencode",
@@ -48,13 +55,13 @@ PROGRAM_PAGES = (
     "beeai",
     "deepagents",
 )
-"""Pages whose agent is a program that `smartplay-tools agent` starts."""
+"""Pages with a program that `smartplay-tools agent` starts, which plays through the window endpoint."""
 SHARED_PAGES = ("python-clients", "javascript-clients")
 """Pages with many such programs, each in a section with what to install."""
 TEXT_PAGES = ("dspy",)
 """Pages whose agent owns the context, and reads its calls from the model's text."""
 
-OURS = "smartplay-tools"
+OURS, ONLY_GAME_TOOLS = "smartplay-tools", "--only-game-tools"
 GAME, SEED, CAP, SECONDS = "Hanoi3Disk-v0", 7, 700, 600
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 SCRIPTS = {"js": "agent.mjs", "py": "agent_of_page.py", "bash": "agent.sh"}
@@ -84,12 +91,16 @@ def sections_of(page: str) -> dict[str, str]:
     return {name: text for name, text, has in zip(names, pieces[2::2], kinds, strict=True) if has & set(SCRIPTS)}
 
 
+def text_of_agent(agent: str) -> str:
+    """Return the text of an agent's page, or of its section."""
+    page, _, section = agent.partition("#")
+    return sections_of(page)[section] if section else (DOCS / f"{page}.md").read_text(encoding="utf-8")
+
+
 def blocks_of(agent: str) -> tuple[str, str, str]:
     """Return the command that installs an agent, its language, and the agent."""
-    page, _, section = agent.partition("#")
     install = ""
-    shown: str = sections_of(page)[section] if section else (DOCS / f"{page}.md").read_text(encoding="utf-8")
-    for kind, text in BLOCK.findall(shown):
+    for kind, text in BLOCK.findall(text_of_agent(agent)):
         if kind == "sh" and re.match(r"(pip|npm) install", text):
             install = text.strip()
         elif kind in SCRIPTS:
@@ -140,37 +151,16 @@ def play(page: str, envs: Path) -> str:
     (folder / SCRIPTS[kind]).write_text(agent, encoding="utf-8")
     command = [{"js": "node", "bash": "bash"}.get(kind) or python_of(folder), SCRIPTS[kind]]
     begun = time.monotonic()
-    if page in TEXT_PAGES:
-        played = with_texts(command, folder)
-    else:
-        played = (through_the_window if page in PAGES else as_a_program)(page, command, folder)
+    played = with_texts(command, folder) if page in TEXT_PAGES else as_a_program(page, command, folder)
     return f"{played}, {time.monotonic() - begun:.0f} s; {install}"
-
-
-def through_the_window(page: str, command: list[str], folder: Path) -> str:
-    """Run an agent at the window endpoint, and say how it did."""
-    events: list[Any] = []
-    budget = sp.Budget(prompt_tokens=CAP)
-    with (
-        WindowEndpoint(sp.get_player("rule")) as endpoint,
-        sp.Episode(GAME, seed=SEED, budget=budget, transcript=events) as episode,
-    ):
-        handle = endpoint.serve(episode)
-        variables = {
-            "SMARTPLAY_BASE_URL": endpoint.base_url,
-            "SMARTPLAY_MODEL": endpoint.model(handle),
-            "SMARTPLAY_MCP": endpoint.mcp_url(handle),
-        }
-        run(command, folder, env={**os.environ, **QUIET, **variables}, timeout=SECONDS)
-    assert episode.result is not None
-    return verdict(page, episode.result, events)
 
 
 def as_a_program(page: str, command: list[str], folder: Path) -> str:
     """Have `smartplay-tools agent` start an agent, and say how it did."""
     out = folder / "run"
     shutil.rmtree(out, ignore_errors=True)
-    options = ["--prompt-tokens", str(CAP), "--only-game-tools", "--timeout", str(SECONDS), "--out", str(out)]
+    options = ["--prompt-tokens", str(CAP), "--timeout", str(SECONDS), "--out", str(out)]
+    options += [ONLY_GAME_TOOLS] if ONLY_GAME_TOOLS in text_of_agent(page) else []
     agent = [sys.executable, "-m", "smartplay_tools", "agent", GAME, *options, "--", *command]
     # The agent has this environment, too, and is not to find the packages of this script's Python in it.
     shown = run(agent, folder, env={**os.environ, **QUIET}, timeout=2 * SECONDS)
@@ -232,7 +222,7 @@ def main() -> None:
     parser.add_argument(
         "pages",
         nargs="*",
-        default=(*PAGES, *PROGRAM_PAGES, *SHARED_PAGES, *TEXT_PAGES),
+        default=(*PAGES, *SHARED_PAGES, *TEXT_PAGES),
         help="pages of docs/, without .md; or PAGE#SECTION",
     )
     parser.add_argument("--envs", type=Path, default=Path(tempfile.gettempdir()) / "smartplay-frameworks")

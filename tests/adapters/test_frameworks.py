@@ -33,11 +33,10 @@ def test_every_page_says_what_it_installs_and_has_an_agent():
     spec = importlib.util.spec_from_file_location("frameworks", RUNNER)
     frameworks = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(frameworks)
-    for page in (*frameworks.PAGES, *frameworks.PROGRAM_PAGES, *frameworks.TEXT_PAGES):
-        install, kind, agent = frameworks.blocks_of(page)
+    pages = (*frameworks.PAGES, *frameworks.SHARED_PAGES, *frameworks.TEXT_PAGES)
+    for agent in (agent for page in pages for agent in frameworks.agents_of(page)):
+        install, kind, program = frameworks.blocks_of(agent)
         assert "==" in install or "@" in install, "it names no version"
-        for name in ("SMARTPLAY_BASE_URL", "SMARTPLAY_MODEL", "SMARTPLAY_MCP"):
-            assert page not in frameworks.PAGES or name in agent
-        assert ("SMARTPLAY_MCP_URL" in agent) == (page in frameworks.PROGRAM_PAGES)
+        assert ("SMARTPLAY_MCP_URL" in program) == (agent not in frameworks.TEXT_PAGES)
         if kind == "py":
-            compile(agent, page, "exec")
+            compile(program, agent, "exec")
