@@ -7,6 +7,9 @@ Every episode has a client of the official package with its own connection. All 
 moment, and each sends its next call when the last one is answered, which is the worst case. A client's call takes more
 processor time than the server's answer, so with fewer free cores than processes, the latency includes the clients'
 time; the server's processor time per call shows what the server alone could do.
+
+No two episodes may be mixed, or the benchmark stops: before the clock runs, every client makes moves in an order that
+no other has, and all its answers have to be those of the same game in this process.
 """
 
 from __future__ import annotations
@@ -30,7 +33,11 @@ from mcp.client.streamable_http import streamable_http_client
 from rich.console import Console
 from rich.table import Table
 
-GAME = "RockPaperScissorBasic-v0"
+import smartplay_tools as sp
+
+GAME, ACTIONS = "RockPaperScissorBasic-v0", ("Rock", "Paper", "Scissor")
+MOVES = 7
+"""The number of moves that each client makes first: enough for 2,187 orders."""
 AT_ONCE = 50
 """The number of clients of a process that connect at the same time; their calls all begin at once."""
 
@@ -47,14 +54,15 @@ def main() -> None:
         return
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-    with served(1) as (server, urls):
+    with served(1) as (server, places):
         empty = memory(server.pid)
-        alone, _ = play(urls, calls=200, clients=1)
-    with served(asked.episodes) as (server, urls):
+        alone, _ = play(places, calls=200, clients=1)
+    with served(asked.episodes) as (server, places):
         opened = memory(server.pid)
         before = processor_seconds(server.pid)
-        times, seconds = play(urls, asked.calls, asked.clients)
+        times, seconds = play(places, asked.calls, asked.clients)
         spent, peak = processor_seconds(server.pid) - before, memory(server.pid, "VmHWM")
+    made = len(times) + MOVES * asked.episodes
     table = Table("", "1 episode", f"{asked.episodes:,} at once", title="MCP over HTTP")
     table.add_row("latency p50, ms", f"{share(alone, 0.5):,.1f}", f"{share(times, 0.5):,.0f}")
     table.add_row("latency p95, ms", f"{share(alone, 0.95):,.1f}", f"{share(times, 0.95):,.0f}")
@@ -65,7 +73,7 @@ def main() -> None:
     console.print(table)
     console.print(
         f"{(opened - empty) / max(asked.episodes - 1, 1):.0f} KiB an episode; "
-        f"{spent / len(times) * 1e3:.1f} ms of the server's processor time a call, connecting included; "
+        f"{spent / made * 1e3:.1f} ms of the server's processor time a call, connecting included; "
         f"{len(times):,} calls from {asked.clients} client processes; {os.cpu_count()} cores"
     )
 
@@ -75,28 +83,31 @@ def share(times: Sequence[float], of: float) -> float:
 
 
 @contextmanager
-def served(episodes: int) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
-    """Start a server with `episodes` open episodes."""
+def served(episodes: int) -> Iterator[tuple[subprocess.Popen[str], list[list[str]]]]:
+    """Start a server with `episodes` open episodes; yield it with the address and the seed of each."""
     options = ["--http", "--port", "0", "--episodes", str(episodes), "--most", str(episodes), "--tool-calls", "none"]
     command = [sys.executable, "-m", "smartplay_tools", "serve", "mcp", GAME, *options]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert server.stdout is not None
-        yield server, [server.stdout.readline().split()[0] for _ in range(episodes)]
+        yield server, [server.stdout.readline().split()[::2] for _ in range(episodes)]
     finally:
         server.terminate()
         server.wait()
 
 
-def play(urls: list[str], calls: int, clients: int) -> tuple[list[float], float]:
-    """Have client processes play; return the time of each call, and the time of all together."""
+def play(places: list[list[str]], calls: int, clients: int) -> tuple[list[float], float]:
+    """Have client processes play; return the time of each call, and the time of all together.
+
+    Stop if a client was answered otherwise than in a game of its own.
+    """
     command = [sys.executable, __file__, "--be-a-client", "--calls", str(calls)]
     processes = [
         subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in range(clients)
     ]
     for at, process in enumerate(processes):
         assert process.stdin is not None
-        process.stdin.write(json.dumps(urls[at::clients]) + "\n")
+        process.stdin.write(json.dumps(places[at::clients]) + "\n")
         process.stdin.flush()
     for process in processes:
         assert process.stdout is not None
@@ -106,11 +117,27 @@ def play(urls: list[str], calls: int, clients: int) -> tuple[list[float], float]
         assert process.stdin is not None
         process.stdin.write("go\n")
         process.stdin.flush()
-    times = [taken for process in processes for taken in json.loads(_line(process))]
+    answers = [json.loads(_line(process)) for process in processes]
     seconds = time.perf_counter() - begun
     for process in processes:
         process.communicate()
-    return times, seconds
+    for at, (url, seed) in enumerate(places):
+        _, texts = answers[at % clients][at // clients]
+        if texts != game_of(int(seed), calls):
+            raise SystemExit(f"The episode of {url} (seed {seed}) was answered otherwise than a game of its own.")
+    return [taken for of_process in answers for times, _ in of_process for taken in times], seconds
+
+
+def moves_of(seed: int) -> list[str]:
+    """Return the moves of the client whose episode has this seed."""
+    return [ACTIONS[seed // 3**place % 3] for place in range(MOVES)]
+
+
+def game_of(seed: int, calls: int) -> list[str]:
+    """Return what a client is told in an episode of its own."""
+    with sp.Episode(GAME, seed=seed, context="host", budget=sp.Budget(tool_calls=None)) as episode:
+        observe, act, _ = episode.functions()
+        return [*(act(move) for move in moves_of(seed)), *(observe() for _ in range(calls))]
 
 
 def _line(process: subprocess.Popen[str]) -> str:
@@ -119,12 +146,15 @@ def _line(process: subprocess.Popen[str]) -> str:
 
 
 async def be_a_client(calls: int) -> None:
-    """Connect a client to each address that comes in; on "go", play with all, and print what each call took."""
-    urls: list[str] = json.loads(sys.stdin.readline())
-    connected, begin = asyncio.Semaphore(AT_ONCE), asyncio.Event()
-    waiting = len(urls)
+    """Connect a client to each address that comes in; on "go", play with all.
 
-    async def one(url: str) -> list[float]:
+    Print for each client the seconds of its calls, and all that it was told.
+    """
+    places: list[list[str]] = json.loads(sys.stdin.readline())
+    connected, begin = asyncio.Semaphore(AT_ONCE), asyncio.Event()
+    waiting = len(places)
+
+    async def one(url: str, seed: str) -> tuple[list[float], list[str]]:
         nonlocal waiting
         async with AsyncExitStack() as stack:
             async with connected:
@@ -132,22 +162,26 @@ async def be_a_client(calls: int) -> None:
                 http = await stack.enter_async_context(httpx2.AsyncClient(trust_env=False, verify=False, timeout=600))
                 client = await stack.enter_async_context(Client(streamable_http_client(url, http_client=http)))
                 await client.list_tools()
+                texts = [text_of(await client.call_tool("act", {"action": move})) for move in moves_of(int(seed))]
             waiting -= 1
             if not waiting:
                 print("connected", flush=True)
                 await asyncio.to_thread(sys.stdin.readline)
                 begin.set()
             await begin.wait()
-            return [await timed(client) for _ in range(calls)]
+            times = []
+            for _ in range(calls):
+                begun = time.perf_counter()
+                result = await client.call_tool("observe")
+                times.append(time.perf_counter() - begun)
+                texts.append(text_of(result))
+            return times, texts
 
-    results = await asyncio.gather(*(one(url) for url in urls))
-    print(json.dumps([taken for times in results for taken in times]), flush=True)
+    print(json.dumps(await asyncio.gather(*(one(*place) for place in places))), flush=True)
 
 
-async def timed(client: Any) -> float:
-    begun = time.perf_counter()
-    await client.call_tool("observe")
-    return time.perf_counter() - begun
+def text_of(result: Any) -> str:
+    return str(result.content[0].text)
 
 
 def memory(process: int, what: str = "VmRSS") -> int:
