@@ -63,20 +63,26 @@ def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def imported(tree: ast.AST) -> set[str]:
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    """Everything in a module, which several tests look at."""
+    return [*ast.walk(tree(path))]
+
+
+def imported(nodes: list[ast.AST]) -> set[str]:
     """The modules of this package that a module imports when it is loaded or when its functions are called.
 
     Imports for type checkers only are left out.
     """
     for_types = {
         id(node)
-        for branch in ast.walk(tree)
+        for branch in nodes
         if isinstance(branch, ast.If) and ast.unparse(branch.test).split(".")[-1] == "TYPE_CHECKING"
         for statement in branch.body
         for node in ast.walk(statement)
     }
     names: set[str] = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if id(node) in for_types:
             continue
         if isinstance(node, ast.Import):
@@ -91,14 +97,14 @@ def imported(tree: ast.AST) -> set[str]:
 def test_imports_never_point_up():
     for path in modules():
         layer = LAYERS.index(path.relative_to(PACKAGE).parts[0].removesuffix(".py"))
-        for module in imported(tree(path)):
+        for module in imported(nodes(path)):
             assert LAYERS.index(module.split(".")[1]) <= layer, f"{path.name} imports {module}"
 
 
 def test_a_room_of_evaluation_imports_only_lower_ones():
     for path in sorted((PACKAGE / "evaluation").rglob("*.py")):
         room = path.relative_to(PACKAGE / "evaluation").parts[0].removesuffix(".py")
-        for module in imported(tree(path)):
+        for module in imported(nodes(path)):
             parts = module.split(".")
             if parts[1] == "evaluation" and parts[2] != room:
                 assert ROOMS[parts[2]] < ROOMS[room], f"{path.name} imports {module}"
@@ -128,7 +134,7 @@ def test_an_import_in_a_function_or_a_method_counts():
         "smartplay_tools.evaluation.runs",
         "smartplay_tools.lazy",
     }
-    assert imported(ast.parse(DEFERRED)) == names
+    assert imported([*ast.walk(ast.parse(DEFERRED))]) == names
 
 
 def test_a_run_is_played_without_loading_statistics_or_pages(tmp_path):
@@ -163,7 +169,7 @@ def test_only_records_tell_events_apart():
         where = path.relative_to(PACKAGE).as_posix()
         if where.startswith(KINDS_ARE_TESTED_BY):
             continue
-        for node in ast.walk(tree(path)):
+        for node in nodes(path):
             tested = node.left if isinstance(node, ast.Compare) else getattr(node, "subject", None)
             assert tested is None or not ast.unparse(tested).endswith(("['event']", ".get('event')")), (
                 f"{where}:{node.lineno} tests the kind of an event; ask a Record"
@@ -172,7 +178,7 @@ def test_only_records_tell_events_apart():
 
 def test_nothing_is_keyed_by_identity():
     for path in modules():
-        calls = [node for node in ast.walk(tree(path)) if isinstance(node, ast.Call)]
+        calls = [node for node in nodes(path) if isinstance(node, ast.Call)]
         assert not [node for node in calls if isinstance(node.func, ast.Name) and node.func.id == "id"], path
 
 
@@ -214,7 +220,7 @@ OFFERED_TO_SEVERAL_HOSTS = {"PlayerModel", "SmartPlayHarness"}
 def test_a_class_name_is_defined_once():
     places: dict[str, list[str]] = {}
     for path in [*sorted(PACKAGE.rglob("*.py")), *sorted((ROOT / "adapters").rglob("*.py"))]:
-        for node in ast.walk(tree(path)):
+        for node in nodes(path):
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
     doubled = {name: paths for name, paths in places.items() if len(paths) > 1}
@@ -249,7 +255,7 @@ BUILT_ON = {"smartplay_local": "smartplay_openai"}
 def test_no_adapter_imports_another():
     for path in sorted((ROOT / "adapters").rglob("*.py")):
         own = path.relative_to(ROOT / "adapters").parts[0]
-        for node in ast.walk(tree(path)):
+        for node in nodes(path):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             for name in names:

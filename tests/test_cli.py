@@ -227,6 +227,7 @@ def test_a_class_in_a_file_plays(players, name):
     assert sp.EpisodeResult.model_validate_json(result.output).steps == 50
 
 
+@pytest.mark.slow
 def test_a_class_in_a_file_plays_runs_in_worker_processes(players, tmp_path):
     name, out = f"{players}:Seeded", tmp_path / "run"
     words = ("eval", "--games", RPS, "--players", f"{name},rule", "--trials", 2, "--out", out, "--workers", 2, "--json")

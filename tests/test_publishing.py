@@ -229,6 +229,7 @@ def test_the_package_index_takes_what_is_built(sdist):
     assert "License-Expression: MIT" in fields
 
 
+@pytest.mark.slow
 def test_the_readme_on_the_package_index_is_the_readme_with_no_link_that_leads_nowhere(sdist):
     _, text = described(sdist)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -219,6 +219,7 @@ def test_a_row_without_recalls_is_that_of_before():
     assert "recall" not in json.dumps(Budget().model_dump())
 
 
+@pytest.mark.slow
 def test_the_rule_player_with_recall_loses_less_of_the_bandit():
     def score(**budget):
         scores = []

@@ -95,7 +95,7 @@ def test_an_installed_setting_is_listed_without_importing_it(install):
 
 def test_gymnasium_knows_an_installed_setting_from_the_start(install):
     install({"Tower-v0": "tower_pack:TOWER"})
-    Games([HANOI])
+    Games([HANOI]).tell_gymnasium()  # as it does when both packages are imported
     for _ in ("the first one imports the package", "from then on it is as if it had always been there"):
         environment = gymnasium.make("smartplay/Tower-v0", render_mode="ansi")
         assert environment.spec.max_episode_steps == 40

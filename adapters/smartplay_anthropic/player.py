@@ -58,8 +58,11 @@ class AnthropicPlayer(ModelPlayer):
         if not model:
             raise InvalidArgumentError("This player needs a model: anthropic:MODEL.")
         super().__init__(f"anthropic:{model}", **options)
-        self._is_here = self.is_local(base_url or os.environ.get("ANTHROPIC_BASE_URL") or "")
-        if self._is_here and not (os.environ.get("ANTHROPIC_API_KEY") or os.environ.get("ANTHROPIC_AUTH_TOKEN")):
+        server = base_url or os.environ.get("ANTHROPIC_BASE_URL") or ""
+        self._http = self.http_options(server)
+        if self.is_local(server) and not (
+            os.environ.get("ANTHROPIC_API_KEY") or os.environ.get("ANTHROPIC_AUTH_TOKEN")
+        ):
             api_key = api_key or "none"
         self._settings: dict[str, Any] = {
             "base_url": base_url,
@@ -87,7 +90,7 @@ class AnthropicPlayer(ModelPlayer):
 
     def new_client(self) -> anthropic.Anthropic:
         """Return a synchronous client."""
-        http_client = anthropic.DefaultHttpxClient(trust_env=not self._is_here)
+        http_client = anthropic.DefaultHttpxClient(**self._http)
         return anthropic.Anthropic(**self._settings, http_client=http_client)
 
     def check_ready(self) -> None:
@@ -99,7 +102,7 @@ class AnthropicPlayer(ModelPlayer):
 
     def new_async_client(self) -> anthropic.AsyncAnthropic:
         """Return a client for one event loop."""
-        http_client = anthropic.DefaultAsyncHttpxClient(trust_env=not self._is_here)
+        http_client = anthropic.DefaultAsyncHttpxClient(**self._http)
         return anthropic.AsyncAnthropic(**self._settings, http_client=http_client)
 
     def send(self, client: anthropic.Anthropic, request: dict[str, Any]) -> Reply:

@@ -90,10 +90,10 @@ class OpenAIPlayer(ModelPlayer):
         check_parser(parse_calls)
         self._parser = parse_calls
         base_url = base_url or os.environ.get("OPENAI_BASE_URL") or DEFAULT_BASE_URL
-        self._host, self._is_here = urlsplit(base_url).hostname or "", self.is_local(base_url)
+        self._host, self._http = urlsplit(base_url).hostname or "", self.http_options(base_url)
         self._settings: dict[str, Any] = {
             "base_url": base_url,
-            "api_key": api_key or os.environ.get("OPENAI_API_KEY") or ("none" if self._is_here else None),
+            "api_key": api_key or os.environ.get("OPENAI_API_KEY") or ("none" if self.is_local(base_url) else None),
             "max_retries": 0,
             "timeout": openai.Timeout(timeout, connect=min(timeout, LONGEST_CONNECT)),
         }
@@ -114,11 +114,11 @@ class OpenAIPlayer(ModelPlayer):
 
     def new_client(self) -> openai.OpenAI:
         """Return a synchronous client."""
-        return openai.OpenAI(**self._settings, http_client=openai.DefaultHttpxClient(trust_env=not self._is_here))
+        return openai.OpenAI(**self._settings, http_client=openai.DefaultHttpxClient(**self._http))
 
     def new_async_client(self) -> openai.AsyncOpenAI:
         """Return a client for one event loop."""
-        http_client = openai.DefaultAsyncHttpxClient(trust_env=not self._is_here)
+        http_client = openai.DefaultAsyncHttpxClient(**self._http)
         return openai.AsyncOpenAI(**self._settings, http_client=http_client)
 
     def send(self, client: openai.OpenAI, request: dict[str, Any]) -> Reply:

@@ -118,7 +118,7 @@ async def test_the_hosts_words_and_tools_are_counted_and_shown():
 @asynccontextmanager
 async def models(script: list, *episodes: sp.Episode, kind: Any = OpenAIChatCompletionsModel):
     """A model of the SDK for each episode, and the server behind them."""
-    http = DefaultAsyncHttpxClient(trust_env=False)
+    http = DefaultAsyncHttpxClient(trust_env=False, verify=False)
     with OpenAIStub(script) as stub:
         async with AsyncOpenAI(base_url=stub.base_url, api_key="none", http_client=http, max_retries=0) as openai:
             yield [SmartPlayModel(kind("m", openai), episode) for episode in episodes], stub

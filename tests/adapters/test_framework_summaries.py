@@ -161,7 +161,7 @@ def agents_sdk(
     )
 
     async def play() -> Any:
-        http = DefaultAsyncHttpxClient(trust_env=False)
+        http = DefaultAsyncHttpxClient(trust_env=False, verify=False)
         async with AsyncOpenAI(base_url=stub.base_url, api_key="none", http_client=http, max_retries=0) as openai:
             model = SmartPlayModel(kind("m", openai), episode)
             agent = Agent("player", model=model, tools=model.tools, model_settings=settings, **options)
@@ -185,7 +185,10 @@ HOSTS = {
     "Agents SDK, streamed": partial(agents_sdk, streamed=True),
 }
 
-in_every_host = pytest.mark.parametrize("host", HOSTS)
+SLOW = {"LangChain agent, async", "LangGraph, async", "Agents SDK, streamed"}
+in_every_host = pytest.mark.parametrize(
+    "host", [pytest.param(host, marks=pytest.mark.slow) if host in SLOW else host for host in HOSTS]
+)
 
 
 def as_recorded(events: list[Any], stub: Provider) -> None:
@@ -282,6 +285,7 @@ def test_a_failure_in_a_summary_ends_the_episode_as_any_failure_does(host):
         assert resumed.conversation.prompt().purpose == "summary"
 
 
+@pytest.mark.slow
 @in_every_host
 def test_calls_that_failed_are_made_again_and_no_summary_is_paid_for_twice(host):
     """The first request for a summary fails once, and so does the prompt to play after it."""

@@ -98,6 +98,7 @@ class TestToolkit:
         assert "You chose Rock" in made["observe"].invoke({})
         assert made["act"].episode.config.context == "host"
 
+    @pytest.mark.slow
     def test_langchain_core_is_enough(self):
         script = (
             "import sys; sys.modules['langchain'] = None\n"

@@ -39,7 +39,7 @@ def in_memory(episode: sp.Episode) -> Any:
 @asynccontextmanager
 async def http_client(url: str, headers: dict[str, str] | None = None) -> Any:
     async with (
-        httpx2.AsyncClient(headers=headers or {}, trust_env=False) as client,
+        httpx2.AsyncClient(headers=headers or {}, trust_env=False, verify=False) as client,
         streamable_http_client(url, http_client=client) as streams,
     ):
         yield streams
@@ -193,7 +193,7 @@ class TestHttp:
             async with Client(http_client(f"{server.url}/mcp/{handle}"), mode=mode) as client:
                 again = await client.call_tool(*act("A->B"), meta={CALL_KEY: "k2"})
                 more = await client.call_tool(*act("C->B"))
-            shown = httpx2.get(f"{server.url}/episodes/{handle}", headers=boss, trust_env=False).json()
+            shown = httpx2.get(f"{server.url}/episodes/{handle}", headers=boss, trust_env=False, verify=False).json()
         assert (text_of(again), again.is_error) == (last.text, False)
         assert more.is_error
         assert "The episode is over" in text_of(more)
@@ -209,7 +209,7 @@ def close(episodes: EpisodeStore, *handles: str) -> None:
 
 
 def post(url: str, **options: Any) -> httpx2.Response:
-    return httpx2.post(url, trust_env=False, **options)
+    return httpx2.post(url, trust_env=False, verify=False, **options)
 
 
 CALL = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "observe", "arguments": {}}}
@@ -244,7 +244,9 @@ class TestTheDoor:
         episodes = EpisodeStore(folder=tmp_path)
         with HttpServer(episodes, port=0, operator_token="boss") as server, ExitStack() as stack:
             boss = {"Authorization": "Bearer boss"}
-            client = stack.enter_context(httpx2.Client(base_url=server.url, headers=boss, trust_env=False))
+            client = stack.enter_context(
+                httpx2.Client(base_url=server.url, headers=boss, trust_env=False, verify=False)
+            )
             answer = client.post("/episodes", json={"game": GAME, "seed": 3, "budget": {"history": 2}})
             assert answer.status_code == 201
             made = answer.json()

@@ -191,11 +191,13 @@ class TestHttp:
         store = EpisodeStore()
         with HttpServer(store, port=0, operator_token="boss") as server:
             handle = store.open(GAME, seed=1)
-            answer = httpx2.post(f"{server.url}/mcp/{handle}/", json=request("ping"), headers=AGENT, trust_env=False)
+            answer = httpx2.post(
+                f"{server.url}/mcp/{handle}/", json=request("ping"), headers=AGENT, trust_env=False, verify=False
+            )
             assert answer.json()["result"] == {}
             boss = {"Authorization": "Bearer boss"}
             asked = {"game": GAME, "seed": 1}
-            made = httpx2.post(f"{server.url}/episodes/", json=asked, headers=boss, trust_env=False)
+            made = httpx2.post(f"{server.url}/episodes/", json=asked, headers=boss, trust_env=False, verify=False)
             assert made.status_code == 201
 
     def test_pages_that_are_named_may_use_it_from_a_browser(self):
@@ -207,16 +209,22 @@ class TestHttp:
                 "Access-Control-Request-Method": "POST",
                 "Access-Control-Request-Headers": "authorization, content-type, mcp-protocol-version",
             }
-            allowed = httpx2.options(url, headers=asked, trust_env=False)
+            allowed = httpx2.options(url, headers=asked, trust_env=False, verify=False)
             assert allowed.status_code == 200
             assert allowed.headers["access-control-allow-origin"] == "https://inspector.example.org"
-            other = httpx2.options(url, headers={**asked, "Origin": "https://evil.example.org"}, trust_env=False)
+            other = httpx2.options(
+                url, headers={**asked, "Origin": "https://evil.example.org"}, trust_env=False, verify=False
+            )
             assert other.status_code == 400
             sent = {**AGENT, "Authorization": "Bearer t", "Origin": "https://inspector.example.org"}
-            answer = httpx2.post(url, json=request("ping"), headers=sent, trust_env=False)
+            answer = httpx2.post(url, json=request("ping"), headers=sent, trust_env=False, verify=False)
             assert answer.headers["access-control-allow-origin"] == "https://inspector.example.org"
             refused = httpx2.post(
-                url, json=request("ping"), headers={**sent, "Origin": "https://evil.example.org"}, trust_env=False
+                url,
+                json=request("ping"),
+                headers={**sent, "Origin": "https://evil.example.org"},
+                trust_env=False,
+                verify=False,
             )
             assert refused.status_code == 403
 
@@ -234,7 +242,7 @@ class TestHttp:
         with HttpServer(EpisodeStore(), port=0, operator_token="boss") as server:
             boss = {"Authorization": "Bearer boss"}
             body = {"game": GAME, "seed": 1, **asked}
-            answer = httpx2.post(f"{server.url}/episodes", json=body, headers=boss, trust_env=False)
+            answer = httpx2.post(f"{server.url}/episodes", json=body, headers=boss, trust_env=False, verify=False)
         assert answer.status_code == 400
         assert words in answer.text
 
@@ -249,14 +257,16 @@ class TestHttp:
         store = EpisodeStore()
         with HttpServer(store, port=0) as server:
             url = f"{server.url}/mcp/{store.open(GAME, seed=1)}"
-            answer = httpx2.post(url, json=request("tools/list"), headers={**AGENT, **headers}, trust_env=False)
+            answer = httpx2.post(
+                url, json=request("tools/list"), headers={**AGENT, **headers}, trust_env=False, verify=False
+            )
         assert (answer.status_code, answer.json()["error"]["code"]) == (400, code)
 
     async def test_many_calls_at_once_are_played_one_at_a_time(self):
         store = EpisodeStore()
         handle = store.open(GAME, seed=1, budget=sp.Budget(stalled_turns=None))
         with HttpServer(store, port=0) as server:
-            async with httpx2.AsyncClient(trust_env=False) as client:
+            async with httpx2.AsyncClient(trust_env=False, verify=False) as client:
                 url = f"{server.url}/mcp/{handle}"
                 body = request("tools/call", name="observe")
                 answers = await asyncio.gather(*(client.post(url, json=body, headers=AGENT) for _ in range(20)))
@@ -288,7 +298,7 @@ class TestHalfCharacters:
             url = f"{server.url}/mcp/{store.open(GAME, seed=1)}"
             body = json.dumps(request("tools/call", name="act", arguments=HALF)).encode("ascii")
             headers = {**AGENT, "content-type": "application/json"}
-            answer = httpx2.post(url, content=body, headers=headers, trust_env=False)
+            answer = httpx2.post(url, content=body, headers=headers, trust_env=False, verify=False)
         assert answer.status_code == 200
         assert answer.json()["result"]["isError"]
 

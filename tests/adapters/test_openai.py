@@ -343,7 +343,7 @@ def test_a_missing_extra_is_one_sentence():
 
 def test_an_agent_of_ones_own_can_use_the_endpoint(endpoint):
     with openai.OpenAI(
-        base_url=endpoint.base_url, api_key="none", http_client=openai.DefaultHttpxClient(trust_env=False)
+        base_url=endpoint.base_url, api_key="none", http_client=openai.DefaultHttpxClient(trust_env=False, verify=False)
     ) as client:
         assert [model.id for model in client.models.list()] == ["rule", "random"]
         with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:

@@ -54,7 +54,7 @@ def test_play_against_a_server(served, player, tmp_path):
     assert sp.replay(path).identical
 
 
-@pytest.mark.parametrize("player", ["openai:random", "openai-responses:random"])
+@pytest.mark.parametrize("player", ["openai:random", pytest.param("openai-responses:random", marks=pytest.mark.slow)])
 def test_play_the_paper_s_protocol_against_a_server(served, player, tmp_path):
     path = tmp_path / "run.jsonl"
     _, played = play("--player", player, "--base-url", served, "--protocol", "paper", "--transcript", str(path))
@@ -90,6 +90,7 @@ class Named:
 """
 
 
+@pytest.mark.slow
 def test_a_player_of_a_file_is_served_with_its_options_under_a_name(tmp_path):
     (tmp_path / "mine.py").write_text(NAMED, encoding="utf-8")
     options = ["--player", f"{tmp_path / 'mine.py'}:Named", "--player-option", "action=9", "--name", "mine"]
@@ -99,11 +100,13 @@ def test_a_player_of_a_file_is_served_with_its_options_under_a_name(tmp_path):
     assert (played["tool_calls"], played["illegal_actions"]) == (2, 2), "the option came: there is no ninth action"
 
 
+@pytest.mark.slow
 def test_one_name_is_not_for_two_players():
     shown = CliRunner().invoke(app, ["serve", "openai", "--player", "rule", "--player", "random", "--name", "a"])
     assert (shown.exit_code, "--name is for one player, and these are 2" in shown.stderr) == (2, True)
 
 
+@pytest.mark.slow
 def test_an_unknown_model_is_named_in_the_result(served):
     result, _ = play("--player", "openai:gpt", "--base-url", served)
     assert result.exit_code == 1

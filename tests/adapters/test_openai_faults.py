@@ -138,8 +138,15 @@ def assert_given_up(result, *words):
 # Temporary faults.
 
 
-@pytest.mark.parametrize("stream", [False, True])
-@pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
+@pytest.mark.parametrize(
+    ("player", "stream"),
+    [
+        ("openai:rule", False),
+        ("openai-responses:rule", True),
+        pytest.param("openai:rule", True, marks=pytest.mark.slow),
+        pytest.param("openai-responses:rule", False, marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize(
     "fault",
     [

@@ -39,7 +39,7 @@ WRAPPINGS: dict[str, Callable[[str], str]] = {
 @pytest.fixture(scope="module")
 def client():
     with so.LocalEndpoint(sp.get_player("rule")) as endpoint:
-        http_client = openai.DefaultHttpxClient(trust_env=False)
+        http_client = openai.DefaultHttpxClient(trust_env=False, verify=False)
         with openai.OpenAI(
             base_url=endpoint.base_url, api_key="none", max_retries=0, http_client=http_client
         ) as client:

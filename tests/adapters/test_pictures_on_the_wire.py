@@ -212,7 +212,7 @@ async def test_the_agents_sdk_has_pictures_where_the_interface_takes_them(interf
         openai_stub.OpenAIStub(SCRIPT) as server,
         sp.Episode("Crafter-v0", seed=1, observation="picture", budget=budget, transcript=events) as episode,
     ):
-        http_client = openai.DefaultAsyncHttpxClient(trust_env=False)
+        http_client = openai.DefaultAsyncHttpxClient(trust_env=False, verify=False)
         async with openai.AsyncOpenAI(base_url=server.base_url, api_key="k", http_client=http_client) as client:
             model = SmartPlayModel(kind("m", client), episode, pictures=True)
             agent = agents.Agent("player", model=model, tools=model.tools)

@@ -276,6 +276,7 @@ BINDS = re.compile(
 APPS = ("ASGIApp", "Starlette", "FastAPI")
 
 
+@pytest.mark.slow
 def test_every_server_and_every_application_is_in_the_table() -> None:
     servers, apps = set(), set()
     files = [path for folder in ("smartplay_tools", "adapters", "hub") for path in (ROOT / folder).rglob("*.py")]

@@ -62,6 +62,7 @@ def by_responses(episode: sp.Episode) -> None:
     by_endpoint(episode, "openai-responses")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("play", [by_langchain, by_endpoint, by_responses])
 def test_a_player_behind_an_interface_is_asked_for_summaries(play):
     """Nothing but the question says so there; the player answers it with its memory, as in a loop of its own."""

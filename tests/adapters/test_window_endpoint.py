@@ -71,7 +71,7 @@ class TestAGame:
 
     async def test_has_its_tools_at_the_mcp_address_of_the_same_handle(self, endpoint):
         handle = endpoint.open(GAME, seed=7)
-        http = httpx2.AsyncClient(trust_env=False)
+        http = httpx2.AsyncClient(trust_env=False, verify=False)
         async with http, Client(streamable_http_client(endpoint.mcp_url(handle), http_client=http)) as client:
             assert [tool.name for tool in (await client.list_tools()).tools] == ["observe", "act", "read_manual"]
             early = await client.call_tool("act", {"action": "1"})
@@ -144,7 +144,13 @@ class TestRetries:
             handle = endpoint.open(GAME, seed=7)
             host = HostAgent(endpoint, handle)
             with pytest.raises(httpx2.TimeoutException):
-                httpx2.post(f"{endpoint.base_url}/chat/completions", json=host.request(), timeout=0.2, trust_env=False)
+                httpx2.post(
+                    f"{endpoint.base_url}/chat/completions",
+                    json=host.request(),
+                    timeout=0.2,
+                    trust_env=False,
+                    verify=False,
+                )
             player.may_answer.set()
             assert host.post()["tool_calls"]
             assert player.asked == 1
@@ -154,7 +160,7 @@ class TestRetries:
         host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
         for _ in range(21):
             host.post()
-        refused = httpx2.post(f"{host.url}/chat/completions", json=host.request(), trust_env=False)
+        refused = httpx2.post(f"{host.url}/chat/completions", json=host.request(), trust_env=False, verify=False)
         assert refused.status_code == 400
         assert "ids" in refused.json()["error"]["message"]
 
@@ -214,7 +220,11 @@ class TestHosts:
         handle = endpoint.open(GAME, seed=7)
         host = HostAgent(endpoint, handle)
         answer = httpx2.post(
-            f"{host.url}/chat/completions", json=host.request(temperature=0.3), trust_env=False, timeout=60
+            f"{host.url}/chat/completions",
+            json=host.request(temperature=0.3),
+            trust_env=False,
+            verify=False,
+            timeout=60,
         )
         ignored = answer.headers["x-smartplay-ignored"]
         assert ignored == "system messages (55 characters), user messages (5 characters), temperature"
@@ -280,7 +290,9 @@ class TestHosts:
             handle = endpoint.open(GAME, seed=7)
             host = HostAgent(endpoint, handle)
             for _ in range(2):
-                refused = httpx2.post(f"{host.url}/chat/completions", json=host.request(), trust_env=False)
+                refused = httpx2.post(
+                    f"{host.url}/chat/completions", json=host.request(), trust_env=False, verify=False
+                )
                 assert (refused.status_code, refused.headers["x-should-retry"]) == (500, "false")
                 assert "no quota" in refused.json()["error"]["message"]
             result = endpoint.result(handle)
@@ -299,13 +311,13 @@ class TestWhoMayComeIn:
         host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
         for headers, status in (({"host": "evil.example"}, 421), ({"origin": "https://evil.example"}, 403)):
             for url in (f"{host.url}/chat/completions", f"{host.url}/models", host.mcp_url):
-                assert httpx2.post(url, json={}, headers=headers, trust_env=False).status_code == status
+                assert httpx2.post(url, json={}, headers=headers, trust_env=False, verify=False).status_code == status
 
     def test_a_token_is_asked_for_everywhere(self):
         with WindowEndpoint(sp.get_player("rule"), token="secret") as endpoint:
             host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
             for url in (f"{host.url}/chat/completions", f"{host.url}/responses", host.mcp_url):
-                assert httpx2.post(url, json=host.request(), trust_env=False).status_code == 401
+                assert httpx2.post(url, json=host.request(), trust_env=False, verify=False).status_code == 401
             assert host.post(headers={"authorization": "Bearer secret"})["tool_calls"]
 
     def test_an_address_for_others_needs_a_token_and_names(self):
@@ -315,13 +327,15 @@ class TestWhoMayComeIn:
     def test_no_handle_is_listed_or_guessed(self, endpoint):
         handle = endpoint.open(GAME, seed=7)
         url = f"{endpoint.base_url}/models"
-        assert httpx2.get(url, trust_env=False).json() == {"object": "list", "data": []}
-        assert httpx2.get(f"{url}/smartplay/{handle}", trust_env=False).json()["id"] == f"smartplay/{handle}"
-        assert httpx2.get(f"{url}/smartplay/{'x' * 32}", trust_env=False).status_code == 404
+        assert httpx2.get(url, trust_env=False, verify=False).json() == {"object": "list", "data": []}
+        assert (
+            httpx2.get(f"{url}/smartplay/{handle}", trust_env=False, verify=False).json()["id"] == f"smartplay/{handle}"
+        )
+        assert httpx2.get(f"{url}/smartplay/{'x' * 32}", trust_env=False, verify=False).status_code == 404
 
     @pytest.mark.parametrize("body", [b"[]", b"{", b'{"model": 1}', b'{"model": "smartplay/no"}', b'{"model": "gpt"}'])
     def test_what_cannot_be_read_is_refused(self, endpoint, body):
-        answer = httpx2.post(f"{endpoint.base_url}/chat/completions", content=body, trust_env=False)
+        answer = httpx2.post(f"{endpoint.base_url}/chat/completions", content=body, trust_env=False, verify=False)
         assert answer.status_code in (400, 404)
 
 

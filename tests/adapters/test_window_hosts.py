@@ -44,7 +44,9 @@ def scripted(*messages: sp.Message, **options: Any) -> tuple[WindowEndpoint, sp.
 
 
 def post(endpoint: WindowEndpoint, path: str, body: dict[str, Any], **headers: str) -> Any:
-    answer = httpx2.post(f"{endpoint.base_url}/{path}", json=body, headers=headers, trust_env=False, timeout=60)
+    answer = httpx2.post(
+        f"{endpoint.base_url}/{path}", json=body, headers=headers, trust_env=False, verify=False, timeout=60
+    )
     assert answer.status_code == 200, answer.text
     return answer
 
@@ -212,7 +214,7 @@ def test_results_stay_when_an_episode_is_closed():
         now[0] = 1000
         assert endpoint.result(waiting) is None
         body = HostAgent(endpoint, played).request()
-        refused = httpx2.post(f"{endpoint.base_url}/chat/completions", json=body, trust_env=False)
+        refused = httpx2.post(f"{endpoint.base_url}/chat/completions", json=body, trust_env=False, verify=False)
         assert "closed after 60 seconds without a request" in refused.json()["error"]["message"]
         assert refused.status_code == 404
         assert endpoint.result(played).score == 3.0
@@ -224,7 +226,7 @@ def test_the_window_lists_nothing_that_cannot_be_read(endpoint):
 
     def ask(method: str, **params: Any) -> Any:
         asked = {"jsonrpc": "2.0", "id": 1, "method": method, "params": params}
-        return httpx2.post(host.mcp_url, json=asked, trust_env=False).json()
+        return httpx2.post(host.mcp_url, json=asked, trust_env=False, verify=False).json()
 
     assert list(ask("initialize", protocolVersion="2025-11-25")["result"]["capabilities"]) == ["tools"]
     assert ask("resources/list")["result"] == {"resources": []}

@@ -41,7 +41,7 @@ def request(endpoint: WindowEndpoint, handle: str, **fields: Any) -> dict[str, A
 
 
 def post(endpoint: WindowEndpoint, body: dict[str, Any], path: str = "/v1/messages", **headers: str) -> Any:
-    return httpx2.post(f"{endpoint.url}{path}", json=body, headers=headers, trust_env=False, timeout=60)
+    return httpx2.post(f"{endpoint.url}{path}", json=body, headers=headers, trust_env=False, verify=False, timeout=60)
 
 
 def words(answer: Any) -> str:

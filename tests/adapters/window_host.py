@@ -76,7 +76,12 @@ class HostAgent:
 
     def post(self, body: dict[str, Any] | None = None, **options: Any) -> dict[str, Any]:
         answer = httpx2.post(
-            f"{self.url}/chat/completions", json=body or self.request(), timeout=60, trust_env=False, **options
+            f"{self.url}/chat/completions",
+            json=body or self.request(),
+            timeout=60,
+            trust_env=False,
+            verify=False,
+            **options,
         )
         assert answer.status_code == 200, answer.text
         message: dict[str, Any] = answer.json()["choices"][0]["message"]
@@ -85,7 +90,7 @@ class HostAgent:
     def run(self, name: str, arguments: Any, *, key: str | None = None) -> str:
         params = {"name": name, "arguments": arguments} | ({"_meta": {"smartplay/call-id": key}} if key else {})
         asked = {"jsonrpc": "2.0", "id": next(self._ids), "method": "tools/call", "params": params}
-        answer = httpx2.post(self.mcp_url, json=asked, timeout=60, trust_env=False).json()
+        answer = httpx2.post(self.mcp_url, json=asked, timeout=60, trust_env=False, verify=False).json()
         text: str = answer["result"]["content"][0]["text"]
         return text
 
@@ -110,14 +115,14 @@ class HostAgent:
 
 
 def openai_client(endpoint: WindowEndpoint) -> openai.OpenAI:
-    http = openai.DefaultHttpxClient(trust_env=False)
+    http = openai.DefaultHttpxClient(trust_env=False, verify=False)
     return openai.OpenAI(base_url=endpoint.base_url, api_key="none", http_client=http)
 
 
 def anthropic_client(endpoint: WindowEndpoint) -> Any:
     import anthropic  # here, because programs of this file start often and do not need it
 
-    http = anthropic.DefaultHttpxClient(trust_env=False)
+    http = anthropic.DefaultHttpxClient(trust_env=False, verify=False)
     return anthropic.Anthropic(base_url=endpoint.url, api_key="none", http_client=http)
 
 

@@ -86,6 +86,7 @@ def _every_record_is_worth_a_process(monkeypatch):
     monkeypatch.setattr(importlib.import_module("smartplay_tools.evaluation.runs.audit"), "WORTH_A_PROCESS", 1)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_every_record_is_worth_a_process")
 def test_several_processes_find_what_one_finds(run):
     change(run.folder.transcript(run.rows[3]["key"]), '"is_error": false', '"is_error": true')

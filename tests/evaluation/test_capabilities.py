@@ -72,9 +72,9 @@ def test_unknown_weights_are_refused():
 
 def test_a_setting_from_elsewhere_counts_if_it_is_rated(monkeypatch):
     monkeypatch.setattr(sp.GAMES, "_specs", dict(sp.GAMES._specs))
-    unrated = sp.register(dataclasses.replace(sp.GAMES[HANOI], id="Tower-v0", challenges={}))
+    unrated = sp.register(dataclasses.replace(sp.GAMES[HANOI], id="Unrated-v0", challenges={}))
     alone = capability_scores({BANDIT: [0.4, 0.6]})
-    assert capability_scores({BANDIT: [0.4, 0.6], unrated.id: [1.0, 1.0]}).left_out == ("Tower-v0",)
+    assert capability_scores({BANDIT: [0.4, 0.6], unrated.id: [1.0, 1.0]}).left_out == ("Unrated-v0",)
     assert capability_scores({BANDIT: [0.4, 0.6], unrated.id: [1.0, 1.0]}).scores == alone.scores
     rated = sp.register(dataclasses.replace(unrated, challenges=sp.GAMES[HANOI].challenges))
     assert capability_scores({BANDIT: [0.4, 0.6], rated.id: [1.0, 1.0]}).scores != alone.scores

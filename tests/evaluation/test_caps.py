@@ -30,7 +30,9 @@ def one_episode(tmp_path_factory) -> int:
     return run.spending.results.tokens
 
 
-@pytest.mark.parametrize(("executor", "workers"), [("inline", 1), ("processes", 2), ("async", 4)])
+@pytest.mark.parametrize(
+    ("executor", "workers"), [("inline", 1), ("async", 4), pytest.param("processes", 2, marks=pytest.mark.slow)]
+)
 def test_episodes_begin_only_while_a_cap_has_room_for_them(tmp_path, one_episode, executor, workers):
     cap = round(2.5 * one_episode)
     run = sp.evaluate(

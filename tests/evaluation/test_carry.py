@@ -77,7 +77,13 @@ def test_what_carries_nothing_has_no_new_fields(tmp_path):
     assert "carry" not in (done.folder.path / "manifest.json").read_text()
 
 
-@pytest.mark.parametrize("how", [{"executor": "processes", "workers": 2}, {"executor": "async", "workers": 4}])
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"executor": "async", "workers": 4},
+        pytest.param({"executor": "processes", "workers": 2}, marks=pytest.mark.slow),
+    ],
+)
 def test_every_executor_plays_the_same_records(played, tmp_path, how):
     assert records(run(tmp_path / "run", **how)) == records(played)
 
@@ -151,6 +157,7 @@ def test_the_unit_of_every_interval_is_the_chain(played, tmp_path):
     assert [each.reason for each in areas(capped)] == ["trials carry something over, so seeds are not independent"]
 
 
+@pytest.mark.slow
 def test_the_figure_has_a_place_for_every_trial_of_a_chain(played, tmp_path):
     without = run(tmp_path / "without", carry=None, chain=None)
     (panel,) = score_against_trial([*without.rows, *played.rows]).axes

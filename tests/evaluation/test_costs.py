@@ -91,6 +91,7 @@ def test_a_table_is_not_asked_for_where_there_is_none(swept: str) -> None:
         assert (refused.exit_code, "--cache adds a table, which JSON has not" in refused.output) == (2, True)
 
 
+@pytest.mark.slow
 def test_the_replay_page_shows_the_costs_that_are_asked_for(swept: str, tmp_path: Any) -> None:
     command("report", swept, "--cache", "gemini-3", "--out", str(tmp_path / "with.html"))
     command("report", swept, "--out", str(tmp_path / "without.html"))
@@ -100,6 +101,7 @@ def test_the_replay_page_shows_the_costs_that_are_asked_for(swept: str, tmp_path
     assert "What an episode costs" not in plain
 
 
+@pytest.mark.slow
 def test_more_processes_find_the_same(swept: str, monkeypatch: pytest.MonkeyPatch) -> None:
     run, tariffs = RunFolder(swept), tariffs_of([])
     records = {row["key"]: run.transcript(row["key"]) for row in run.rows()}

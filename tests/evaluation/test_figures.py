@@ -176,6 +176,7 @@ def test_colour_is_never_the_only_difference():
     assert len(LINES) == 5
 
 
+@pytest.mark.slow
 def test_legends_do_not_cover_data(comparisons):
     """Every legend is below every panel, in pixels of the drawn figure."""
     for drawn in (figures.score_against_history(comparisons), figures.frontier(comparisons)):
@@ -194,6 +195,7 @@ def test_drawing_leaves_matplotlib_as_it_was_and_opens_no_windows(comparisons):
     assert "matplotlib.pyplot" not in sys.modules
 
 
+@pytest.mark.slow
 def test_without_matplotlib_the_remedy_is_named():
     """In a separate process that cannot import matplotlib."""
     script = (

@@ -237,6 +237,7 @@ def test_configs_that_reach_for_more_are_not_replayed(bundle, tmp_path, monkeypa
     assert "evil" not in sys.modules
 
 
+@pytest.mark.slow
 def test_scripts_and_terminal_codes_in_texts_stay_text(bundle, tmp_path):
     def names(files: Files) -> None:
         edit_json(files, "submission.json", lambda facts: facts.update(model_name="<script>alert(1)</script>"))
@@ -318,6 +319,7 @@ def test_damaged_bundles_never_raise(bundle, tmp_path, count):
         assert all(0 < len(finding.text) <= 500 for finding in checked.findings)
 
 
+@pytest.mark.slow
 def test_the_command_prints_sentences(bundle, tmp_path):
     def damage_record(files: Files) -> None:
         name = records(files, HANOI)[0]

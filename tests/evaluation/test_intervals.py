@@ -108,6 +108,7 @@ def test_it_depends_on_the_values_alone():
     assert mean_estimate(shuffled) == mean_estimate(SCORES) == mean_estimate(SCORES)
 
 
+@pytest.mark.slow
 def test_nineteen_of_twenty_intervals_cover_the_truth():
     """Of an exponential distribution with mean 1, which is skewed as scores are."""
     generator = np.random.default_rng(5)

@@ -48,6 +48,7 @@ def test_the_interval_does_not_depend_on_the_order_of_the_rows():
     assert pairs.paired_difference(small[::-1], full, pairs.score) == forwards
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_about_as_often_as_they_say():
     """200 samples of 30 skewed differences with mean 0: 95 % intervals hold it in about 190 of them."""
     generator = np.random.default_rng(7)

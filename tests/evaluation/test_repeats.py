@@ -41,6 +41,7 @@ def test_each_world_is_played_again_with_other_numbers_of_the_player(run):
     assert any(len(states) > 1 for states in hashes)
 
 
+@pytest.mark.slow
 def test_the_same_worlds_played_once_have_the_keys_that_they_always_had(run, tmp_path):
     once = sp.evaluate([GAME], ["random"], trials=6, executor="inline", out=tmp_path / "once")
     first = [row for row in run.rows if row["player"] == "random" and row["trial"] % 3 == 0]

@@ -148,6 +148,7 @@ def test_prompts_are_not_stored_but_what_they_showed_is(tmp_path):
 # Runs.
 
 
+@pytest.mark.slow
 def test_a_run_shows_its_results_in_the_order_of_the_plan(tmp_path):
     run = sp.evaluate([HANOI, BANDIT], ["rule", "random"], out=tmp_path / "run", trials=2, executor="inline")
     page = page_of(tmp_path / "run")

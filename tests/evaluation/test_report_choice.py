@@ -153,6 +153,7 @@ def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path,
     assert [drawing["kind"] for drawing in drawn] == ["hanoi"] * 4
 
 
+@pytest.mark.slow
 def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, tmp_path, monkeypatch):
     reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.episode_reading")
     monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)

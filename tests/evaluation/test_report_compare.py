@@ -48,6 +48,7 @@ def test_several_runs_become_a_page_that_compares_them(page):
     assert "The run’s manifest (A)" in page.words
 
 
+@pytest.mark.slow
 def test_pairs_met_the_same_world_and_are_of_the_same_player_where_there_is_one(page):
     links = [
         attributes["href"]
@@ -91,6 +92,7 @@ def test_the_command_takes_several_runs(runs, tmp_path):
     assert "named twice" in twice.stderr
 
 
+@pytest.mark.slow
 def test_several_runs_share_their_figures(page):
     names = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
     assert "Figure: frontier" in names

@@ -85,6 +85,7 @@ def test_an_attempt_without_a_result_is_on_the_card(bundle, tmp_path):
     assert "rollout-card" not in report_text(check_submission(tmp_path / "tried.zip", workers=0))
 
 
+@pytest.mark.slow
 def test_the_commands(bundle, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     asked = ["submit", "prepare", str(bundle.parent / "run"), "--name", "Mine", "--type", "custom", "-o", "mine.zip"]

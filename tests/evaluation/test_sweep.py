@@ -158,6 +158,7 @@ def test_a_sweep_that_could_afford_nothing_says_nothing(tmp_path):
     assert {path.name for path in poor.write()} == {"table.csv", "table.parquet", "summary.csv"}
 
 
+@pytest.mark.slow
 def test_shards_that_were_merged_are_a_sweep(played, tmp_path):
     asked = {"vary": {"history": [1, 50], "slack": [0, 0.5]}, "trials": 4, "executor": "inline"}
     parts = [tmp_path / "part1", tmp_path / "part2"]

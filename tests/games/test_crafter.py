@@ -218,6 +218,7 @@ def test_a_copy_continues_identically(copied: object, steps: int) -> None:
     assert twin.state_hash() == game.state_hash()
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_reference_engine_continues_identically() -> None:
     game = started(11, engine="crafter")
     random_steps(game, 30)
@@ -271,6 +272,7 @@ assert not {"crafter", "opensimplex", "PIL"} & sys.modules.keys()
 """
 
 
+@pytest.mark.slow
 def test_another_process_plays_the_same_and_needs_no_crafter() -> None:
     hashes = {
         subprocess.run(

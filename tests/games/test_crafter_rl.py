@@ -140,7 +140,7 @@ def test_without_numba_it_says_how_slow_it_is(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
-@pytest.mark.parametrize("observation", ["text", *SEEN])
+@pytest.mark.parametrize("observation", ["text", *(pytest.param(seen, marks=pytest.mark.slow) for seen in SEEN)])
 def test_a_vector_is_single_worlds_side_by_side(engine: str, observation: str, mode: AutoresetMode) -> None:
     """Observations, rewards, ends and infos are those of Gymnasium's own vector of single worlds."""
     options = {} if observation == "text" else {"engine": engine}

@@ -156,6 +156,7 @@ def test_unknown_values_are_refused_in_one_sentence(option, message):
         sp.GAMES["MinedojoCreative0-v0"].make(**option)
 
 
+@pytest.mark.slow
 def test_the_doctor_plays_on_every_engine():
     checks = check_engines()
     assert [check.engine for check in checks] == list(ENGINES)

@@ -332,6 +332,7 @@ def test_only_this_engine_is_compared_with_people(interpreter):
     assert set(played["voxel"].deviations) >= {"engine", "text"}
 
 
+@pytest.mark.slow
 def test_the_doctor_says_which_minedojo_plays(interpreter):
     interpreter("")
     (check,) = (check for check in check_engines() if check.engine == "minedojo")

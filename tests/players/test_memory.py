@@ -44,6 +44,7 @@ def test_with_any_channel_it_plays_under_a_cap_as_in_full_context(game, words, b
     assert capped.tokens.prompt < full.tokens.prompt
 
 
+@pytest.mark.slow
 def test_the_bandit_with_notes_loses_less_than_a_third_of_what_it_loses_without():
     def score(**budget: object) -> float:
         return mean(play(BANDIT, seed, words=False, history=None, **budget)[0].score for seed in range(12))

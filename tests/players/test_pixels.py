@@ -39,6 +39,7 @@ def same_by_day(seeds, steps=NIGHT):
             assert words == pixels, f"seed {seed}, step {step}"
 
 
+@pytest.mark.slow
 def test_by_day_it_plays_what_rule_plays():
     same_by_day(range(2))
 

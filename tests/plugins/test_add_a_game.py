@@ -125,6 +125,7 @@ def test_it_is_evaluated_by_its_name_in_worker_processes(installed, tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_its_results_are_like_those_of_any_game(installed):
     command = "smartplay-tools play HigherOrLower-v0 --player binary-search --seed 7 --json"
     (_, whole), (_, shorter) = installed.commands(command, f"{command} --history 0")
@@ -137,6 +138,7 @@ def test_its_results_are_like_those_of_any_game(installed):
     assert result["deviations"]["history"] == {"paper": 20, "played": 0}
 
 
+@pytest.mark.slow
 def test_names_that_are_nearly_right_are_told(installed):
     wrong = "smartplay-tools play HigherOrLower-v0 --player binary-serch", "smartplay-tools play HigherOrLowr-v0"
     (code, player), (other_code, game) = installed.commands(*wrong)
