@@ -82,10 +82,13 @@ def test_a_picture_is_read_as_its_pixels_enlarged(rows, columns, scale):
     assert (picture.width, picture.height) == (columns * scale, rows * scale)
 
 
-def test_rows_that_are_too_long_to_be_repeated_are_stored():
-    pixels = noise(2, 3000)
-    with Image.open(io.BytesIO(encode(pixels, 4).png)) as image:
+@pytest.mark.parametrize(("columns", "is_small"), [(2730, True), (3000, False)])
+def test_rows_are_repeated_as_far_as_a_match_reaches_and_longer_ones_are_stored(columns, is_small):
+    pixels = noise(2, columns)
+    png = encode(pixels, 4).png
+    with Image.open(io.BytesIO(png)) as image:
         assert np.array_equal(np.array(image), pixels.repeat(4, 0).repeat(4, 1))
+    assert (len(png) < pixels.nbytes * 16) == is_small
 
 
 def test_a_file_has_its_checksums():

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import operator
 import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -62,88 +61,102 @@ def encode(pixels: NDArray[np.uint8], scale: int) -> Picture:
     return layout.picture([layout.joined(layout.encoded(pixels.transpose(2, 0, 1)[None]))])
 
 
-class Tile(NamedTuple):
-    """A part of pictures of a layout, encoded: it is the same wherever it stands."""
+class Tiles(NamedTuple):
+    """Parts of pictures of a layout, encoded: each is the same wherever it stands."""
 
-    lines: Sequence[bytes]
-    """The bytes of its rows of pixels."""
+    lines: NDArray[np.void]
+    """The bytes of each tile's rows of pixels: tiles x rows."""
+    sums: NDArray[np.int64]
+    """How much each adds to the two sums of the picture's Adler-32 where it stands at the top left: tiles x 2."""
+
+    def take(self, numbers: NDArray[np.uint8]) -> Tiles:
+        """Return tiles by their numbers among these."""
+        return Tiles(self.lines.take(numbers, 0), self.sums.take(numbers, 0))
+
+
+class Rows(NamedTuple):
+    """Rows of tiles, from the left border to the right one."""
+
+    lines: NDArray[np.void]
+    """The bytes as they follow each other: rows of tiles x their rows of pixels x tiles of a row."""
     first: int
-    """How much it adds to the first sum of the picture's Adler-32."""
+    """How much they add to the first sum of the picture's Adler-32."""
     second: int
-    """How much it adds to the second sum where it stands at the top left."""
-
-
-class Row(NamedTuple):
-    """Tiles side by side, from the left border to the right one."""
-
-    lines: bytes
-    first: int
-    second: int
-    """How much it adds to the second sum as the first row."""
+    """How much they add to the second sum where they are the uppermost."""
 
 
 class Layout:
     """Pictures of one size, made of tiles of one size."""
 
-    _before: bytes
-    """The zlib stream up to the first pixel."""
-    _joint: bytes
-    """What follows a row of pixels if another does."""
-
     def __init__(self, down: int, across: int, rows: int, columns: int, scale: int) -> None:
-        self._scale = scale
+        self._across, self._scale = across, scale
         self._width, self._height = across * columns * scale, down * rows * scale
         self._beginning = _beginning(self._width, self._height)
-        self._joints = [self._joint] * rows
         line = 1 + 3 * self._width
         self._length = self._height * line
-        self._across = [-3 * columns * scale * at % _ADLER for at in range(across)]
-        self._down = [-rows * scale * line * at % _ADLER for at in range(down)]
-        """What a byte counts less, for each byte between the first tile or row and another."""
+        self._tile_row = rows * scale * line
+        row, column = np.divmod(np.arange(down * across), across)
+        less = row * self._tile_row + column * 3 * columns * scale
+        weights = np.ones_like(less), -less, np.zeros_like(less), np.ones_like(less)
+        self._weights = np.stack(weights, axis=1).reshape(-1, 2)
+        """How often the two sums of each tile from the top left on count in the two sums of the picture."""
 
-    def encoded(self, tiles: NDArray[np.uint8]) -> list[Tile]:
+    def _lay_out(self, before: bytes, joint: bytes, wide: int, down: int, rows: int) -> None:
+        """Set what is around the pixels: `joint` between their rows, each of whose tiles has `wide` bytes."""
+        line = self._across * wide + len(joint)
+        self._template = before + (bytes(self._across * wide) + joint) * (down * rows)
+        self._template = self._template[: len(self._template) - len(joint)]
+        self._place = len(before), (rows * line, line, wide)
+        self._tile_lines = np.dtype((np.void, wide))
+
+    def encoded(self, tiles: NDArray[np.uint8]) -> Tiles:
         """Return tiles, encoded; the array is tiles x red, green and blue x rows x columns."""
         raise NotImplementedError
 
-    def joined(self, tiles: Sequence[Tile]) -> Row:
-        """Return a row of tiles."""
-        lines, firsts, seconds = zip(*tiles, strict=True)
-        parts: list[bytes] = []
-        for line in zip(*lines, self._joints, strict=True):
-            parts += line
-        return Row(b"".join(parts), sum(firsts), sum(seconds) + sum(map(operator.mul, firsts, self._across)))
+    def joined(self, tiles: Tiles) -> Rows:
+        """Return rows of tiles, which are in order from the top left."""
+        lines = tiles.lines.reshape(-1, self._across, tiles.lines.shape[1]).swapaxes(1, 2)
+        sums = tiles.sums.ravel()
+        first, second = (sums @ self._weights[: len(sums)]).tolist()
+        return Rows(lines, first, second)
 
-    def picture(self, rows: Sequence[Row]) -> Picture:
-        """Return the picture of rows, from above to below."""
-        lines = [self._before, *[row.lines for row in rows]]
-        lines[-1] = lines[-1][: -len(self._joint)]
-        chunk = _chunk(b"IDAT", self._data(lines, rows))
+    def picture(self, parts: Sequence[Rows]) -> Picture:
+        """Return the picture of all its rows, from above to below."""
+        data = bytearray(self._template)
+        offset, strides = self._place
+        at = first = second = 0
+        for part in parts:
+            place = np.ndarray(part.lines.shape, self._tile_lines, data, offset + at * strides[0], strides)
+            place[...] = part.lines
+            first, second = first + part.first, second + part.second - at * self._tile_row * part.first
+            at += len(part.lines)
+        chunk = _chunk(b"IDAT", self._data(data, first, second))
         return Picture(b"".join((self._beginning, *chunk, *_IEND)), self._width, self._height)
 
-    def _data(self, lines: list[bytes], rows: Sequence[Row]) -> list[bytes]:
-        """The zlib stream, in parts; `lines` are the bytes from the beginning to the last line."""
+    def _data(self, lines: bytearray, first: int, second: int) -> list[bytes | bytearray]:
+        """The zlib stream, in parts; `lines` are the bytes from the beginning to the last line, with their sums."""
         raise NotImplementedError
 
 
 class _Stored(Layout):
     """Pictures in stored blocks; before each row is the number of the filter that is not used."""
 
-    _before = _joint = b"\0"
-
     def __init__(self, down: int, across: int, rows: int, columns: int, scale: int) -> None:
         super().__init__(down, across, rows * scale, columns * scale, 1)
         self._enlarged = scale
+        self._lay_out(b"\0", b"\0", 3 * columns * scale, down, rows * scale)
 
-    def encoded(self, tiles: NDArray[np.uint8]) -> list[Tile]:
+    def encoded(self, tiles: NDArray[np.uint8]) -> Tiles:
         pixels = tiles.transpose(0, 2, 3, 1).repeat(self._enlarged, 1).repeat(self._enlarged, 2)
-        return [Tile([line.tobytes() for line in tile], 0, 0) for tile in pixels]
+        lines = np.frombuffer(pixels.tobytes(), self._tile_lines).reshape(pixels.shape[:2])
+        return Tiles(lines, np.zeros((len(tiles), 2), np.int64))
 
-    def _data(self, lines: list[bytes], rows: Sequence[Row]) -> list[bytes]:
-        raw, stream = b"".join(lines), [_ZLIB_HEADER]
-        for at in range(0, len(raw), _STORED):
-            block = raw[at : at + _STORED]
-            stream += [struct.pack("<BHH", at + _STORED >= len(raw), len(block), len(block) ^ 0xFFFF), block]
-        return [*stream, struct.pack(">I", zlib.adler32(raw))]
+    def _data(self, lines: bytearray, first: int, second: int) -> list[bytes | bytearray]:
+        stream: list[bytes | bytearray] = [_ZLIB_HEADER]
+        for at in range(0, len(lines), _STORED):
+            block = lines[at : at + _STORED]
+            stream += [struct.pack("<BHH", at + _STORED >= len(lines), len(block), len(block) ^ 0xFFFF), block]
+        return [*stream, struct.pack(">I", zlib.adler32(lines))]
 
 
 class _Compressed(Layout):
@@ -155,35 +168,32 @@ class _Compressed(Layout):
     """
 
     def __init__(self, down: int, across: int, rows: int, columns: int, scale: int) -> None:
-        code = _code(across * columns, scale)
-        self._joint = _pack([*code.repeat_row, code.literals[0]])
         super().__init__(down, across, rows, columns, scale)
-        self._before = _ZLIB_HEADER + _pack([*code.header, code.literals[0]])
+        code = _code(across * columns, scale)
+        before, joint = _pack([*code.header, code.literals[0]]), _pack([*code.repeat_row, code.literals[0]])
+        self._lay_out(_ZLIB_HEADER + before, joint, 4 * columns, down, rows)
         self._after = _pack([*code.repeat_row, code.end])
         repeat, used = _joined(code.repeat_pixel)
         assert used + 3 * _LITERAL == 32
         values = np.array([value for value, _ in code.literals], np.uint32)
         self._words = values, values << _LITERAL, values << 2 * _LITERAL | repeat << 3 * _LITERAL
         down_from_top = np.arange(rows * scale)[:, None, None] * (1 + 3 * self._width)
-        before = 1 + down_from_top + np.arange(3 * columns * scale).reshape(1, -1, 3)
-        second = (self._length - before).reshape(rows, scale, columns, scale, 3).sum((1, 3)).transpose(2, 0, 1).ravel()
+        before_it = 1 + down_from_top + np.arange(3 * columns * scale).reshape(1, -1, 3)
+        second = (self._length - before_it).reshape(rows, scale, columns, scale, 3).sum((1, 3))
+        second = second.transpose(2, 0, 1).ravel()
         self._sums = np.stack([np.full_like(second, scale * scale), second % _ADLER], axis=1).astype(np.float64)
 
-    def encoded(self, tiles: NDArray[np.uint8]) -> list[Tile]:
-        number, _, rows, columns = tiles.shape
+    def encoded(self, tiles: NDArray[np.uint8]) -> Tiles:
         red, green, blue = self._words
         words = red.take(tiles[:, 0])
         words |= green.take(tiles[:, 1])
         words |= blue.take(tiles[:, 2])
-        encoded, wide = words.astype("<u4", copy=False).tobytes(), 4 * columns
-        lines = [encoded[at : at + wide] for at in range(0, len(encoded), wide)]
-        sums = (tiles.reshape(number, -1).astype(np.float64) @ self._sums).astype(np.int64).tolist()
-        return [Tile(lines[at * rows : at * rows + rows], *sums[at]) for at in range(number)]
+        lines = words.astype("<u4", copy=False).view(self._tile_lines)[..., 0]
+        return Tiles(lines, (tiles.reshape(len(tiles), -1).astype(np.float64) @ self._sums).astype(np.int64))
 
-    def _data(self, lines: list[bytes], rows: Sequence[Row]) -> list[bytes]:
-        firsts = [row.first for row in rows]
-        second = self._length + sum([row.second for row in rows]) + sum(map(operator.mul, firsts, self._down))
-        return [*lines, self._after, struct.pack(">I", second % _ADLER << 16 | (1 + sum(firsts)) % _ADLER)]
+    def _data(self, lines: bytearray, first: int, second: int) -> list[bytes | bytearray]:
+        adler = (self._length + second) % _ADLER << 16 | (1 + first) % _ADLER
+        return [lines, self._after, struct.pack(">I", adler)]
 
 
 @functools.lru_cache(16)
@@ -200,7 +210,7 @@ def _beginning(width: int, height: int) -> bytes:
     return b"".join((_SIGNATURE, *_chunk(b"IHDR", [header])))
 
 
-def _chunk(kind: bytes, parts: Sequence[bytes]) -> list[bytes]:
+def _chunk(kind: bytes, parts: Sequence[bytes | bytearray]) -> list[bytes | bytearray]:
     """The parts of a chunk whose data is in parts: they are joined once, with the rest of the file."""
     checksum = zlib.crc32(kind)
     for part in parts:
@@ -263,7 +273,8 @@ def _matches(total: int, count: int) -> Iterator[int]:
 def _symbol(table: Sequence[int], value: int) -> tuple[int, int, int]:
     """Return the symbol for a length or a distance: its number in its table, its further bits, and how many."""
     number = max(at for at, least in enumerate(table) if least <= value)
-    most = table[number + 1] if number + 1 < len(table) else table[number] + 1
+    after = _LONGEST_MATCH if table is _LENGTHS else _WINDOW
+    most = table[number + 1] if number + 1 < len(table) else after + 1
     if table is _LENGTHS and number == len(table) - 2:
         most += 1  # 258 has a symbol of its own, but the one before would reach it, too
     return number, value - table[number], (most - table[number] - 1).bit_length()

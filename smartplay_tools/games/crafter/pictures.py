@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from smartplay_tools.games.crafter.facts import CARRIED, MATERIALS, MOST, VIEW
 from smartplay_tools.games.crafter.textures import LAYERS, tiles, vignette
 from smartplay_tools.games.crafter.views import Scene
 from smartplay_tools.pictures.picture import Picture
-from smartplay_tools.pictures.png import Layout, Row, Tile, layout_of
+from smartplay_tools.pictures.png import Layout, Rows, Tiles, layout_of
 
 GRID = 9
 """A picture is a square of this many cells: the view, and the inventory below."""
@@ -40,6 +41,8 @@ Planes = NDArray[np.uint8]
 _FIRST_LAYER = bytes(range(0, len(LAYERS) * (len(MATERIALS) + 1), len(LAYERS)))
 """By material (0: outside the map), the number of a cell with nothing on it."""
 _LAYER = {texture: number for number, texture in enumerate(LAYERS)}
+_IN_ORDER = itemgetter(*CARRIED)
+"""The amounts of an inventory."""
 
 
 def draw(scene: Scene, size: int = USUAL) -> NDArray[np.uint8]:
@@ -64,22 +67,45 @@ def encode(scene: Scene, unit: int, scale: int) -> Picture:
     if scene.daylight < 0.5:
         view = layout.encoded(_by_night(scene, unit))
     else:
-        numbers, known = numbers_seen(scene), _known_by_day(scene.daylight, scene.sleeping, layout)
-        if not known.keys() >= set(numbers):
+        view = _seen_by_day(scene.daylight, scene.sleeping, layout).tiles(numbers_seen(scene), scene, unit)
+    return layout.picture([layout.joined(view), _encoded_amounts(layout, unit, *_IN_ORDER(scene.inventory))])
+
+
+class _Known(NamedTuple):
+    """Encoded cells."""
+
+    numbers: bytes
+    """What they are (`numbers_seen`)."""
+    places: bytes
+    """By number, where they are in `tiles`."""
+    tiles: Tiles
+
+
+class _Light:
+    """The cells that were shown in one light by day: in it equal ones look alike, and are encoded once."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._known: _Known | None = None
+        """Replaced as a whole, since episodes in several threads share it."""
+
+    def tiles(self, numbers: bytes, scene: Scene, unit: int) -> Tiles:
+        """Return cells by their numbers."""
+        known = self._known
+        if known is None or numbers.translate(None, known.numbers):
             # What was shown in another light will be shown in this one, too; ten cells take little longer than one.
-            shown = _ever_shown(layout)
+            shown = _ever_shown(self._layout)
             shown.update(numbers)
-            missing = sorted(shown - known.keys())
-            known.update(zip(missing, layout.encoded(_by_day(missing, scene, unit)), strict=True))
-        view = [known[number] for number in numbers]
-    rows = [layout.joined(view[at : at + GRID]) for at in range(0, len(view), GRID)]
-    return layout.picture(rows + _encoded_amounts(layout, unit, *[scene.inventory[name] for name in CARRIED]))
+            asked = bytes(sorted(shown))
+            places = bytes.maketrans(asked, bytes(range(len(asked))))
+            self._known = known = _Known(asked, places, self._layout.encoded(_by_day([*asked], scene, unit)))
+        return known.tiles.take(np.frombuffer(numbers.translate(known.places), np.uint8))
 
 
 @functools.lru_cache(512)
-def _known_by_day(daylight: float, sleeping: bool, layout: Layout) -> dict[int, Tile]:
-    """The cells that were shown before in this light, by number: at a step it is the same in every world."""
-    return {}
+def _seen_by_day(daylight: float, sleeping: bool, layout: Layout) -> _Light:
+    """The cells in a light, which at a step is the same in every world."""
+    return _Light(layout)
 
 
 @functools.lru_cache(16)
@@ -89,10 +115,9 @@ def _ever_shown(layout: Layout) -> set[int]:
 
 
 @functools.lru_cache(512)
-def _encoded_amounts(layout: Layout, unit: int, *amounts: int) -> list[Row]:
+def _encoded_amounts(layout: Layout, unit: int, *amounts: int) -> Rows:
     """The rows below the view, which rarely change from step to step."""
-    tiles = layout.encoded(_amounts(unit, amounts))
-    return [layout.joined(tiles[at : at + GRID]) for at in range(0, len(tiles), GRID)]
+    return layout.joined(layout.encoded(_amounts(unit, amounts)))
 
 
 def _amounts(unit: int, amounts: Sequence[int]) -> NDArray[np.uint8]:
