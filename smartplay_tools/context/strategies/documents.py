@@ -1,7 +1,9 @@
 """Documents: the observations of an episode as texts that can be searched, the first result that showed each.
 
 They are read into an index of words as turns are added, so that the first search of a long episode takes no longer than
-the next one. Scores are BM25 over those documents that a prompt does not show: what is shown counts as without words.
+the next one. Games say the same again and again, so the index is one of texts: documents that differ by their steps
+alone share one. Scores are BM25 over those documents that a prompt does not show: what is shown counts as without
+words.
 """
 
 from __future__ import annotations
@@ -18,6 +20,9 @@ from smartplay_tools.context.turns import Turn
 from smartplay_tools.messages import text_of
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from smartplay_tools.context.view import View
 
 K1, B = 1.2, 0.75
@@ -27,6 +32,8 @@ DECIMALS = 9
 BATCH = 32
 """How many of the best documents are put into order at first."""
 WORD = re.compile(r"[^\W_]+")
+STEP = re.compile(r"0|[1-9][0-9]{0,17}")
+"""A step as a word."""
 
 
 class Documents:
@@ -35,15 +42,20 @@ class Documents:
     def __init__(self) -> None:
         self.steps: list[int] = []
         """The observation that each document shows."""
-        self._texts: list[str] = []
         self._turns = 0
         """How many turns have been read."""
-        self._lengths = array("d")
-        """The words of each document."""
+        self._text_of = array("i")
+        """The number of each document's text."""
         self._words_before = [0]
         """The words of the documents before each."""
+        self._texts: list[str] = []
+        """The texts, each what follows the step in its documents."""
+        self._numbers: dict[str, int] = {}
+        """The number of each text."""
+        self._counts, self._lengths = array("d"), array("d")
+        """For each text, its documents, and the words of one of them."""
         self._places: dict[str, array[int]] = defaultdict(lambda: array("i"))
-        """For each word, the documents that have it, as often as they have it."""
+        """For each word, the texts that have it, as often as they have it; a step is not in a text."""
 
     def read(self, turns: Sequence[Turn]) -> None:
         """Add what the turns show that have not been read."""
@@ -52,20 +64,26 @@ class Documents:
                 step = item.observation_step
                 if step is not None and (not self.steps or step > self.steps[-1]):
                     assert item.position is not None
-                    self._add(step, f"Step {step}, after {_call(turn, item.position)}:\n{text_of(item.message)}")
+                    self._add(step, f", after {_call(turn, item.position)}:\n{text_of(item.message)}")
         self._turns = len(turns)
 
     def _add(self, step: int, text: str) -> None:
-        number, words, places = len(self.steps), WORD.findall(text), self._places
-        for word in words:
-            places[word.lower()].append(number)
+        number = self._numbers.get(text)
+        if number is None:
+            number = self._numbers[text] = len(self._texts)
+            self._texts.append(text)
+            words = ["step", *WORD.findall(text)]
+            for word in words:
+                self._places[word.lower()].append(number)
+            self._counts.append(0)
+            self._lengths.append(len(words) + 1)  # and the step
+        self._counts[number] += 1
         self.steps.append(step)
-        self._texts.append(text)
-        self._lengths.append(len(words))
-        self._words_before.append(self._words_before[-1] + len(words))
+        self._text_of.append(number)
+        self._words_before.append(self._words_before[-1] + int(self._lengths[number]))
 
     def __getitem__(self, number: int) -> str:
-        return self._texts[number]
+        return f"Step {self.steps[number]}{self._texts[self._text_of[number]]}"
 
     def shown_by(self, view: View) -> list[range]:
         """Return the documents whose observations a view shows, as ascending ranges."""
@@ -91,24 +109,14 @@ class Documents:
         """
         import numpy as np  # the games have it loaded
 
-        total = len(self.steps)
-        left = total - sum(map(len, shown))
+        left = len(self.steps) - sum(map(len, shown))
         if not left:
             return
-        words = self._words_before[-1] - sum(self._words_before[r.stop] - self._words_before[r.start] for r in shown)
-        norm = K1 * (1 - B + B * np.frombuffer(self._lengths) / (words / left))
-        scores = np.zeros(total)
-        for word in dict.fromkeys(word.lower() for word in WORD.findall(query)):
-            if word not in self._places:
-                continue
-            times = np.bincount(np.frombuffer(self._places[word], np.intc), minlength=total)
-            for each in shown:
-                times[each.start : each.stop] = 0
-            having = np.count_nonzero(times)
-            idf = math.log(1 + (left - having + 0.5) / (having + 0.5))
-            scores += idf * (times * (K1 + 1) / (times + norm))
+        scores = self._scores(query, shown, left)
+        for each in shown:
+            scores[each.start : each.stop] = 0
         matching = np.flatnonzero(scores)
-        values = np.round(scores[matching], DECIMALS)
+        values = scores[matching]
         given, size = 0, BATCH
         while given < len(matching):
             numbers, keys = matching, values
@@ -121,6 +129,46 @@ class Documents:
             ranked = sorted(zip((-keys).tolist(), (-numbers).tolist(), strict=True))
             yield from (-number for _, number in ranked[given:])
             given, size = len(ranked), 4 * size
+
+    def _scores(self, query: str, shown: Sequence[range], left: int) -> NDArray[np.float64]:
+        """The score of every document, rounded, where `left` of them are not shown; those shown have any."""
+        import numpy as np
+
+        words = self._words_before[-1] - sum(self._words_before[r.stop] - self._words_before[r.start] for r in shown)
+        norm = K1 * (1 - B + B * np.frombuffer(self._lengths) / (words / left))
+        text_of, texts = np.frombuffer(self._text_of, np.intc), len(self._texts)
+        counts = np.array(self._counts)
+        for each in shown:
+            counts -= np.bincount(text_of[each.start : each.stop], minlength=texts)
+        scores = np.zeros(texts)
+        weights: list[tuple[int | None, float, NDArray[np.intp]]] = []
+        for word in dict.fromkeys(word.lower() for word in WORD.findall(query)):
+            places = self._places.get(word)
+            named = self._named(word, shown)
+            if places is None and named is None:
+                continue
+            times = np.bincount(np.frombuffer(places or array("i"), np.intc), minlength=texts)
+            having = counts[times > 0].sum() + (named is not None and times[text_of[named]] == 0)
+            idf = math.log(1 + (left - having + 0.5) / (having + 0.5))
+            scores += idf * (times * (K1 + 1) / (times + norm))
+            weights.append((named, idf, times))
+        result: NDArray[np.float64] = np.round(scores, DECIMALS)[text_of]
+        for document in {named for named, _, _ in weights if named is not None}:
+            score, text = 0.0, text_of[document]
+            for named, idf, by_text in weights:
+                times_here = by_text[text] + (named == document)
+                score += idf * (times_here * (K1 + 1) / (times_here + norm[text]))
+            result[document] = np.round(score, DECIMALS)
+        return result
+
+    def _named(self, word: str, shown: Sequence[range]) -> int | None:
+        """The document, not among those shown, whose step a word of a query is."""
+        if not STEP.fullmatch(word):
+            return None
+        number = bisect_left(self.steps, int(word))
+        if number == len(self.steps) or self.steps[number] != int(word) or any(number in each for each in shown):
+            return None
+        return number
 
 
 def _call(turn: Turn, position: int) -> str:

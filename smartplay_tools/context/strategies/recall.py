@@ -80,17 +80,17 @@ class Recall(BudgetStrategy):
         shown = self._documents.shown_by(view)
         if (steps := STEPS.fullmatch(query)) is not None:
             first, last = int(steps[1]), int(steps[2] or steps[1])
-            found = self._documents.between(first, last, shown)
+            matching = self._documents.between(first, last, shown)
         else:
-            found = self._documents.best(query, shown)
-        return self._fitted(found)
+            matching = self._documents.best(query, shown)
+        return self._fitted(matching)
 
-    def _fitted(self, found: Iterator[int]) -> ToolAnswer:
+    def _fitted(self, documents: Iterator[int]) -> ToolAnswer:
         """The longest beginning of a list of documents that fits the cap; at least the beginning of the first."""
         numbers, texts = list[int](), list[str]()
 
         def fits(count: int) -> bool:
-            while len(texts) < count and (number := next(found, None)) is not None:
+            while len(texts) < count and (number := next(documents, None)) is not None:
                 numbers.append(number)
                 texts.append(self._documents[number])
             return len(texts) >= count and self._count("\n\n".join(texts[:count])) <= self._cap
