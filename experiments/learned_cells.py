@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from learned_swapped import SWAPPED
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation import PlayerConfig
@@ -43,7 +45,8 @@ class Cell:
     """
     cap: int | None
     way: str = "drop"
-    manual: str = "tool"
+    manual: Literal["tool", "none", "swapped"] = "tool"
+    """The tool `read_manual` shows the game's manual, or nothing, or another game's."""
     game: str = GAME
 
 
@@ -86,41 +89,42 @@ TOKENIZED: Mapping[str, Sequence[str]] = {
 
 def cells() -> Iterator[Cell]:
     """All cells, in the order in which they are played: what matters most comes first."""
+    seeds = range(3)
     for player in ("rule", "random"):
         yield from (Cell(player, cap, game=game) for game in (GAME, BANDIT) for cap in CAPS)
     for player in ("rule", "rule-notes", "tally"):
         yield from (Cell(player, SMALL, way) for way in WAYS)
-    for player in ("small-1", "full-0", "all-0", "full-0-rewarded"):
+    models = [f"{regime}-{seed}" for regime in ("full", "small", "all") for seed in seeds]
+    for player in (*models, *(f"full-{seed}-rewarded" for seed in seeds)):
         yield from (Cell(player, cap) for cap in CAPS)
-    for player in ("tally-notes-0", "tally-notes-0-rewarded", "small-1", "notes-0", "summary-0"):
-        yield from (Cell(player, SMALL, way) for way in WAYS)
-    for player in ("rule", "small-1"):
-        yield from (Cell(player, cap, manual="none") for cap in (CAPS[0], None))
-    for player in ("small-0", "full-1", "small-1-rewarded", "small-2", "full-2"):
-        yield from (Cell(player, cap) for cap in CAPS)
-    for player in ("small-0", "full-0"):
+    for player in ("rule", *(f"{regime}-{seed}" for regime in ("full", "small") for seed in seeds)):
+        yield from (Cell(player, cap, manual=manual) for manual in ("none", "swapped") for cap in (CAPS[0], None))
+    for player in ("small-0", "full-0", "small-1", "full-1"):
         yield from (Cell(player, cap, game=BANDIT) for cap in CAPS)
-    yield from (Cell("tally-summary-0", SMALL, way) for way in WAYS)
-    for player in ("all-1", "all-2", "full-1-rewarded", "full-2-rewarded"):
-        yield from (Cell(player, cap) for cap in CAPS)
+    for player in ("tally-notes-0", "small-1", "full-0", "notes-0", "summary-0", "tally-summary-0"):
+        yield from (Cell(player, SMALL, way) for way in WAYS)
     for player in ("tally-notes-1", "tally-notes-2"):
         yield from (Cell(player, SMALL, way) for way in ("drop", "notes"))
-    yield from (Cell("full-0", SMALL, way) for way in WAYS)
+    yield from (Cell("tally-notes-0-rewarded", SMALL, way) for way in WAYS)
+    for player in ("small-2", "full-2"):
+        yield from (Cell(player, cap, game=BANDIT) for cap in CAPS)
+    for player in (f"small-{seed}-rewarded" for seed in seeds):
+        yield from (Cell(player, cap) for cap in CAPS)
 
 
 def episodes_of(cell: Cell, folder: Path | None) -> list[sp.Episode]:
     """The episodes of a cell; the first is recorded."""
     names = [cell.player, str(cell.cap or "none"), cell.way]
-    names += ["manual-none"] * (cell.manual == "none") + ["bandit"] * (cell.game == BANDIT)
+    names += [f"manual-{cell.manual}"] * (cell.manual != "tool") + ["bandit"] * (cell.game == BANDIT)
     record = None if folder is None else folder / f"{'.'.join(names)}.jsonl"
     if record is not None:
         record.unlink(missing_ok=True)
     return [
         sp.Episode(
-            cell.game,
+            SWAPPED if cell.manual == "swapped" else cell.game,
             seed=trial_seed(PLAY_SEED, cell.game, trial),
             budget=_budget(cell.cap, cell.way),
-            manual=cell.manual,
+            manual="none" if cell.manual == "none" else "tool",
             transcript=None if trial else record,
         )
         for trial in range(WORLDS)
