@@ -1,6 +1,7 @@
 """What is context worth to a model that was trained for it? The experiment of `docs/train-a-tiny-agent.md`.
 
     pip install 'smartplay-tools[train,evaluation]'
+    python experiments/learned.py play --quick      # a minute, which shows that everything works and teaches nothing
     python experiments/learned.py play              # trains and plays, and continues where it stopped; takes hours
     python experiments/learned.py table --publish   # the tables and the figure, from the published rows
 
@@ -25,12 +26,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("play", "table"))
     parser.add_argument("--out", type=Path, default=Path("runs/learned"))
+    parser.add_argument("--quick", action="store_true", help="play a few small cells, of each kind one")
     parser.add_argument("--publish", action="store_true", help="put tables and figure into the documentation")
     asked = parser.parse_args()
     if asked.what == "play":
         from learned_lab import play  # which needs the extra `train`
 
-        play(asked.out)
+        play(asked.out, quick=asked.quick)
         return
     played = Played(PUBLISHED / "episodes.csv")
     written = tables(played)

@@ -16,13 +16,28 @@ from smartplay_tools.records.manifest import trial_seed
 GAME, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
 CAPS = (600, 800, 1_200, None)
 SMALL = 700
-EPISODES = 240
-"""Episodes of the teacher for each kind of window."""
-TOKENS = 3_000_000
-"""Tokens that a model reads in training, in its own tokenizer, whatever its windows are."""
-WORLDS = 40
+SEEDS = range(3)
+"""The seeds of training: the weights at the beginning, and the order of the rows."""
 PLAY_SEED, TEACH_SEED, REWARD_SEED = 0, 1, 2
 """The worlds of play, of the teacher's records and of the training by reward."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How large the experiment is: as it was published, or `QUICK`."""
+
+    episodes: int = 240
+    """Episodes of the teacher for each kind of window."""
+    tokens: int = 3_000_000
+    """Tokens that a model reads in training, in its own tokenizer, whatever its windows are."""
+    worlds: int = 40
+    """Worlds that every cell plays."""
+    updates: int = 30
+    """Updates by reward."""
+
+
+QUICK = Sizes(episodes=4, tokens=20_000, worlds=1, updates=1)
+"""What shows that everything works, in a minute, and teaches nothing."""
 
 WAYS: Mapping[str, Mapping[str, Any]] = {
     "drop": {},
@@ -89,15 +104,14 @@ TOKENIZED: Mapping[str, Sequence[str]] = {
 
 def cells() -> Iterator[Cell]:
     """All cells, in the order in which they are played: what matters most comes first."""
-    seeds = range(3)
     for player in ("rule", "random"):
         yield from (Cell(player, cap, game=game) for game in (GAME, BANDIT) for cap in CAPS)
     for player in ("rule", "rule-notes", "tally"):
         yield from (Cell(player, SMALL, way) for way in WAYS)
-    models = [f"{regime}-{seed}" for regime in ("full", "small", "all") for seed in seeds]
-    for player in (*models, *(f"full-{seed}-rewarded" for seed in seeds)):
+    models = [f"{regime}-{seed}" for regime in ("full", "small", "all") for seed in SEEDS]
+    for player in (*models, *(f"full-{seed}-rewarded" for seed in SEEDS)):
         yield from (Cell(player, cap) for cap in CAPS)
-    for player in ("rule", *(f"{regime}-{seed}" for regime in ("full", "small") for seed in seeds)):
+    for player in ("rule", *(f"{regime}-{seed}" for regime in ("full", "small") for seed in SEEDS)):
         yield from (Cell(player, cap, manual=manual) for manual in ("none", "swapped") for cap in (CAPS[0], None))
     for player in ("small-0", "full-0", "small-1", "full-1"):
         yield from (Cell(player, cap, game=BANDIT) for cap in CAPS)
@@ -108,11 +122,17 @@ def cells() -> Iterator[Cell]:
     yield from (Cell("tally-notes-0-rewarded", SMALL, way) for way in WAYS)
     for player in ("small-2", "full-2"):
         yield from (Cell(player, cap, game=BANDIT) for cap in CAPS)
-    for player in (f"small-{seed}-rewarded" for seed in seeds):
+    for player in (f"small-{seed}-rewarded" for seed in SEEDS):
         yield from (Cell(player, cap) for cap in CAPS)
 
 
-def episodes_of(cell: Cell, folder: Path | None) -> list[sp.Episode]:
+def quick_cells() -> Iterator[Cell]:
+    """A cell of each kind."""
+    yield from (Cell("rule", CAPS[0]), Cell("small-0", CAPS[0]), Cell("small-0-rewarded", CAPS[0]))
+    yield from (Cell("notes-0", SMALL, "notes"), Cell("full-0", None, manual="swapped"))
+
+
+def episodes_of(cell: Cell, folder: Path | None, worlds: int) -> list[sp.Episode]:
     """The episodes of a cell; the first is recorded."""
     names = [cell.player, str(cell.cap or "none"), cell.way]
     names += [f"manual-{cell.manual}"] * (cell.manual != "tool") + ["bandit"] * (cell.game == BANDIT)
@@ -127,5 +147,5 @@ def episodes_of(cell: Cell, folder: Path | None) -> list[sp.Episode]:
             manual="none" if cell.manual == "none" else "tool",
             transcript=None if trial else record,
         )
-        for trial in range(WORLDS)
+        for trial in range(worlds)
     ]

@@ -10,7 +10,18 @@ from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
-from learned_cells import EPISODES, REGIMES, REWARD_SEED, TEACH_SEED, TEACHERS, TOKENIZED, TOKENS, cells, episodes_of
+from learned_cells import (
+    QUICK,
+    REGIMES,
+    REWARD_SEED,
+    TEACH_SEED,
+    TEACHERS,
+    TOKENIZED,
+    Sizes,
+    cells,
+    episodes_of,
+    quick_cells,
+)
 from learned_tables import Played
 from transformers import LlamaForCausalLM, PreTrainedTokenizerFast
 
@@ -30,8 +41,8 @@ PARTS = re.compile(r"(.+)-(\d+)(-rewarded)?")
 class Lab:
     """Makes the models of a game and keeps them in a folder."""
 
-    def __init__(self, out: Path, game: str) -> None:
-        self._out, self._game = out / game, game
+    def __init__(self, out: Path, game: str, sizes: Sizes) -> None:
+        self._out, self._game, self._sizes = out / game, game, sizes
 
     def rows(self, regime: str) -> list[dict[str, Any]]:
         """The rows of a regime's records, which are played the first time; their order is drawn."""
@@ -39,7 +50,7 @@ class Lab:
         if not data.exists():
             asked = REGIMES[regime]
             run = self._out / "teacher" / regime
-            trials = EPISODES // len(asked.budgets)
+            trials = self._sizes.episodes // len(asked.budgets)
             sp.evaluate(
                 [self._game],
                 [asked.teacher],
@@ -77,7 +88,7 @@ class Lab:
                 tokenizer = self.tokenizer()
                 samples = [tiny_agent.encode(tokenizer, row) for row in self.rows(regime)]
                 model = tiny_agent.new_model(tokenizer, seed=int(number))
-                loss = tiny_agent.train(model, samples, TOKENS, seed=int(number))
+                loss = tiny_agent.train(model, samples, self._sizes.tokens, seed=int(number))
                 print(f"{name}: {len(samples)} rows, loss {loss:.4f}", flush=True)
             print(f"{name}: {time.process_time() - began:.0f} s of processor time", flush=True)
             self.tokenizer().save_pretrained(folder)
@@ -85,32 +96,32 @@ class Lab:
         made: LlamaForCausalLM = LlamaForCausalLM.from_pretrained(folder)
         return made
 
-    def _reward(self, model: LlamaForCausalLM, budget: sp.Budget, updates: int = 30) -> None:
+    def _reward(self, model: LlamaForCausalLM, budget: sp.Budget) -> None:
         def world(number: int) -> list[sp.Episode]:
             seed = trial_seed(REWARD_SEED, self._game, number)
             return [sp.Episode(self._game, seed=seed, budget=budget) for _ in range(6)]
 
-        groups = ([world(4 * update + at) for at in range(4)] for update in range(updates))
+        groups = ([world(4 * update + at) for at in range(4)] for update in range(self._sizes.updates))
         for update, score in enumerate(tiny_agent.reinforce(model, self.tokenizer(), groups)):
             print(f"update {update}: {score:.2f}", flush=True)
 
 
-def play(out: Path) -> None:
+def play(out: Path, *, quick: bool = False) -> None:
     """Train and play what is missing."""
     torch.set_num_threads(1)
     (out / "records").mkdir(parents=True, exist_ok=True)
-    played = Played(out / "episodes.csv")
-    for cell in cells():
+    played, sizes = Played(out / "episodes.csv"), QUICK if quick else Sizes()
+    for cell in quick_cells() if quick else cells():
         if cell in played.rows:
             continue
-        episodes = episodes_of(cell, out / "records")
-        model = None if cell.player in TEACHERS else Lab(out, cell.game).model(cell.player)
+        episodes = episodes_of(cell, out / "records", sizes.worlds)
+        lab = Lab(out, cell.game, sizes)
         began = time.process_time()
         if teacher := TEACHERS.get(cell.player):
             for trial, episode in enumerate(episodes):
                 sp.play(episode, sp.get_player(teacher.name, seed=trial, **teacher.options))
         else:
-            tiny_agent.play(model, Lab(out, cell.game).tokenizer(), episodes, name=cell.player)
+            tiny_agent.play(lab.model(cell.player), lab.tokenizer(), episodes, name=cell.player)
         played.add(cell, episodes)
         scores = [row["score"] for row in played.rows[cell]]
         seconds = time.process_time() - began

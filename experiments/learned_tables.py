@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from statistics import fmean, median
+from statistics import fmean, median, variance
 from typing import TYPE_CHECKING, Any
 
-from learned_cells import BANDIT, CAPS, GAME, SMALL, WAYS, Cell
+from learned_cells import BANDIT, CAPS, GAME, SEEDS, SMALL, WAYS, Cell
 from page_tables import publish as publish_table
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import MEASURES, MeanEstimate, mean_estimate
+from smartplay_tools.evaluation.analysis import MeanEstimate, mean_estimate
+from smartplay_tools.evaluation.analysis.distributions import t_quantile
 from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels, save_figure
-from smartplay_tools.evaluation.analysis.intervals import mean_estimates
-from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds
 from smartplay_tools.evaluation.analysis.windows import jointly
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 PAGE = Path(__file__).parents[1] / "docs" / "train-a-tiny-agent.md"
 NUMBERS = ("trial", "seed", "steps", "turns", "illegal_actions", "malformed_calls", "idle_replies", "refused_notes")
 ABOUT = ("game", "player", "cap", "way", "manual")
+BOUNDS = Bounds(-50, 50, paired=True)
+"""What two scores of one world can differ by, at either game."""
 COLUMNS = (*ABOUT, *NUMBERS, "score", "end_reason", "prompt_tokens", "reply_tokens")
 
 
@@ -87,7 +90,9 @@ def tables(played: Played) -> dict[str, str]:
         "learned-scores": _matrix(played, {head: {"cap": cap} for head, cap in caps}),
         "learned-strategies": _matrix(played, {way: {"cap": SMALL, "way": way} for way in WAYS}),
         "learned-bandit": _matrix(played, {head: {"cap": cap, "game": BANDIT} for head, cap in caps}),
-        "learned-differences": _differences(played, list(_comparisons(played))),
+        "learned-trainings": _trainings(played, _of_trainings()),
+        "learned-manuals": _trainings(played, _of_manuals()),
+        "learned-differences": _differences(played, _comparisons()),
     }
 
 
@@ -128,35 +133,102 @@ def long_table(played: Played) -> str:
     return written.getvalue()
 
 
-def _comparisons(played: Played) -> Iterator[tuple[Cell, Cell]]:
-    """What is compared, as far as it was played."""
+Compared = tuple[Cell, Cell]
+"""This, and what it is less; `-{}` in a model's name stands for the seed of its training."""
+
+
+def _comparisons() -> list[Compared]:
+    """What is compared of scripts and of single models."""
     small, full = CAPS[0], None
-    models = [f"{regime}-{seed}" for regime in ("small", "full", "all") for seed in range(3)]
-    wanted: list[tuple[Cell, Cell]] = []
-    for player in ("rule", *models):
-        wanted += [(Cell(player, small, game=game), Cell(player, full, game=game)) for game in (GAME, BANDIT)]
-    for seed in range(3):
-        wanted += [(Cell(f"small-{seed}", cap), Cell(f"full-{seed}", cap)) for cap in (small, full)]
-    for player in models:
-        wanted += [(Cell(f"{player}-rewarded", cap), Cell(player, cap)) for cap in (small, full)]
-    for player in ("rule-notes", "tally", *(f"tally-notes-{seed}" for seed in range(3)), "tally-notes-0-rewarded"):
+    wanted = [(Cell("rule", small, game=game), Cell("rule", full, game=game)) for game in (GAME, BANDIT)]
+    for player in ("rule-notes", "tally", *(f"tally-notes-{seed}" for seed in SEEDS), "tally-notes-0-rewarded"):
         wanted += [(Cell(player, SMALL, "notes"), Cell(player, SMALL))]
-    wanted += [(Cell("tally-notes-0", SMALL, "notes"), Cell(player, SMALL)) for player in ("tally", "small-1")]
+    for player in ("tally", "small-1"):
+        wanted += [(Cell(f"tally-notes-{seed}", SMALL, "notes"), Cell(player, SMALL)) for seed in SEEDS]
+        wanted += [(Cell("tally-summary-0", SMALL, "summary"), Cell(player, SMALL))]
     wanted += [(Cell("tally-notes-0-rewarded", SMALL, "notes"), Cell("tally-notes-0", SMALL, "notes"))]
-    wanted += [(Cell("tally-summary-0", SMALL, "summary"), Cell("tally", SMALL))]
-    wanted += [(Cell("small-1", SMALL, way), Cell("small-1", SMALL)) for way in WAYS if way != "drop"]
-    for player in ("rule", "small-1"):
-        wanted += [(Cell(player, cap, manual="none"), Cell(player, cap)) for cap in (small, full)]
-    yield from (pair for pair in wanted if all(cell in played.rows for cell in pair))
+    for player in ("small-1", "full-0"):
+        wanted += [(Cell(player, SMALL, way), Cell(player, SMALL)) for way in WAYS if way != "drop"]
+    return wanted
 
 
-def _differences(played: Played, compared: Sequence[tuple[Cell, Cell]]) -> str:
+def _of_trainings() -> list[Compared]:
+    """What is compared of every training of a kind."""
+    small, full = CAPS[0], None
+    wanted = []
+    for game in (GAME, BANDIT):
+        for player in ("full-{}", "small-{}", "all-{}"):
+            wanted += [(Cell(player, small, game=game), Cell(player, full, game=game))]
+        for player, other in (("small-{}", "full-{}"), ("all-{}", "full-{}")):
+            wanted += [(Cell(player, cap, game=game), Cell(other, cap, game=game)) for cap in (small, full)]
+    for player in ("full-{}", "small-{}"):
+        wanted += [(Cell(f"{player}-rewarded", cap), Cell(player, cap)) for cap in (small, full)]
+    return wanted
+
+
+def _of_manuals() -> list[Compared]:
+    """What another manual, or none, changes."""
+    return [
+        (Cell(player, cap, manual=manual), Cell(player, cap))
+        for player in ("rule", "full-{}", "small-{}")
+        for manual in ("none", "swapped")
+        for cap in (CAPS[0], None)
+    ]
+
+
+def _trainings(played: Played, wanted: Iterable[Compared]) -> str:
+    """Paired differences of every training of a kind, which hold together, and what they say of a further training."""
+    rows: list[tuple[Compared, list[list[float] | None]]] = []
+    for pair in wanted:
+        kinds = [_of_seed(pair, seed) for seed in (SEEDS if "{}" in pair[0].player else [0])]
+        if any(each := [_paired(played, kind) for kind in kinds]):
+            rows.append((pair, each))
+    together = jointly(sum(values is not None for _, each in rows for values in each))
+    lines = [f"| this | less this | {' | '.join(f'seed {seed}' for seed in SEEDS)} | any seed |", f"|{' --- |' * 6}"]
+    for (cell, other), each in rows:
+        shown = [
+            "not run" if values is None else _interval(mean_estimate(values, BOUNDS, together), "+") for values in each
+        ]
+        shown += ["" for _ in SEEDS[len(each) :]]
+        lines.append(f"| {_name(cell)} | {_name(other)} | {' | '.join(shown)} | {_any_seed(each)} |")
+    return "\n".join(lines)
+
+
+def _of_seed(pair: Compared, seed: int) -> Compared:
+    cell, other = (replace(each, player=each.player.format(seed)) for each in pair)
+    return cell, other
+
+
+def _paired(played: Played, pair: Compared) -> list[float] | None:
+    """The difference in every world; None if one of the two was not played."""
+    if not all(cell in played.rows for cell in pair):
+        return None
+    return [this - other for this, other in zip(*map(played.scores, pair), strict=True)]
+
+
+def _any_seed(each: Sequence[Sequence[float] | None]) -> str:
+    """The mean over trainings, and an interval for further trainings and worlds alike.
+
+    Both were drawn: the variances of the trainings' means and of the worlds' means are added, each divided by its
+    number, which counts what is left of either twice and so is not too narrow. Student's t has the degrees of freedom
+    of the trainings, the fewer of the two.
+    """
+    seeds = [values for values in each if values is not None]
+    if len(seeds) < 2:
+        return ""
+    of_seeds, of_worlds = [fmean(values) for values in seeds], [fmean(values) for values in zip(*seeds, strict=True)]
+    spread = math.sqrt(variance(of_seeds) / len(of_seeds) + variance(of_worlds) / len(of_worlds))
+    half = t_quantile((1 - CONFIDENCE) / 2, len(of_seeds) - 1) * spread
+    mean = fmean(of_seeds)
+    return f"{mean:+.1f} [{mean - half:+.1f}, {mean + half:+.1f}]"
+
+
+def _differences(played: Played, wanted: Sequence[Compared]) -> str:
     """Paired differences, whose intervals hold together in 95 of 100 such tables."""
-    paired = [pairs(played.rows[cell], played.rows[other]) for cell, other in compared]
-    samples = [difference_sample(each, MEASURES["score"]) for each in paired]
-    estimates = mean_estimates(samples, jointly(len(samples)))
+    compared = [(pair, values) for pair in wanted if (values := _paired(played, pair)) is not None]
     lines = ["| this | less this | difference [95 %, all together] |", f"|{' --- |' * 3}"]
-    for (cell, other), estimate in zip(compared, estimates, strict=True):
+    for (cell, other), values in compared:
+        estimate = mean_estimate(values, BOUNDS, jointly(len(compared)))
         lines.append(f"| {_name(cell)} | {_name(other)} | {_interval(estimate, '+')} |")
     return "\n".join(lines)
 
@@ -165,7 +237,8 @@ def _name(cell: Cell) -> str:
     cap = "no cap" if cell.cap is None else f"{cell.cap:,}"
     game = "bandit" if cell.game == BANDIT else ""
     way = "" if cell.way == "drop" else cell.way
-    return ", ".join(filter(None, (cell.player, game, cap, way, "no manual" if cell.manual == "none" else "")))
+    manual = {"tool": "", "none": "no manual", "swapped": "swapped manual"}[cell.manual]
+    return ", ".join(filter(None, (cell.player.replace("-{}", ""), game, cap, way, manual)))
 
 
 def _interval(estimate: MeanEstimate, sign: str) -> str:

@@ -45,7 +45,7 @@ def is_in(page, name, table):
 
 def test_the_page_of_the_tiny_agent_has_the_tables_of_the_rows(learned, played):
     tables = learned.tables(played)
-    assert len(tables) == 4
+    assert len(tables) == 6
     assert all(is_in("train-a-tiny-agent.md", name, table) for name, table in tables.items())
 
 
@@ -56,7 +56,7 @@ def test_the_table_of_all_cells_is_that_of_the_rows(learned, played):
 def test_every_cell_has_every_world_once(played):
     cells = importlib.import_module("learned_cells")
     assert set(played.rows) <= set(cells.cells())
-    assert all([row["trial"] for row in rows] == list(range(cells.WORLDS)) for rows in played.rows.values())
+    assert all([row["trial"] for row in rows] == list(range(cells.Sizes().worlds)) for rows in played.rows.values())
 
 
 def test_notes_of_three_digits_are_worth_more_than_dropping():

@@ -120,3 +120,18 @@ def test_the_example_runs(tmp_path):
     )
     assert shown.returncode == 0, shown.stderr
     assert "rewarded, no cap" in shown.stdout
+
+
+def test_the_experiment_runs_and_its_records_replay(tmp_path):
+    """A few cells of each kind: a script, a model, one trained by reward, one that may take notes, a swapped manual."""
+    command = [sys.executable, "-W", "error", str(EXAMPLES.parent / "experiments" / "learned.py"), "play", "--quick"]
+    where = ["--out", str(tmp_path)]
+    for _ in range(2):  # the second time everything is there
+        shown = subprocess.run([*command, *where], capture_output=True, text=True, timeout=600)
+        assert shown.returncode == 0, shown.stderr
+    rows = (tmp_path / "episodes.csv").read_text(encoding="utf-8").splitlines()[1:]
+    records = {path.stem: path for path in (tmp_path / "records").glob("*.jsonl")}
+    assert len(rows) == len(records) == 5
+    swapped = records.pop("full-0.none.drop.manual-swapped")
+    assert sp.read_transcript(swapped)[0]["config"]["game"] not in sp.GAMES
+    assert all(sp.replay(record).identical for record in records.values())
