@@ -36,6 +36,7 @@ class Sizes:
     """Updates by reward."""
 
 
+PUBLISHED = Sizes()
 QUICK = Sizes(episodes=4, tokens=20_000, worlds=1, updates=1)
 """What shows that everything works, in a minute, and teaches nothing."""
 

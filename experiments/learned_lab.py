@@ -11,6 +11,7 @@ from statistics import fmean, median
 from typing import Any
 
 from learned_cells import (
+    PUBLISHED,
     QUICK,
     REGIMES,
     REWARD_SEED,
@@ -41,7 +42,7 @@ PARTS = re.compile(r"(.+)-(\d+)(-rewarded)?")
 class Lab:
     """Makes the models of a game and keeps them in a folder."""
 
-    def __init__(self, out: Path, game: str, sizes: Sizes) -> None:
+    def __init__(self, out: Path, game: str, sizes: Sizes = PUBLISHED) -> None:
         self._out, self._game, self._sizes = out / game, game, sizes
 
     def rows(self, regime: str) -> list[dict[str, Any]]:
@@ -110,7 +111,7 @@ def play(out: Path, *, quick: bool = False) -> None:
     """Train and play what is missing."""
     torch.set_num_threads(1)
     (out / "records").mkdir(parents=True, exist_ok=True)
-    played, sizes = Played(out / "episodes.csv"), QUICK if quick else Sizes()
+    played, sizes = Played(out / "episodes.csv"), QUICK if quick else PUBLISHED
     for cell in quick_cells() if quick else cells():
         if cell in played.rows:
             continue

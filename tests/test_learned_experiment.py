@@ -56,7 +56,7 @@ def test_the_table_of_all_cells_is_that_of_the_rows(learned, played):
 def test_every_cell_has_every_world_once(played):
     cells = importlib.import_module("learned_cells")
     assert set(played.rows) <= set(cells.cells())
-    assert all([row["trial"] for row in rows] == list(range(cells.Sizes().worlds)) for rows in played.rows.values())
+    assert all([row["trial"] for row in rows] == list(range(cells.PUBLISHED.worlds)) for rows in played.rows.values())
 
 
 def test_notes_of_three_digits_are_worth_more_than_dropping():
