@@ -61,7 +61,7 @@ def encode(pixels: NDArray[np.uint8], scale: int) -> Picture:
     return layout.picture([layout.joined(layout.encoded(pixels.transpose(2, 0, 1)[None]))])
 
 
-class Tiles(NamedTuple):
+class EncodedTiles(NamedTuple):
     """Parts of pictures of a layout, encoded: each is the same wherever it stands."""
 
     lines: NDArray[np.void]
@@ -69,9 +69,9 @@ class Tiles(NamedTuple):
     sums: NDArray[np.int64]
     """How much each adds to the two sums of the picture's Adler-32 where it stands at the top left: tiles x 2."""
 
-    def take(self, numbers: NDArray[np.uint8]) -> Tiles:
+    def take(self, numbers: NDArray[np.uint8]) -> EncodedTiles:
         """Return tiles by their numbers among these."""
-        return Tiles(self.lines.take(numbers, 0), self.sums.take(numbers, 0))
+        return EncodedTiles(self.lines.take(numbers, 0), self.sums.take(numbers, 0))
 
 
 class Rows(NamedTuple):
@@ -109,11 +109,11 @@ class Layout:
         self._place = len(before), (rows * line, line, wide)
         self._tile_lines = np.dtype((np.void, wide))
 
-    def encoded(self, tiles: NDArray[np.uint8]) -> Tiles:
+    def encoded(self, tiles: NDArray[np.uint8]) -> EncodedTiles:
         """Return tiles, encoded; the array is tiles x red, green and blue x rows x columns."""
         raise NotImplementedError
 
-    def joined(self, tiles: Tiles) -> Rows:
+    def joined(self, tiles: EncodedTiles) -> Rows:
         """Return rows of tiles, which are in order from the top left."""
         lines = tiles.lines.reshape(-1, self._across, tiles.lines.shape[1]).swapaxes(1, 2)
         sums = tiles.sums.ravel()
@@ -146,10 +146,10 @@ class _Stored(Layout):
         self._enlarged = scale
         self._lay_out(b"\0", b"\0", 3 * columns * scale, down, rows * scale)
 
-    def encoded(self, tiles: NDArray[np.uint8]) -> Tiles:
+    def encoded(self, tiles: NDArray[np.uint8]) -> EncodedTiles:
         pixels = tiles.transpose(0, 2, 3, 1).repeat(self._enlarged, 1).repeat(self._enlarged, 2)
         lines = np.frombuffer(pixels.tobytes(), self._tile_lines).reshape(pixels.shape[:2])
-        return Tiles(lines, np.zeros((len(tiles), 2), np.int64))
+        return EncodedTiles(lines, np.zeros((len(tiles), 2), np.int64))
 
     def _data(self, lines: bytearray, first: int, second: int) -> list[bytes | bytearray]:
         stream: list[bytes | bytearray] = [_ZLIB_HEADER]
@@ -183,13 +183,13 @@ class _Compressed(Layout):
         second = second.transpose(2, 0, 1).ravel()
         self._sums = np.stack([np.full_like(second, scale * scale), second % _ADLER], axis=1).astype(np.float64)
 
-    def encoded(self, tiles: NDArray[np.uint8]) -> Tiles:
+    def encoded(self, tiles: NDArray[np.uint8]) -> EncodedTiles:
         red, green, blue = self._words
         words = red.take(tiles[:, 0])
         words |= green.take(tiles[:, 1])
         words |= blue.take(tiles[:, 2])
         lines = words.astype("<u4", copy=False).view(self._tile_lines)[..., 0]
-        return Tiles(lines, (tiles.reshape(len(tiles), -1).astype(np.float64) @ self._sums).astype(np.int64))
+        return EncodedTiles(lines, (tiles.reshape(len(tiles), -1).astype(np.float64) @ self._sums).astype(np.int64))
 
     def _data(self, lines: bytearray, first: int, second: int) -> list[bytes | bytearray]:
         adler = (self._length + second) % _ADLER << 16 | (1 + first) % _ADLER

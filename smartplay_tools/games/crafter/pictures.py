@@ -18,7 +18,7 @@ from smartplay_tools.games.crafter.facts import CARRIED, MATERIALS, MOST, VIEW
 from smartplay_tools.games.crafter.textures import LAYERS, tiles, vignette
 from smartplay_tools.games.crafter.views import Scene
 from smartplay_tools.pictures.picture import Picture
-from smartplay_tools.pictures.png import Layout, Rows, Tiles, layout_of
+from smartplay_tools.pictures.png import EncodedTiles, Layout, Rows, layout_of
 
 GRID = 9
 """A picture is a square of this many cells: the view, and the inventory below."""
@@ -78,7 +78,7 @@ class _Known(NamedTuple):
     """What they are (`numbers_seen`)."""
     places: bytes
     """By number, where they are in `tiles`."""
-    tiles: Tiles
+    tiles: EncodedTiles
 
 
 class _Light:
@@ -89,7 +89,7 @@ class _Light:
         self._known: _Known | None = None
         """Replaced as a whole, since episodes in several threads share it."""
 
-    def tiles(self, numbers: bytes, scene: Scene, unit: int) -> Tiles:
+    def tiles(self, numbers: bytes, scene: Scene, unit: int) -> EncodedTiles:
         """Return cells by their numbers."""
         known = self._known
         if known is None or numbers.translate(None, known.numbers):
