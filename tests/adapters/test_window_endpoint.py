@@ -53,6 +53,13 @@ class TestAGame:
         assert max(event["tokens"] for event in events if event["event"] == "view") <= 700
         assert replay(events).identical
 
+    def test_of_a_run_is_played_at_its_address(self, endpoint, tmp_path):
+        def at_an_address(episode: sp.Episode) -> None:
+            HostAgent(endpoint, endpoint.serve(episode)).play()
+
+        run = sp.evaluate([GAME], {"mine": at_an_address}, out=tmp_path, trials=1, budgets=BUDGET)
+        assert [(row["score"], row["end_reason"]) for row in run.rows] == [(3.0, "terminated")]
+
     def test_is_the_same_as_without_the_endpoint(self, endpoint, tmp_path):
         with sp.Episode(GAME, seed=7, budget=BUDGET) as alone:
             expected = sp.play(alone, sp.get_player("rule"))

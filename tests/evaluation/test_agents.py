@@ -19,8 +19,8 @@ HANOI = "Hanoi3Disk-v0"
 BUDGET = sp.Budget(prompt_tokens=700)
 
 
-def through_a_session(episode: sp.Episode) -> None:
-    player, session = sp.get_player("rule"), sp.AgentSession(episode, player="rule")
+def through_a_session(session: sp.AgentSession) -> None:
+    player = sp.get_player("rule")
     while (reply := session.ask(player.reply)) is not None:
         for call in session.receive(reply.message, reply.usage):
             session.answer(call.id)

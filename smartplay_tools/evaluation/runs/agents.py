@@ -1,4 +1,4 @@
-"""Agents, which play episodes in their own way: a run hands them an episode, and its record says what came of it.
+"""Agents, which play episodes in their own way: a run hands them one at a time, and its record says what came of it.
 
 An agent brings the model that it asks, or has it asked by an endpoint. So a run cannot reserve what a call may cost,
 and has no caps.
@@ -13,18 +13,22 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
+from smartplay_tools.conversation.agent_session import AgentSession
 from smartplay_tools.errors import SmartPlayError
 
 if TYPE_CHECKING:
-    from smartplay_tools.conversation.agent_session import AgentSession
     from smartplay_tools.episode.episode import Episode
     from smartplay_tools.evaluation.runs.signals import StopFlag
 
 LOOK_SECONDS = 0.1
 """Seconds between two looks whether an episode is over or the run stops."""
 
-AgentFunction: TypeAlias = Callable[["Episode"], Any]
-"""Plays an episode, which is its argument `episode`, through any adapter of this package; may be asynchronous."""
+AgentFunction: TypeAlias = Callable[[AgentSession], Any] | Callable[["Episode"], Any]
+"""Plays an episode; may be asynchronous. The name of its argument says what it takes.
+
+`session` is an `AgentSession`, for a loop of its own. `episode` is the episode, for an adapter of this package, which
+makes a session with the host's messages and tools in its head, or for a session with other arguments.
+"""
 
 
 class AgentFailedError(SmartPlayError):
@@ -107,15 +111,17 @@ class FunctionAgent:
     goes_on = False
 
     def __init__(self, function: AgentFunction) -> None:
-        self._function = function
+        self._function: Callable[[Any], Any] = function
+        self._takes_session = argument_of(function) == "session"
 
     async def play(self, held: Held) -> None:
-        """Call the function with the episode; when the run stops, the episode is closed under it."""
+        """Call the function with what it takes; when the run stops, the episode is closed under it."""
         threads = ThreadPoolExecutor(1, "agent")
+        given = AgentSession(held.episode) if self._takes_session else held.episode
         playing: asyncio.Future[Any] = (
-            asyncio.ensure_future(self._function(held.episode))
+            asyncio.ensure_future(self._function(given))
             if inspect.iscoroutinefunction(self._function)
-            else asyncio.get_running_loop().run_in_executor(threads, self._function, held.episode)
+            else asyncio.get_running_loop().run_in_executor(threads, self._function, given)
         )
         try:
             await held.wait_for(playing)
@@ -133,7 +139,13 @@ class FunctionAgent:
 
 def is_agent(function: Callable[..., Any]) -> bool:
     """Return whether a function plays an episode, as its argument says, and does not make a player."""
+    return argument_of(function) in ("session", "episode")
+
+
+def argument_of(function: Callable[..., Any]) -> str | None:
+    """Return the name of a function's only argument; None if it has others, or cannot be looked at."""
     try:
-        return [*inspect.signature(function).parameters] == ["episode"]
+        names = [*inspect.signature(function).parameters]
     except (TypeError, ValueError):
-        return False
+        return None
+    return names[0] if len(names) == 1 else None
