@@ -56,11 +56,11 @@ def _openai_patches(width: int, height: int, *, factor: str, most: int = 1_536) 
     return math.ceil(patches * Fraction(factor))
 
 
-def _openai_tiles(width: int, height: int) -> int:
-    """85, and 170 for each tile of 512 pixels, after scaling into 2,048 x 2,048 and to a shorter side of 768."""
+def _openai_tiles(width: int, height: int, *, base: int, tile: int) -> int:
+    """A base and its share of each tile of 512 pixels, scaled into 2,048 x 2,048 and to a shorter side of 768."""
     shrink = min(Fraction(1), Fraction(2_048, max(width, height)))
     shrink = min(shrink, Fraction(768, min(width, height)))
-    return 85 + 170 * math.ceil(width * shrink / 512) * math.ceil(height * shrink / 512)
+    return base + tile * math.ceil(width * shrink / 512) * math.ceil(height * shrink / 512)
 
 
 def _gemini_tiles(width: int, height: int) -> int:
@@ -75,12 +75,13 @@ def _always(width: int, height: int, *, tokens: int) -> int:
     return tokens
 
 
-_READ_ON = date(2026, 11, 23)
+_READ_ON = date(2026, 11, 24)
 _CLAUDE = "https://platform.claude.com/docs/en/build-with-claude/vision"
 _OPENAI = "https://platform.openai.com/docs/guides/images-vision"
 _GEMINI = "https://ai.google.dev/gemini-api/docs/image-understanding"
 _GEMINI_3 = "https://ai.google.dev/gemini-api/docs/media-resolution"
 _COUNTED = "https://community.openai.com/t/introducing-gpt-5-4-mini-and-nano-our-most-capable-small-models-yet/1377015"
+_MEASURED = "https://huggingface.co/datasets/JOHNISKING/image-token-cost"
 
 _RULES = (
     PictureRule(
@@ -101,9 +102,25 @@ _RULES = (
     ),
     PictureRule(
         "openai-32x1.2",
-        "GPT-5.2 and later, GPT-5 mini as it is billed",
+        "GPT-5 mini as it is billed, and later models where a picture has up to 1,536 patches",
         partial(_openai_patches, factor="1.2"),
         {(256, 256): 77, (512, 512): 308, (768, 1_024): 922, (1_280, 720): 1_104, (1_024, 1_024): 1_229},
+        _COUNTED,
+        _READ_ON,
+    ),
+    PictureRule(
+        "openai-32x1.2-2500",
+        "GPT-5.4 and later, high detail: up to 2,500 patches",
+        partial(_openai_patches, factor="1.2", most=2_500),
+        {(768, 768): 692, (1_920, 1_080): 2_448, (2_560, 1_440): 2_931, (3_840, 2_160): 2_931, (4_032, 3_024): 2_942},
+        _MEASURED,
+        _READ_ON,
+    ),
+    PictureRule(
+        "openai-32x1.5",
+        "GPT-5 nano as it is billed",
+        partial(_openai_patches, factor="1.5"),
+        {(1_600, 1_600): 2_282},
         _COUNTED,
         _READ_ON,
     ),
@@ -116,6 +133,14 @@ _RULES = (
         _READ_ON,
     ),
     PictureRule(
+        "openai-32x1.72",
+        "o4-mini",
+        partial(_openai_patches, factor="1.72"),
+        {(1_024, 1_024): 1_762, (1_800, 2_400): 2_498},
+        _OPENAI,
+        _READ_ON,
+    ),
+    PictureRule(
         "openai-32x2.46",
         "GPT-4.1 nano, and others of a factor of 2.46",
         partial(_openai_patches, factor="2.46"),
@@ -123,13 +148,20 @@ _RULES = (
         _OPENAI,
         _READ_ON,
     ),
-    PictureRule(
-        "openai-tiles",
-        "GPT-4o and GPT-4.1, high detail",
-        _openai_tiles,
-        {(1_024, 1_024): 765, (2_048, 4_096): 1_105},
-        _OPENAI,
-        _READ_ON,
+    *(
+        PictureRule(
+            name,
+            f"{models}, high detail",
+            partial(_openai_tiles, base=base, tile=2 * base),
+            {(1_024, 1_024): 9 * base, (2_048, 4_096): 13 * base},
+            _OPENAI,
+            _READ_ON,
+        )
+        for name, models, base in (
+            ("openai-tiles", "GPT-4o and GPT-4.1", 85),
+            ("openai-tiles-70", "GPT-5", 70),
+            ("openai-tiles-75", "o1 and o3", 75),
+        )
     ),
     PictureRule(
         "gemini-258",
@@ -148,7 +180,7 @@ _RULES = (
             _GEMINI_3,
             _READ_ON,
         )
-        for resolution, tokens in (("low", 280), ("medium", 560), ("high", 1_120))
+        for resolution, tokens in (("low", 280), ("medium", 560), ("high", 1_120), ("ultra-high", 2_240))
     ),
 )
 
