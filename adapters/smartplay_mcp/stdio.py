@@ -31,7 +31,7 @@ async def serve_stdio(
     the game when it asks for its tools.
     """
     hosted, writing = HostedEpisode(episode), writing or sys.stdout.buffer
-    lines = _lines(reading or sys.stdin.buffer)
+    lines = _lines(reading or _standard_input())
     has_answered = asyncio.Event()
     asyncio.get_running_loop().call_later(MOMENT, has_answered.set)
     making = asyncio.ensure_future(_made(hosted, has_answered))
@@ -78,6 +78,11 @@ async def _answer(hosted: HostedEpisode, line: bytes) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         return ProtocolError(PARSE_ERROR, "Each line is one JSON object.").body(None)
     return await respond(hosted, message)
+
+
+def _standard_input() -> BinaryIO:
+    """Standard input with a buffer of its own: Python's would be locked by the reading thread, and aborts the exit."""
+    return open(sys.stdin.fileno(), "rb", closefd=False)
 
 
 def _lines(reading: Iterable[bytes]) -> asyncio.Queue[bytes | None]:

@@ -146,6 +146,12 @@ class TestStdio:
         ]
         assert answers[5]["result"]["isError"]
 
+    def test_a_mistake_is_one_sentence_while_the_host_keeps_the_input_open(self):
+        command = [sys.executable, "-m", "smartplay_tools", "serve", "mcp", GAME, "--manual", "hidden"]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+            assert server.wait(120) == 2
+            assert server.stderr.read() == "smartplay-tools: manual must be one of tool, pinned, none, not 'hidden'.\n"
+
     def test_answers_come_in_the_order_of_the_requests(self):
         calls = [request("tools/call", number, name="observe", _meta={CALL_KEY: str(number)}) for number in range(20)]
         assert [answer["id"] for answer in talk(*calls)] == list(range(20))
