@@ -3,7 +3,10 @@
 `python -m tests.model_from_docs --prompts 100000` compares more of them.
 """
 
+from pathlib import Path
+
 import smartplay_tools as sp
+from tests.model_from_docs.carrying import play_chains
 from tests.model_from_docs.play import Tally, play, replay_is_identical
 
 
@@ -17,3 +20,7 @@ def test_prompts_answers_and_counters_are_those_of_the_model() -> None:
     assert len(tally.strategies) == 9
     assert tally.requests > 0
     assert tally.refused > 0
+
+
+def test_a_trial_begins_with_what_the_one_before_it_left(tmp_path: Path) -> None:
+    assert sum(play_chains(seed, tmp_path / str(seed)) for seed in range(2)) > 0

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import tempfile
+from pathlib import Path
 
 import smartplay_tools as sp
 
+from .carrying import play_chains
 from .play import SMALL, Tally, play, replay_is_identical
 
 GAMES = (*SMALL * 12, *sp.GAMES)
@@ -18,15 +21,22 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--replay-every", type=int, default=20, help="replay the record of one episode in N")
     parser.add_argument("--games", nargs="+", default=GAMES)
+    parser.add_argument("--chains-every", type=int, default=20, help="play chains of trials once for N episodes")
     given = parser.parse_args()
-    tally, seed, replayed = Tally(), given.seed, 0
+    tally, seed, replayed, carried = Tally(), given.seed, 0, 0
     while tally.prompts < given.prompts:
         record = play(seed, tally, given.games)
         if record and record[0]["config"]["game"] in sp.GAMES and seed % given.replay_every == 0:
             assert replay_is_identical(record), f"the record of seed {seed} does not replay"
             replayed += 1
+        if seed % given.chains_every == 0:
+            with tempfile.TemporaryDirectory() as out:
+                carried += play_chains(seed, Path(out) / "run")
         seed += 1
-    print(f"seeds {given.seed} to {seed - 1}: {tally}, {replayed} records replayed, 0 violations")
+    print(
+        f"seeds {given.seed} to {seed - 1}: {tally}, {replayed} records replayed, "
+        f"{carried} trials that carry, 0 violations"
+    )
 
 
 if __name__ == "__main__":

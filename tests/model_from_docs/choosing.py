@@ -70,15 +70,15 @@ class AtRandom:
 
 
 def wrongly_given(asked: Asked, n: Counting, turns: Sequence[Turn], expected: dict[str, Any]) -> str:
-    """Say what a strategy was given that is not so; `expected` has step, oldest, room, the pins and `words`."""
-    oldest, words = expected["oldest"], expected["words"]
+    """Say what a strategy was given that is not so; `expected` has step, oldest, room, pins, `words` and `pictures`."""
+    oldest, words, pictures = expected["oldest"], expected["words"], expected["pictures"]
     facts = tuple(
         (
             number,
             turn.step,
             tuple(sorted({item.shows for item in turn.items if item.shows is not None})),
-            n.messages(turn.seen(oldest, words)),
-            n.messages(turn.seen(None, words)),
+            n.messages(turn.seen(oldest, words, pictures)),
+            n.messages(turn.seen(None, words, pictures)),
             number in expected["pins"],
         )
         for number, turn in enumerate(turns)

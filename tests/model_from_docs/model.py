@@ -16,7 +16,7 @@ import smartplay_tools as sp
 from .answering import IN_HEAD, Answering
 from .counting import PRIMING, Counting
 from .cutting import cut
-from .turns import Item, Turn
+from .turns import MARKER, Item, Turn
 from .window import View, Window
 
 NUDGE = "Your reply called no tool. Call `act`, `observe` or `read_manual` to go on."
@@ -50,6 +50,7 @@ class Model(Answering):
         observation, and the tokens of its picture."""
         super().__init__(game, seed, facts, n)
         self.turns: list[Turn] = []
+        self.pictures = 0
         self.idle, self.stalled = 0, 0
         self.summary: str | None = None
         self.owes = False
@@ -96,7 +97,9 @@ class Model(Answering):
             if position == view.anchors:
                 shown += self._summary_message()
             shown += [((i, -1), {"role": "user", "content": words}) for at, words in view.texts if at == i]
-            shown += [((i, j), message) for j, message in enumerate(self.turns[i].seen(oldest, view.words))]
+            shown += [
+                ((i, j), message) for j, message in enumerate(self.turns[i].seen(oldest, view.words, view.pictures))
+            ]
         if len(view.turns) <= view.anchors:
             shown += self._summary_message()
         return shown
@@ -127,7 +130,7 @@ class Model(Answering):
         seen: set[int] = set()
         for i, oldest in view.turns:
             if i in view.counting and (until is None or i < until):
-                seen |= self.turns[i].shown(oldest)
+                seen |= self.turns[i].shown(oldest, view.pictures)
         if self.budget.strategy is not None:
             return len(seen)
         return next(k for k in range(len(seen) + 1) if max(seen, default=0) - k not in seen)
@@ -186,7 +189,11 @@ class Model(Answering):
                 image = {"type": "image", "sha256": picture.sha256, "width": picture.width, "height": picture.height}
                 content = [{"type": "text", "text": result.text}, image]
             shown = IN_HEAD if name == "read_manual" and result.data.get("manual") else content
-            turn.items.append(Item({"role": "tool", "content": shown, "tool_call_id": call["id"]}, item_date, shows))
+            item = Item({"role": "tool", "content": shown, "tool_call_id": call["id"]}, item_date, shows)
+            if result.picture is not None:
+                item.picture, self.pictures = self.pictures, self.pictures + 1
+                item.without = result.text if self.facts["observation"] == "both" else MARKER
+            turn.items.append(item)
         turn.step = self.steps
         self.idle = 0 if calls else self.idle + 1
         if not calls:

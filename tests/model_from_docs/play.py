@@ -74,8 +74,11 @@ class Tally:
     strategies: Counter[str] = field(default_factory=Counter)
 
 
-def random_budget(rng: random.Random, head: int) -> dict[str, Any]:
-    """Return a budget around a head of `head` tokens: caps, slack, history, strategies alone and together."""
+def random_budget(rng: random.Random, head: int, form: str) -> dict[str, Any]:
+    """Return a budget around a head of `head` tokens: caps, slack, history, strategies alone and together.
+
+    `form` is of what observations are: a strategy for pictures is seldom asked for where they are words.
+    """
     budget: dict[str, Any] = {}
 
     def sometimes(share: float, name: str, *values: Any) -> None:
@@ -101,6 +104,8 @@ def random_budget(rng: random.Random, head: int) -> dict[str, Any]:
         ("beyond_result", ("offload",)),
         ("memory_tokens", (1, 8, 20, 60, 200)),
     ]
+    if form != "text" or rng.random() < 0.02:
+        strategies.append(("newest_pictures", (1, 2, 3, 6)))
     if alone:
         strategies = [rng.choice(strategies)]
     for name, values in strategies:
@@ -145,7 +150,8 @@ class _Setting:
         n = Counting(probe.counter.text, probe.counter.image)
         head = n.messages(probe.head) + n.tools(probe.tools) + PRIMING
         foreign = (FOREIGN,) if rng.random() < 0.15 else ()
-        return cls(game, tokenizer, random_budget(rng, head), rules, foreign, n, head)
+        limits = random_budget(rng, head, rules.get("observation", "text"))
+        return cls(game, tokenizer, limits, rules, foreign, n, head)
 
 
 def _begin(setting: _Setting, seed: int, record: list[Event]) -> tuple[sp.Conversation, Model] | None:
@@ -154,7 +160,9 @@ def _begin(setting: _Setting, seed: int, record: list[Event]) -> tuple[sp.Conver
     picture = n.picture(252, 252) if rules.get("observation", "text") != "text" else 0
     budget = sp.Budget(**setting.limits)
     numbers = in_numbers(budget, spec, setting.head - PRIMING, picture)
-    unlimited = sp.Budget(**{**{name: setting.limits[name] for name in TOOLED if name in setting.limits}, **OPEN})
+    form = rules.get("observation", "text")
+    tooled = [name for name in TOOLED if name in setting.limits and (name, form) != ("recall_tokens", "picture")]
+    unlimited = sp.Budget(**{name: setting.limits[name] for name in tooled} | OPEN)
     tools = sp.Episode(setting.game, seed=seed, tokenizer=setting.tokenizer, budget=unlimited, **rules).tools
     try:
         episode = sp.Episode(
@@ -163,14 +171,16 @@ def _begin(setting: _Setting, seed: int, record: list[Event]) -> tuple[sp.Conver
         conversation = sp.Conversation(episode, foreign_tools=setting.foreign)
     except sp.InvalidArgumentError as error:
         head = sp.Episode(setting.game, seed=seed, tokenizer=setting.tokenizer, **rules).head
-        if not is_refused(numbers, n, head, (*tools, *setting.foreign), picture):
+        if not is_refused(numbers, n, head, (*tools, *setting.foreign), picture, form):
             raise AssertionError(f"{setting}: refused") from error
         return None
-    assert not is_refused(numbers, n, episode.head, (*tools, *setting.foreign), picture), f"{setting}: not refused"
+    assert not is_refused(numbers, n, episode.head, (*tools, *setting.foreign), picture, form), (
+        f"{setting}: not refused"
+    )
     assert episode.budget == numbers, f"{setting}: {episode.budget}, expected {numbers}"
     copy = spec.make()
     facts = {"head": episode.head, "tools": (*tools, *setting.foreign), "budget": numbers, "rollout": spec.rollout}
-    facts |= {"picture": picture, "observation": rules.get("observation", "text")}
+    facts |= {"picture": picture, "observation": form}
     return conversation, Model(copy, seed, {**facts, **rules}, n)
 
 

@@ -44,11 +44,25 @@ def reserve_of(budget: ResolvedBudget, n: Counting) -> tuple[int, int]:
 
 
 def is_refused(
-    budget: ResolvedBudget, n: Counting, head: Sequence[sp.Message], tools: Sequence[sp.ToolSpec], picture: int
+    budget: ResolvedBudget,
+    n: Counting,
+    head: Sequence[sp.Message],
+    tools: Sequence[sp.ToolSpec],
+    picture: int,
+    form: str,
+    carried: int = 0,
 ) -> bool:
-    """Say whether an episode with a budget is refused; `picture` is what the picture of an observation costs."""
+    """Say whether an episode with a budget is refused; `picture` is what the picture of an observation costs.
+
+    `form` is of what its observations are: text, picture or both. `carried` is the longest message that a trial takes
+    over from the one before it.
+    """
+    if form == "text" and budget.newest_pictures is not None:
+        return True
+    if form == "picture" and budget.recall_tokens is not None:
+        return True
     cap, history, slack = budget.prompt_tokens, budget.history, Fraction(str(budget.slack))
-    smallest = n.messages(head) + n.tools(tools) + PRIMING + sum(reserve_of(budget, n))
+    smallest = n.messages(head) + n.tools(tools) + PRIMING + sum(reserve_of(budget, n)) + carried
     masks = budget.beyond_history == "mask"
     never_leaves = cap is None and (history is None or masks)
     if masks and history is None:

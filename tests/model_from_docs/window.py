@@ -24,6 +24,8 @@ class View:
     anchors: int = 0
     """How many of these stand in front of the summary."""
     words: int = 0
+    pictures: int = 0
+    """How many of the conversation's first pictures are left out."""
     counting: frozenset[int] = frozenset()
     """The turns whose observations count as shown: the run, and the latest turn that shows the newest one."""
     texts: tuple[tuple[int, str], ...] = ()
@@ -42,6 +44,7 @@ class Window:
     first: int = 0
     oldest: int = 0
     words: int = 0
+    pictures: int = 0
     ends: bool = False
     """Whether the pinned turns do not fit."""
     fails: bool = False
@@ -60,14 +63,15 @@ class Window:
         t = max(shows, default=0)
         self.oldest = self._boundary(self.oldest, t, budget.history, budget.beyond_history == "mask")
         self.words = self._boundary(self.words, t, budget.own_words, True)
+        self.pictures = self._left_out(sum(item.picture is not None for turn in turns for item in turn.items))
         o = max((i for i, turn in enumerate(turns) if any(item.shows == t for item in turn.items)), default=newest)
         notes = [i for i, turn in enumerate(turns) if turn.notes is not None]
         q = notes[-1] if notes and turns[notes[-1]].notes else None
 
-        by_age = [self.n.messages(turn.seen(self.oldest, self.words)) for turn in turns]
+        by_age = [self.n.messages(turn.seen(self.oldest, self.words, self.pictures)) for turn in turns]
         before = list(by_age)
         if q is not None and q != o:
-            before[q] = self.n.messages(turns[q].seen(None, self.words))
+            before[q] = self.n.messages(turns[q].seen(None, self.words, self.pictures))
         reserve = self.question + self.longest_summary
 
         pins = {o, newest}
@@ -76,7 +80,7 @@ class Window:
             pins.add(q)
         if budget.strategy is not None:
             given = room if cap is None else room - sum(before[i] if i != newest else by_age[i] for i in pins)
-            facts = {"step": t, "oldest": self.oldest, "words": self.words, "pins": pins}
+            facts = {"step": t, "oldest": self.oldest, "words": self.words, "pictures": self.pictures, "pins": pins}
             self._ask(turns, {**facts, "room": None if cap is None else given}, q if q not in (o, newest) else None)
             return
         anchors = 0
@@ -124,7 +128,7 @@ class Window:
         run = {*range(self.first, len(turns))}
         shown = tuple((i, None if i == q and i not in run and i != o else self.oldest) for i in sorted(run | pins))
         in_front = sum(i < anchors and i not in run for i, _ in shown)
-        self.view = View(shown, in_front, self.words, frozenset(run | {o}))
+        self.view = View(shown, in_front, self.words, self.pictures, frozenset(run | {o}))
 
     def _ask(self, turns: Sequence[Turn], facts: dict[str, Any], hidden: int | None) -> None:
         """Let a strategy of one's own choose, beside the pins; `hidden` is the turn with the notes."""
@@ -140,7 +144,16 @@ class Window:
         shown = sorted({*asked.choice.turns, *facts["pins"]})
         each = tuple((i, None if i in masked else self.oldest) for i in shown)
         texts = tuple(sorted(asked.choice.texts.items()))
-        self.view = View(each, 0, self.words, frozenset(shown), texts)
+        self.view = View(each, 0, self.words, self.pictures, frozenset(shown), texts)
+
+    def _left_out(self, m: int) -> int:
+        """Return how many of m pictures are left out."""
+        k, slack = self.budget.newest_pictures, Fraction(str(self.budget.slack))
+        if k is None:
+            return 0
+        if not slack:
+            return max(0, m - int(k))
+        return self.pictures if m - self.pictures <= k else m - 1 - math.ceil((1 - slack) * (k - 1))
 
     def _boundary(self, now: int, t: int, most: int | None, in_blocks: bool) -> int:
         if most is None:
