@@ -12,10 +12,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
+from operator import add, sub
 from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
-from smartplay_tools.context.strategies import Strategies
+from smartplay_tools.context.strategies import drops_old_turns, summaries_of
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import with_manual
 from smartplay_tools.messages import Message, reasoning_of, text_of
@@ -41,13 +42,15 @@ PARTS = {
 """The parts of a prompt and their names, in the order in which they are counted and drawn. The manual is a part once it
 was read; the summary includes the request for one; notes are the calls that take them."""
 
-_OBSERVATIONS, _MASKED, _OTHER, _TEXTS = map(list(PARTS).index, ("observations", "masked", "other", "texts"))
+_TASK, _MANUAL, _SUMMARY, _NOTES, _WORDS, _CALLS, _OBSERVATIONS, _MASKED, _OTHER, _TEXTS = range(len(PARTS))
 
 COUNTED_WITH = (DEFAULT_TOKENIZER, "approximate")
 """The tokenizers that count without a file of somebody else's."""
 
 Tokens = list[int]
 """A number of tokens for each of `PARTS`."""
+
+_NOTHING: Tokens = [0] * len(PARTS)
 
 Reason = Literal["history", "full", "block", "pin", "choice"]
 
@@ -79,8 +82,7 @@ class Accounts:
         self._record = record
         self._counter = shared_counter(record.config.tokenizer)
         self._budget = ResolvedBudget(**record.budget)
-        strategies = Strategies(self._budget, self._counter)
-        self._drops, self._form = strategies.ageing.drops, strategies.summaries
+        self._drops, self._form = drops_old_turns(self._budget), summaries_of(self._budget, self._counter)
         self._turns = record.turns
         self._steps = [turn.step for turn in self._turns]
         self._replies = [self._parts_of_reply(turn, turn.assistant) for turn in self._turns]
@@ -122,10 +124,9 @@ class Accounts:
         is_request = concerns_summary(view)
         seen = view["turn"] - is_request
         manual = self._turns[seen - 1].manual if seen else None
-        total = dict.fromkeys(PARTS, 0)
-        total["task"], total["manual"] = self._head(self._record.head_of[view["turn"]], manual)
-        total["summary"] = self._summary(view) + (self._form.question_tokens if self._form and is_request else 0)
-        tokens = list(total.values())
+        tokens = _NOTHING.copy()
+        tokens[_TASK], tokens[_MANUAL] = self._head(self._record.head_of[view["turn"]], manual)
+        tokens[_SUMMARY] = self._summary(view) + (self._form.question_tokens if self._form and is_request else 0)
         oldest, notes = _oldest(view, self._turns), view.get("notes")
         if self._budget.strategy is not None or view.get("pictures"):
             return self._parts_by_turn(view, tokens)
@@ -236,19 +237,12 @@ class Accounts:
 
     def _parts_of_reply(self, turn: Turn, reply: Message) -> Tokens:
         """The parts of a turn's reply as it was said, or as it is shown bare."""
-        total, count = dict.fromkeys(PARTS, 0), self._counter.message
+        tokens = _NOTHING.copy()
         words = {name: value for name, value in reply.items() if name != "tool_calls"}
-        frame = count(words)
-        total["words" if text_of(words) or reasoning_of(words) else "calls"] = frame
-        arguments = [call.arguments.canonical for call in turn.calls]
-        total["calls"] += count(reply, arguments) - frame
+        tokens[_WORDS if text_of(words) or reasoning_of(words) else _CALLS] = self._counter.message(words)
         for call in turn.calls:
-            if call.name == NOTES_TOOL:
-                notes = {**words, "tool_calls": [{"function": {"name": call.name, "arguments": ""}}]}
-                tokens = count(notes, [call.arguments.canonical]) - frame
-                total["notes"] += tokens
-                total["calls"] -= tokens
-        return list(total.values())
+            tokens[_NOTES if call.name == NOTES_TOOL else _CALLS] += self._counter.call(call)
+        return tokens
 
 
 def _oldest(view: ViewEvent, turns: Sequence[Turn]) -> int:
@@ -266,12 +260,12 @@ def _numbers(ranges: Iterable[Sequence[int]]) -> Iterator[int]:
 
 def _sums(parts: Iterable[Tokens]) -> list[Tokens]:
     """Return the sums of the parts before each place."""
-    return list(accumulate(parts, _plus, initial=[0] * len(PARTS)))
+    return list(accumulate(parts, _plus, initial=_NOTHING))
 
 
 def _plus(tokens: Tokens, more: Tokens) -> Tokens:
-    return [a + b for a, b in zip(tokens, more, strict=True)]
+    return list(map(add, tokens, more))
 
 
 def _minus(tokens: Tokens, fewer: Tokens) -> Tokens:
-    return [a - b for a, b in zip(tokens, fewer, strict=True)]
+    return list(map(sub, tokens, fewer))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from smartplay_tools.context.choosing import text_message
-from smartplay_tools.context.strategies import Strategies
+from smartplay_tools.context.strategies import summaries_of
 from smartplay_tools.context.turns import Turn, TurnBuilder
 from smartplay_tools.context.view import Head, Selection, with_manual
 from smartplay_tools.conversation import paper
@@ -111,7 +111,7 @@ class Rebuilder:
         self._turns, self._pictures = turns, pictures
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         # What a prompt says does not depend on how it is counted.
-        self._form = Strategies(ResolvedBudget(**events[0]["budget"]), shared_counter("approximate")).summaries
+        self._form = summaries_of(ResolvedBudget(**events[0]["budget"]), shared_counter("approximate"))
 
     def use_head(self, head: Event) -> None:
         """Rebuild the following prompts with another head and its tools."""

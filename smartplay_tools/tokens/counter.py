@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from smartplay_tools.arguments import as_text, canonical
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.messages import calls_of, pictures_of, reasoning_of, text_of
+from smartplay_tools.messages import Call, calls_of, pictures_of, reasoning_of, text_of
 from smartplay_tools.pictures.token_rules import DEFAULT_RULE
 from smartplay_tools.tokens.tokenizers import (
     DEFAULT_TOKENIZER,
@@ -38,6 +38,9 @@ LONGEST_REMEMBERED = 16_384
 
 PRIMING = 3
 """The tokens of a prompt in addition to its messages and tools: the beginning of the reply."""
+
+_CALL = 3 + 8
+"""The tokens of a call in addition to those of its name and arguments."""
 
 
 def well_formed(text: str) -> str:
@@ -155,7 +158,7 @@ class TokenCounter:
             count += 1 + self.text(message["name"])
         for position, call in enumerate(calls_of(message)):
             function = call["function"]
-            count += 3 + 8 + self.text(str(function["name"]))
+            count += _CALL + self.text(str(function["name"]))
             if arguments is None:
                 count += self._arguments(as_text(function["arguments"]))
             else:
@@ -164,6 +167,10 @@ class TokenCounter:
             count += 8
         reasoning = reasoning_of(message)
         return count + (self.text(reasoning) if reasoning else 0)
+
+    def call(self, call: Call) -> int:
+        """Count what a call adds to its message."""
+        return _CALL + self.text(call.name) + self.text(call.arguments.canonical)
 
     def messages(self, messages: Iterable[Mapping[str, Any]]) -> int:
         """Count messages."""

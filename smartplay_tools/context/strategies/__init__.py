@@ -6,13 +6,13 @@ rest of the package asks it and names none of them. To add one, write its class,
 `Budget`.
 """
 
-from smartplay_tools.context.strategies.ageing import turns_leave
+from smartplay_tools.context.strategies.ageing import drops_old_turns, turns_leave
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer, share_kept
 from smartplay_tools.context.strategies.brought import load_strategy, register_strategy
 from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, Strategy
 from smartplay_tools.context.strategies.every import KINDS, Strategies, refusal
 from smartplay_tools.context.strategies.memory import is_memory_tool
-from smartplay_tools.context.strategies.summaries import Summaries, Summary
+from smartplay_tools.context.strategies.summaries import Summaries, Summary, summaries_of
 
 __all__ = [
     "KINDS",
@@ -26,10 +26,12 @@ __all__ = [
     "Summaries",
     "Summary",
     "ToolAnswer",
+    "drops_old_turns",
     "is_memory_tool",
     "load_strategy",
     "refusal",
     "register_strategy",
     "share_kept",
+    "summaries_of",
     "turns_leave",
 ]

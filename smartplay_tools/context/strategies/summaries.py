@@ -82,3 +82,8 @@ class Summaries(BudgetStrategy):
     def _count(self, text: str) -> int:
         """The tokens that a text adds to its frame."""
         return self._counter.text(f"{self._frame}{text}") - self._counter.text(self._frame)
+
+
+def summaries_of(budget: Budget, counter: TokenCounter) -> Summaries | None:
+    """Return what asks for summaries and shows them, for readers of records; None where the budget asks for none."""
+    return Summaries(budget, counter) if Summaries.is_asked_for(budget) else None

@@ -90,16 +90,21 @@ def _facts(row: Row) -> dict[str, Any]:
 _COPIED = tuple(field.name for field in fields(PlayedCell) if field.name not in ("rules", "budget"))
 """The fields of a cell that are those of its rows."""
 
+_WRITTEN = (*_COPIED, *RULES, "budget")
+"""The fields of a row that say what its cell is."""
+
 
 def by_cell(rows: Iterable[Row]) -> list[tuple[PlayedCell, list[Row]]]:
     """Group rows by cell; cells and rows keep the order of the rows."""
     groups: dict[bytes, tuple[PlayedCell, list[Row]]] = {}
+    alike: dict[str, list[Row]] = {}
+    """The rows of each cell by its facts as they are written: most rows are written as the one before."""
     for row in rows:
-        facts = _facts(row)
-        key = _key(facts)
-        if key not in groups:
-            groups[key] = (PlayedCell(**facts), [])
-        groups[key][1].append(row)
+        written = repr([row.get(name) for name in _WRITTEN])
+        if written not in alike:
+            facts = _facts(row)
+            alike[written] = groups.setdefault(_key(facts), (PlayedCell(**facts), []))[1]
+        alike[written].append(row)
     return list(groups.values())
 
 

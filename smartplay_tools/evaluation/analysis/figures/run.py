@@ -61,10 +61,9 @@ def run_figures(rows: Sequence[Row], *, transcript: Locate | None = None) -> dic
         drawn["score-against-history"] = score_against_history(comparisons)
     if _varies(comparisons, "prompt_tokens"):
         drawn["score-against-prompt-tokens"] = score_against_prompt_tokens(comparisons)
-    if _varies(by_slack := compare_windows(rows, along=("slack",)), "slack"):
+    if by_slack := _along(rows, comparisons, ("slack",)):
         drawn["effects-of-slack"] = effects_of_slack(by_slack)
-    by_strategy = compare_windows(rows, along=ALONG)
-    if any(_varies(by_strategy, field) for field in ALONG):
+    if by_strategy := _along(rows, comparisons, ALONG):
         drawn["strategies"] = effects_of_strategies(by_strategy)
     drawn["frontier"] = frontier(comparisons)
     if any(c.on_cost_front and c.means["cost"].mean > 0 for c in comparisons):
@@ -75,6 +74,17 @@ def run_figures(rows: Sequence[Row], *, transcript: Locate | None = None) -> dic
     if transcript is not None and (walks := _walks(transcript, cells, comparisons)):
         drawn["score-over-steps"] = score_over_steps(walks, title="Crafter-v0")
     return drawn
+
+
+def _along(
+    rows: Sequence[Row], comparisons: Sequence[WindowComparison], fields: Sequence[str]
+) -> Sequence[WindowComparison]:
+    """The comparisons along these fields of the budget alone; none where no family has several values of them."""
+    budgets = [comparison.cell.budget for comparison in comparisons]
+    if all(budget[field] == budgets[0][field] for budget in budgets for field in fields):
+        return ()
+    along = compare_windows(rows, along=fields)
+    return along if any(_varies(along, field) for field in fields) else ()
 
 
 def _varies(comparisons: Sequence[WindowComparison], field: str) -> bool:

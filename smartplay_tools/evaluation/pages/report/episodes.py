@@ -15,7 +15,7 @@ from dataclasses import asdict
 from typing import Any
 
 from smartplay_tools import prompts
-from smartplay_tools.context.strategies import Strategies
+from smartplay_tools.context.strategies import summaries_of
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.games.specs import GAMES
@@ -74,7 +74,7 @@ def episode_data(key: str, record: Record, facts: Mapping[str, Any]) -> dict[str
 def _budget_facts(numbers: str, asked: str) -> Mapping[str, Any]:
     """What the page says of a budget, as it was resolved and as it was asked for; a run has few of them."""
     budget = ResolvedBudget(**json.loads(numbers))
-    asking = Strategies(budget, shared_counter("approximate")).summaries
+    asking = summaries_of(budget, shared_counter("approximate"))
     return {
         "limits": budget.words(),
         "asked": Budget.from_record(json.loads(asked)).words(),

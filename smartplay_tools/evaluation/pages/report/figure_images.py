@@ -38,7 +38,7 @@ def _draw(runs: Sequence[ShownRun], folder: Path) -> list[Path]:
     rows = [row for run in runs for row in run.sources.rows]
     records = {row["key"]: RunFolder(run.path).transcript for run in runs for row in run.sources.rows}
     try:
-        if len(by_cell(rows)) < sum(len(by_cell(run.sources.rows)) for run in runs):
+        if len(runs) > 1 and len(by_cell(rows)) < sum(len(by_cell(run.sources.rows)) for run in runs):
             # Two runs have played the same: they are told apart by their letters.
             rows = [{**row, "player": f"{run.letter} {row['player']}"} for run in runs for row in run.sources.rows]
             records = {}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -81,12 +83,18 @@ def interval(estimate: MeanEstimate) -> tuple[float, float] | None:
 
 def rules(facts: Mapping[str, Any]) -> str:
     """Return a short description of the budget and protocol of an episode."""
-    usual_budget = Budget(result_tokens=None, tool_calls=_usual_calls(facts["game"]))
-    words = [ResolvedBudget(**facts["budget"]).describe(beside=usual_budget)]
+    words = [_budget_in_words(json.dumps(facts["budget"]), _usual_calls(facts["game"]))]
     words += [f"{name} {facts[name]}" for name, usual in Rules() if facts[name] != usual]
     words += [f"engine {facts['engine']}"] if facts["engine"] else []
     words += [f"{name} {value}" for name, value in sorted((facts["options"] or {}).items())]
     return ", ".join(words)
+
+
+@functools.lru_cache(64)
+def _budget_in_words(numbers: str, usual_calls: int | None) -> str:
+    """What a budget has beside the usual one; a run has few of them."""
+    usual = Budget(result_tokens=None, tool_calls=usual_calls)
+    return ResolvedBudget(**json.loads(numbers)).describe(beside=usual)
 
 
 def _usual_calls(game: str) -> int | None:
