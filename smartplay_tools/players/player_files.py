@@ -14,12 +14,13 @@ def load_from_file(name: str) -> Callable[..., Any]:
     factory = read_file(name)
 
     def make(*, seed: int, **options: Any) -> Any:
-        return factory(**({"seed": seed} if _takes_seed(factory) else {}), **options)
+        return factory(**({"seed": seed} if takes_seed(factory) else {}), **options)
 
     return make
 
 
-def _takes_seed(factory: Callable[..., Any]) -> bool:
+def takes_seed(factory: Callable[..., Any]) -> bool:
+    """Return whether what makes a player can be given `seed`; True if it cannot be looked at."""
     try:
         parameters = inspect.signature(factory).parameters.values()
     except (TypeError, ValueError):

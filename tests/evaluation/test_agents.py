@@ -73,6 +73,11 @@ def test_an_agent_that_fails_has_no_result_and_its_error_is_kept(tmp_path: Path)
     }
 
 
+def test_a_function_says_by_its_argument_what_it_takes(tmp_path: Path) -> None:
+    with pytest.raises(sp.InvalidArgumentError, match="the only argument of an agent is `session` or `episode`"):
+        evaluate(tmp_path, mine=lambda game: None)
+
+
 def test_many_agents_play_at_once(tmp_path: Path) -> None:
     together: list[int] = []
 

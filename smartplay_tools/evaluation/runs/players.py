@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.agents import Agent, AgentFunction, FunctionAgent, is_agent
+from smartplay_tools.players.player_files import takes_seed
 from smartplay_tools.records.prices import Price
 from smartplay_tools.registry import is_in_file, read_file
 from smartplay_tools.types import AsyncPlayer, Player
@@ -63,11 +64,19 @@ Players: TypeAlias = Sequence[str | PlayerConfig] | Mapping[str, PlayerFactory |
 def read_players(players: Players) -> list[PlayerConfig]:
     """Return the players of a run as configs."""
     if isinstance(players, Mapping):
-        return [
-            PlayerConfig(name=name, **({"agent": FunctionAgent(made)} if is_agent(made) else {"factory": made}))
-            for name, made in players.items()
-        ]
+        return [_config_of(name, function) for name, function in players.items()]
     return [player if isinstance(player, PlayerConfig) else player_named(player) for player in players]
+
+
+def _config_of(name: str, function: PlayerFactory | AgentFunction) -> PlayerConfig:
+    if is_agent(function):
+        return PlayerConfig(name=name, agent=FunctionAgent(function))
+    if not takes_seed(function):
+        raise InvalidArgumentError(
+            f"The function of {name!r} takes no `seed`, as one that makes a player does; the only argument of an agent "
+            "is `session` or `episode`."
+        )
+    return PlayerConfig(name=name, factory=function)
 
 
 def player_named(name: str) -> PlayerConfig:
