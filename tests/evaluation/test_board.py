@@ -57,13 +57,15 @@ def test_the_page_shows_texts_as_text_and_allows_no_script(folder, tmp_path):
     assert "<script" not in page
     assert "<img" not in page
     assert page.count('<g class="point') == 3, "score against tokens"
+    assert page.count('y="277"') >= 2, "ticks of the tokens, though the submissions took nearly as many"
     head = page.partition("<thead")[2].partition("</thead>")[0]
     assert "Bandit HighLow" in head
     assert head.index("proof") < head.index("mean"), "in sight on narrow screens"
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
     assert "default-src &#39;none&#39;" in page or "default-src 'none'" in page
     assert "Not verified" in page
-    assert ">anthropic-512</th>" in head
+    costs = page.partition("<h3>Costs</h3>")[2]
+    assert ">anthropic-512</th>" in costs.partition("</thead>")[0], "in a table of their own, so that neither scrolls"
     assert page.count('data-head="anthropic-512"') == 3, "the head of each figure where a row is a card"
     for place in tmp_path.glob("*/report.json"):
         assert json.loads(place.read_text())["format"] == 1

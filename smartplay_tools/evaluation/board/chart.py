@@ -15,8 +15,8 @@ WIDTH, HEIGHT = 520, 300
 LEFT, RIGHT, TOP, BOTTOM = 48, 40, 14, 40
 """The edges of the plot; a point has a number, whose name is in the list below."""
 
-STEPS = (1, 2, 5)
-"""Ticks of a decade."""
+STEPS, CLOSE_STEPS = (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 7)
+"""Ticks of a decade, and those of a picture that is narrower than one."""
 
 COLOURS = 6
 """Colours of budgets; further ones begin again."""
@@ -70,7 +70,7 @@ def make_chart(board: Board) -> Chart | None:
         name = entry.submission.model_name
         points.append(Point(across(entry.tokens), up(mean.mean), ends, at % COLOURS, name, words))
     decades = range(math.floor(low), math.ceil(high) + 1)
-    ticks = [step * 10.0**decade for decade in decades for step in STEPS]
+    ticks = [step * 10.0**decade for decade in decades for step in (STEPS if high - low > 1 else CLOSE_STEPS)]
     return Chart(
         tuple(points),
         tuple((across(tick), short(tick)) for tick in ticks if low <= math.log10(tick) <= high),
