@@ -37,6 +37,7 @@ __all__ = [
     "TranscriptError",
     "UnknownNameError",
     "damage_named",
+    "extra_named",
     "in_one_line",
     "is_disk_full",
     "similar",
@@ -143,6 +144,15 @@ def damage_named(what: object) -> Iterator[None]:
     except (AttributeError, LookupError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
         reason = f"{type(error).__name__}: {in_one_line(error)[:200]}"
         raise InvalidArgumentError(f"{what} is damaged: {reason}.") from error
+
+
+@contextmanager
+def extra_named(feature: str, extra: str) -> Iterator[None]:
+    """Turn a failed import into a `MissingExtraError` that says which extra the feature needs."""
+    try:
+        yield
+    except ImportError as error:
+        raise MissingExtraError(feature, extra) from error
 
 
 def in_one_line(error: BaseException) -> str:

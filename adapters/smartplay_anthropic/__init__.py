@@ -9,12 +9,10 @@
 
 from __future__ import annotations
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
-try:
+with extra_named("smartplay_anthropic", "anthropic"):
     import anthropic as _anthropic  # noqa: F401
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_anthropic", "anthropic") from error
 
 from smartplay_anthropic.codec import reply, request
 from smartplay_anthropic.player import AnthropicPlayer

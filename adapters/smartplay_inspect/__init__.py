@@ -9,12 +9,10 @@ the episodes out of a log, so that they can be replayed.
 
 from __future__ import annotations
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
-try:
+with extra_named("smartplay_inspect", "inspect"):
     import inspect_ai as _inspect_ai  # noqa: F401
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_inspect", "inspect") from error
 
 from smartplay_inspect.messages import from_output, read_usage
 from smartplay_inspect.models import PlayerModel

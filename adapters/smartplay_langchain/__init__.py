@@ -16,12 +16,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
-try:
+with extra_named("smartplay_langchain", "langchain"):
     import langchain_core as _langchain_core  # noqa: F401
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_langchain", "langchain") from error
 
 from smartplay_langchain.chat_model import PlayerChatModel
 from smartplay_langchain.graph import GraphSession
@@ -49,8 +47,6 @@ def __getattr__(name: str) -> Any:
     """Import the middleware on first use, because the rest of the package does not need `langchain`."""
     if name != "SmartPlayMiddleware":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    try:
+    with extra_named("SmartPlayMiddleware", "langchain"):
         from smartplay_langchain.middleware import SmartPlayMiddleware
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("SmartPlayMiddleware", "langchain") from error
     return SmartPlayMiddleware

@@ -11,7 +11,7 @@ from langchain_core.runnables import Runnable
 from smartplay_langchain.asking import PromptSettings, ToolChoice
 from smartplay_langchain.messages import from_langchain, usage_of
 from smartplay_tools import InvalidArgumentError, Prompt, Reply, schema
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.prompts import CacheMarks, checked_marks
 
@@ -94,10 +94,8 @@ class LangChainPlayer(ModelPlayer):
 
 
 def _chat_model(name: str, parameters: dict[str, Any]) -> BaseChatModel:
-    try:
+    with extra_named("The player langchain:MODEL", "langchain"):
         from langchain.chat_models import init_chat_model
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("The player langchain:MODEL", "langchain") from error
     model: BaseChatModel = init_chat_model(name, **parameters)
     if "max_retries" in type(model).model_fields and "max_retries" not in parameters:
         # By default the model would retry without reporting it.

@@ -10,12 +10,10 @@ tools' schemas while it writes them.
 
 from __future__ import annotations
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
-try:
+with extra_named("smartplay_local", "local"):
     import xllamacpp as _xllamacpp  # noqa: F401
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_local", "local") from error
 
 from smartplay_local.engine import LocalServer, measure
 from smartplay_local.player import LocalPlayer

@@ -13,16 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
-try:
+with extra_named("smartplay_mcp.http", "mcp"):
     import uvicorn as _uvicorn  # noqa: F401
     from starlette.applications import Starlette
     from starlette.requests import Request
     from starlette.responses import PlainTextResponse, Response
     from starlette.types import ASGIApp
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_mcp.http", "mcp") from error
 
 from smartplay_mcp.operator import operator_routes
 from smartplay_tools.web import UNAUTHORIZED, EpisodeStore, Server, carries, check_address, guarded

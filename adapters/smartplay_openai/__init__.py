@@ -13,15 +13,13 @@ window behind the same interfaces, for other people's agents.
 
 from __future__ import annotations
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 from smartplay_tools.players import BrokenAnswerError, ModelCallError
 
-try:
+with extra_named("smartplay_openai", "openai"):
     import openai as _openai  # noqa: F401
     import starlette as _starlette  # noqa: F401
     import uvicorn as _uvicorn  # noqa: F401
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_openai", "openai") from error
 
 from smartplay_openai.chat import CHAT
 from smartplay_openai.player import OpenAIPlayer, ResponsesPlayer

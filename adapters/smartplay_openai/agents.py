@@ -22,11 +22,11 @@ from typing import Any
 
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec
 from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 from smartplay_tools.prompts import with_pictures_below
 from smartplay_tools.records import CacheFields, openai_cache_fields
 
-try:
+with extra_named("smartplay_openai.agents", "agents"):
     from agents import (
         FunctionTool,
         Model,
@@ -40,8 +40,6 @@ try:
     )
     from agents.tool_context import ToolContext
     from agents.usage import Usage as AgentsUsage
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_openai.agents", "agents") from error
 
 from openai.types.responses import (
     Response,

@@ -10,12 +10,10 @@ reply at a time, and each prompt is the window.
 
 from __future__ import annotations
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
-try:
+with extra_named("smartplay_openenv", "openenv"):
     import openenv as _openenv  # noqa: F401
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_openenv", "openenv") from error
 
 from smartplay_openenv.environment import SPLITS, ResetObservation, SmartPlayEnvironment, SmartPlayState, new_app
 from smartplay_openenv.harness import SmartPlayHarness, SmartPlaySession, SmartPlaySessions

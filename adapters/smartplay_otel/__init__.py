@@ -11,12 +11,10 @@ same spans afterwards, from a record whose times were kept.
 
 from __future__ import annotations
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
-try:
+with extra_named("smartplay_otel", "otel"):
     import opentelemetry.trace as _trace  # noqa: F401
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_otel", "otel") from error
 
 from smartplay_otel.spans import instrument, trace_record
 

@@ -10,12 +10,10 @@ everything. `PlayerModel` makes a model of a player of this package, to try an a
 
 from __future__ import annotations
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
-try:
+with extra_named("smartplay_pydantic_ai", "pydantic-ai"):
     import pydantic_ai as _pydantic_ai  # noqa: F401
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_pydantic_ai", "pydantic-ai") from error
 
 from smartplay_pydantic_ai.capability import SmartPlay
 from smartplay_pydantic_ai.messages import from_response, read_usage

@@ -10,12 +10,10 @@ in the exact context window needs `AsyncGRPOTrainer` and `smartplay_openenv`.
 
 from __future__ import annotations
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
-try:
+with extra_named("smartplay_trl", "trl"):
     import trl as _trl  # noqa: F401
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_trl", "trl") from error
 
 from smartplay_trl.environment import GameEnvironment, environment, rows, tools_as_text
 

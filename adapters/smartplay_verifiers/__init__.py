@@ -8,12 +8,10 @@ which records it for training.
 
 from __future__ import annotations
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
-try:
+with extra_named("smartplay_verifiers", "verifiers"):
     import verifiers as _verifiers  # noqa: F401
-except ModuleNotFoundError as error:
-    raise MissingExtraError("smartplay_verifiers", "verifiers") from error
 
 from smartplay_verifiers.environment import SmartPlayEnv, SmartPlayEnvConfig
 from smartplay_verifiers.harness import SmartPlayHarness, SmartPlayHarnessConfig

@@ -13,7 +13,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.errors import InvalidArgumentError, extra_named
 from smartplay_tools.models import GGUF, find_model, name_of, read_gguf
 
 if TYPE_CHECKING:
@@ -53,10 +53,8 @@ def _read(path: Path) -> tuple[str, tokenizers.Tokenizer]:
 
 
 def _tokenizer(model: GGUF) -> Any:
-    try:
+    with extra_named("The vocabulary of a model file", "local"):
         from tokenizers import Tokenizer, models, pre_tokenizers
-    except ImportError:
-        raise MissingExtraError("The vocabulary of a model file", "local") from None
     tokens = {token: at for at, token in enumerate(model.facts[f"{PREFIX}tokens"])}
     merges = [tuple(merge.split(" ", 1)) for merge in model.facts[f"{PREFIX}merges"]]
     tokenizer = Tokenizer(models.BPE(vocab=tokens, merges=merges))

@@ -12,7 +12,7 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.errors import InvalidArgumentError, extra_named
 
 if TYPE_CHECKING:
     import tokenizers
@@ -52,11 +52,9 @@ def _find(source: str) -> Path:
 
 @functools.cache
 def _download(name: str) -> Path:
-    try:
+    with extra_named("A Hugging Face tokenizer", "huggingface"):
         from huggingface_hub import hf_hub_download
         from huggingface_hub.errors import LocalEntryNotFoundError
-    except ImportError:
-        raise MissingExtraError("A Hugging Face tokenizer", "huggingface") from None
     try:
         # A cached file is used without a request, so that a name always means the same tokenizer.
         with contextlib.suppress(LocalEntryNotFoundError):
@@ -71,10 +69,8 @@ def _download(name: str) -> Path:
 
 @functools.lru_cache(maxsize=4)  # a large vocabulary takes a second to read
 def _read(path: Path, content: bytes) -> tokenizers.Tokenizer:
-    try:
+    with extra_named("A Hugging Face tokenizer", "huggingface"):
         from tokenizers import Tokenizer
-    except ImportError:
-        raise MissingExtraError("A Hugging Face tokenizer", "huggingface") from None
     try:
         tokenizer = Tokenizer.from_buffer(content)
     except Exception as error:  # the library raises nothing narrower

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_tools.episode.config import RULES, Rules
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
 from smartplay_tools.records.rows import LATER as ROWS_LATER
@@ -94,11 +94,9 @@ def write_csv(rows: Iterable[Row], path: str | Path) -> None:
 
 def write_parquet(rows: Iterable[Row], path: str | Path) -> None:
     """Write rows as Parquet, with the types of `COLUMNS`; without pyarrow, a `MissingExtraError`."""
-    try:
+    with extra_named("Parquet", "evaluation"):
         import pyarrow
         from pyarrow import parquet
-    except ImportError:
-        raise MissingExtraError("Parquet", "evaluation") from None
     types = {"string": pyarrow.string(), "json": pyarrow.string(), "bool": pyarrow.bool_()}
     types |= {"int64": pyarrow.int64(), "float64": pyarrow.float64()}
     schema = pyarrow.schema([(name, types[kind]) for name, (_, kind) in COLUMNS.items()])

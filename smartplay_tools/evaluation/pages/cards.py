@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.arguments import read
 from smartplay_tools.episode.tools import Tools
-from smartplay_tools.errors import EngineError, InvalidArgumentError, MissingExtraError
+from smartplay_tools.errors import EngineError, InvalidArgumentError, extra_named
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.shown import ShownAs, shown_turns
@@ -172,10 +172,8 @@ def _images(record: Record) -> Iterator[Any]:
 
 
 def _picture(record: Record, shot: _Shot, last: int) -> Image:
-    try:
+    with extra_named("A picture", "evaluation"):
         from PIL import Image, ImageDraw, ImageFont
-    except ImportError as error:
-        raise MissingExtraError("A picture", "evaluation") from error
     picture = Image.new("RGB", SIZE, PAPER)
     draw = ImageDraw.Draw(picture)
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.errors import InvalidArgumentError, extra_named
 from smartplay_tools.records.rows import Row
 
 if TYPE_CHECKING:
@@ -27,10 +27,8 @@ _DTYPES = {"string": "string", "json": "string", "int64": "Int64", "float64": "F
 
 def rows_to_pandas(rows: Sequence[Row]) -> pandas.DataFrame:
     """Return rows as a data frame with the columns of `write_csv`; without pandas, a `MissingExtraError`."""
-    try:
+    with extra_named("A data frame", "notebook"):
         import pandas
-    except ImportError:
-        raise MissingExtraError("A data frame", "notebook") from None
     from smartplay_tools.evaluation.analysis.tables import COLUMNS, flat
 
     frame = pandas.DataFrame([flat(row) for row in rows], columns=list(COLUMNS))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -17,10 +17,8 @@ def environment(package: str, what: str) -> Environment:
 
     Each package has one, which remembers its compiled templates.
     """
-    try:
+    with extra_named(what, "evaluation"):
         from jinja2 import Environment, PackageLoader, StrictUndefined
-    except ImportError as error:
-        raise MissingExtraError(what, "evaluation") from error
     if package not in _environments:
         _environments[package] = Environment(
             loader=PackageLoader(package),

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
 
-from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.errors import InvalidArgumentError, extra_named
 from smartplay_tools.evaluation.analysis.headline import CUT
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.quantities import typeset
@@ -78,10 +78,8 @@ def figure(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
 
     @functools.wraps(draw)
     def styled(*args: Given.args, **kwargs: Given.kwargs) -> Figure:
-        try:
+        with extra_named("Drawing figures", "evaluation"):
             import matplotlib
-        except ImportError:
-            raise MissingExtraError("Drawing figures", "evaluation") from None
         with matplotlib.rc_context(RULES):
             return draw(*args, **kwargs)
 

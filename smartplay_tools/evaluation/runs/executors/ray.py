@@ -22,18 +22,16 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
-from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.errors import extra_named
 from smartplay_tools.evaluation.runs.attempt import StoppedError, Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import Caps, RunLimits, SharedLimits
 from smartplay_tools.records.process_pool import POLL_SECONDS
 from smartplay_tools.transcript.file import append_exception
 
-try:
+with extra_named("The Ray executor", "ray"):
     import ray
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
-except ImportError:
-    raise MissingExtraError("The Ray executor", "ray") from None
 
 WORKER_LOSSES = 3
 """How often, in one run, an episode is continued in another worker after its worker was lost."""
