@@ -25,6 +25,7 @@ LAYERS = (
     "lazy",
     "errors",
     "quantities",
+    "groups",
     "version",
     "registry",
     "json_text",

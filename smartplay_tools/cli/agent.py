@@ -23,7 +23,6 @@ from smartplay_tools.cli.serve_window import (
     ended,
     open_endpoint,
     plan_of,
-    say,
     server,
 )
 
@@ -136,7 +135,7 @@ class _Programs:
         """Print the end of an episode."""
         if progress.episode is not None:
             name = f"{progress.finished} of {progress.planned}  seed {progress.episode.seed}"
-            say(f"{name}  {progress.error}" if progress.row is None else ended(name, progress.row))
+            typer.echo(f"{name}  {progress.error}" if progress.row is None else ended(name, progress.row))
 
 
 def _filled(part: str, places: dict[str, str]) -> str:

@@ -69,10 +69,10 @@ def _print(answers: list[tuple[PlayerConfig, Probe | None]]) -> None:
     console.print(table)
     for _, answer in answers:
         for line in answer.advice if answer is not None else []:
-            console.print(line, highlight=False, markup=False, soft_wrap=True)
+            typer.echo(line)
     costs = [answer.cost for _, answer in answers if answer is not None and answer.cost is not None]
     if costs:
-        console.print(f"These calls have cost ${sum(costs):.4f}.", highlight=False)
+        typer.echo(f"These calls have cost ${sum(costs):.4f}.")
 
 
 def _word(answer: bool | None) -> str:

@@ -89,28 +89,25 @@ def demo(
         console.print(f"[red]{failure}[/]")
     if failures:
         raise typer.Exit(1)
-    _conclude(console, folder, watches[: len(GAMES)], name or "the rule player")
+    _conclude(folder, watches[: len(GAMES)], name or "the rule player")
 
 
-def _conclude(console: Console, folder: Path, watches: Sequence[_Watch], player: str) -> None:
+def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
     """Print what the window did, where the records are to be seen, and what comes next."""
     dropped = max(watch.dropped for watch in watches)
     most = max(watch.largest / cap for watch, cap in zip(watches, GAMES.values(), strict=True))
 
-    def say(text: str) -> None:
-        console.print(text, highlight=False, soft_wrap=True, markup=False)
-
-    say(
+    typer.echo(
         f"The window left out up to {dropped} turns of a prompt, no prompt was over its cap (the largest is "
         f"{most:.0%} of it), and {player} played on from what it could still see."
     )
     try:
         from smartplay_tools.evaluation.pages.report import write_report
 
-        say(f"Every turn, and what was in sight: {write_report(folder, folder / 'demo.html', title='The demo')}")
+        typer.echo(f"Every turn, and what was in sight: {write_report(folder, folder / 'demo.html', title='The demo')}")
     except MissingExtraError as error:
-        say(f"Records: {folder}. A page that replays them: {error}")
-    say("Now your model: smartplay-tools play Hanoi3Disk-v0 --player openai:MODEL --prompt-tokens 600")
+        typer.echo(f"Records: {folder}. A page that replays them: {error}")
+    typer.echo("Now your model: smartplay-tools play Hanoi3Disk-v0 --player openai:MODEL --prompt-tokens 600")
 
 
 def _record(folder: Path, game: str, player: Player) -> Path:

@@ -101,6 +101,11 @@ class EpisodeOptions:
         """The budget; raises `InvalidArgumentError` for an invalid value."""
         return read_budget(**self.budget_fields)
 
+    @property
+    def conditions(self) -> dict[str, Any]:
+        """What an episode is played under, the game's own options apart, as keywords."""
+        return {"budget": self.budget, "engine": self.engine, "tokenizer": self.tokenizer, **self.rules}
+
 
 def with_episode_options(
     *, without: Collection[str] = OF_RUNS, vary: Collection[str] = ()

@@ -9,6 +9,7 @@ from functools import reduce
 from operator import add, attrgetter
 from typing import Any
 
+import typer
 from rich.console import Console
 from rich.markup import escape
 
@@ -55,10 +56,9 @@ def print_estimate(
     if as_json:
         print(json.dumps([{**asdict(each), "cell": each.cell.model_dump(mode="json")} for each in estimates], indent=2))
         return
-    console = Console()
-    console.print(_table(estimates))
+    Console().print(_table(estimates))
     for line in _sentences(estimates, options.caps, hours):
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        typer.echo(line)
 
 
 def _table(estimates: Sequence[Estimate]) -> Any:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import options
 
@@ -64,6 +63,6 @@ def export(
         best=best,
     )
     counted = ", ".join(f"{number:,} {name}" for name, number in exported.counts.items())
-    Console().print(f"{exported.folder}: {counted}", highlight=False, soft_wrap=True, markup=False)
+    typer.echo(f"{exported.folder}: {counted}")
     for reason, number in sorted(exported.left_out.items()):
-        Console().print(f"left out: {number:,} ({reason})", highlight=False, soft_wrap=True, markup=False)
+        typer.echo(f"left out: {number:,} ({reason})")

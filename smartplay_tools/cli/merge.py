@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.evaluation.runs.merge import merge as merge_parts
 
@@ -23,6 +22,6 @@ def merge(
     """
     whole = merge_parts(parts, out)
     finished, planned = len(whole.rows()), len(whole.manifest().episodes)
-    Console().print(f"{out}: {finished} of {planned} episodes are finished.", highlight=False, soft_wrap=True)
+    typer.echo(f"{out}: {finished} of {planned} episodes are finished.")
     if finished < planned:
         raise typer.Exit(1)

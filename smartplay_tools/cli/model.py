@@ -47,7 +47,6 @@ def show(as_json: options.Json = False) -> None:
     table = compact_table("model", "size", "here", "what it is")
     for model in models:
         table.add_row(model.name, megabytes(model.bytes), "yes" if model.is_here else "no", model.about)
-    console = Console()
-    console.print(table)
-    console.print(f"They are kept in {models_folder()}.", highlight=False, soft_wrap=True)
-    console.print("Any other GGUF file is played by its path: --player local:FILE.gguf", highlight=False)
+    Console().print(table)
+    typer.echo(f"They are kept in {models_folder()}.")
+    typer.echo("Any other GGUF file is played by its path: --player local:FILE.gguf")

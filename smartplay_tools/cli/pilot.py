@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
+import typer
 from rich.console import Console
 
 from smartplay_tools.cli.estimate import run_hours
@@ -69,11 +70,9 @@ def print_pilot(console: Console, run: Run, plan: Plan, players: Sequence[Player
     costs = [use.cost for use in uses if use.cost is not None]
     total = f"${sum(costs):,.2f}, " if len(costs) == len(uses) else "cost unknown, "
     hours, at_once = run_hours([(use.player, use.planned, use.seconds) for use in uses], players, options.workers)
-    console.print(
+    typer.echo(
         f"The whole run: {short(sum(use.tokens for use in uses))} tokens, {total}"
         f"about {duration(3600 * hours)} with {at_once} episodes at a time. "
         "The same command without --pilot goes on and keeps these episodes.",
-        highlight=False,
-        markup=False,
-        soft_wrap=True,
+        err=True,
     )

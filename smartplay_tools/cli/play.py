@@ -61,24 +61,19 @@ def play(
     """
     given = _player_options(player, base_url, player_option, parse_calls, tool_choice)
     who, paid = get_player(player, seed=seed, **given), _price(player, given, price)
-    rules: dict[str, Any] = dict(episode.rules)
-    protocol = rules.pop("protocol")
-    console = Console()
+    settings = {**episode.conditions, **episode.options, **(picture_options(game) if frames else {})}
+    protocol = settings.pop("protocol")
     # A person has a screen, and would see here what has left the window.
     silent = quiet or as_json or getattr(who, "interactive", False)
-    printer = None if silent else TurnPrinter(console)
-    interrupted = False
+    printer = None if silent else TurnPrinter(Console())
     with ExitStack() as stack:
         page = stack.enter_context(live_page(transcript, open_browser=open_browser)) if watch else None
         new_episode = Episode(
             _spec(game, steps),
             seed=seed,
-            budget=episode.budget,
-            engine=episode.engine,
-            tokenizer=episode.tokenizer,
             transcript=transcript if page is None else page.path,
             player_options={name: value for name, value in given.items() if name != "base_url"},
-            **{**rules, **episode.options, **(picture_options(game) if frames else {})},
+            **settings,
         )
         # A player may have connections to close.
         with who if isinstance(who, AbstractContextManager) else nullcontext(), new_episode as played:
@@ -87,22 +82,13 @@ def play(
                 page.announce()
             if frames:
                 played.on_step(FrameWriter(frames, played.game))
-            try:
-                _run(played, who, protocol, printer, pace)
-            except KeyboardInterrupt:
-                interrupted = True
-        result = played.result
-        assert result is not None
-        if as_json:
-            print(result.model_dump_json(indent=2))
-        else:
-            print_result(console, result, None if paid is None else paid.cost(_charged(result)))
-    for warning in warnings(result.model_dump() | {"player": player}):
+            interrupted = _run(played, who, protocol, printer, pace)
+        assert played.result is not None
+        _print(played.result, paid, as_json=as_json)
+    for warning in warnings(played.result.model_dump() | {"player": player}):
         typer.echo(warning, err=True)
-    if interrupted:
-        raise typer.Exit(INTERRUPTED)
-    if result.end_reason in FAILED:
-        raise typer.Exit(1)
+    if interrupted or played.result.end_reason in FAILED:
+        raise typer.Exit(INTERRUPTED if interrupted else 1)
 
 
 def _player_options(
@@ -122,20 +108,31 @@ def _price(name: str, given: dict[str, Any], pairs: list[str] | None) -> Price |
     return runs.prices(pairs).get(name) or (find_price(name, given) if is_model(name) else None)
 
 
+def _print(result: EpisodeResult, price: Price | None, *, as_json: bool) -> None:
+    if as_json:
+        print(result.model_dump_json(indent=2))
+    else:
+        print_result(Console(), result, None if price is None else price.cost(_charged(result)))
+
+
 def _charged(result: EpisodeResult) -> Usage:
     provider, tokens = result.tokens.provider, result.tokens
     return provider if provider is not None and provider.prompt else Usage(prompt=tokens.prompt, reply=tokens.reply)
 
 
-def _run(episode: Episode, player: Any, protocol: Any, printer: TurnPrinter | None, pace: float) -> None:
-    """Play; Ctrl-C leaves an episode that its `with` closes, and what was played counts."""
+def _run(episode: Episode, player: Any, protocol: Any, printer: TurnPrinter | None, pace: float) -> bool:
+    """Play; return whether Ctrl-C has left the episode, which its `with` then closes: what was played counts."""
 
     def after_a_turn(conversation: BaseConversation) -> None:
         if printer is not None:
             printer(conversation)
         time.sleep(pace)
 
-    loop.play(episode, player, protocol=protocol, on_turn=after_a_turn)
+    try:
+        loop.play(episode, player, protocol=protocol, on_turn=after_a_turn)
+    except KeyboardInterrupt:
+        return True
+    return False
 
 
 def _spec(game: str, steps: int | None) -> GameSpec:

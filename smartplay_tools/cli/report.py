@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import options
 
@@ -52,4 +51,4 @@ def report(
     tariffs = tariffs_of(cache, caches=caches) if cache else ()
     path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes, tariffs=tariffs)
     size = path.stat().st_size / 1e6
-    Console().print(f"{path} ({size:.1f} MB): open it in a browser.", highlight=False, soft_wrap=True)
+    typer.echo(f"{path} ({size:.1f} MB): open it in a browser.")

@@ -16,7 +16,7 @@ from smartplay_tools.cli import options
 from smartplay_tools.cli.cost import check_columns, cost_columns
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
-from smartplay_tools.cli.running import print_running, print_spending
+from smartplay_tools.cli.running import print_running, spending_sentences
 from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.details import details, failures_table
@@ -123,7 +123,7 @@ def print_next(console: Console, folders: Sequence[Path], *, everything: bool = 
         commands.append(f"smartplay-tools report {names} --out {folders[0].resolve().name}.html")
     console.print(Text(f"In {names}. Next:", style="dim"), soft_wrap=True)
     for command in commands:
-        console.print(Text(f"  {command}"), soft_wrap=True)
+        typer.echo(f"  {command}")
 
 
 def _read(folder: Path, weights: str, *, exact: bool) -> _Shown:
@@ -172,12 +172,10 @@ def _show(console: Console, run: _Shown, *, everything: bool, succeeds: Succeeds
     now = run.snapshot
     counted = {"running": now.running, "paused by a cap": now.paused, "failed attempts": now.failed}
     others = "".join(f", {count} {what}" for what, count in counted.items() if count)
-    sentence = f"{run.folder}: {now.finished} of {now.planned} episodes finished{others}\n"
-    console.print(sentence, highlight=False, markup=False, soft_wrap=True)
+    typer.echo(f"{run.folder}: {now.finished} of {now.planned} episodes finished{others}\n")
     if now.finished < now.planned:
         print_running(console, now)
     for table in _tables(run, everything=everything, succeeds=succeeds):
         print_table(console, table)
-    print_spending(console, now.spending)
-    for warning in unplayed(run.rows):
-        console.print(warning, highlight=False, markup=False, soft_wrap=True)
+    for line in (*spending_sentences(now.spending), *unplayed(run.rows)):
+        typer.echo(line)

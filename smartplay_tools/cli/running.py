@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import typer
 from rich.console import Console
 
 from smartplay_tools.cli.show import print_table
@@ -55,7 +56,7 @@ def print_running(console: Console, snapshot: RunSnapshot) -> None:
     """Print the progress of an incomplete run."""
     print_table(console, status_table(snapshot))
     if snapshot.is_live:
-        console.print(f"Now: {snapshot.describe()}.\n", highlight=False, markup=False, soft_wrap=True)
+        typer.echo(f"Now: {snapshot.describe()}.\n")
     if snapshot.playing:
         print_table(console, live_table(snapshot.playing))
 
@@ -77,8 +78,7 @@ def _dollars(cost: float | None) -> str:
     return ", cost unknown" if cost is None else f", ${cost:.2f}" if cost else ""
 
 
-def print_spending(console: Console, spending: Spending) -> None:
-    """Print the total use of a run, if any of it is not in its results or costs money."""
+def spending_sentences(spending: Spending) -> list[str]:
+    """Return the sentence about the total use of a run, if any of it is not in its results or costs money."""
     others = spending.other_attempts
-    if others.tokens or others.unknown_calls or spending.total.cost:
-        console.print(spending_sentence(spending), highlight=False, markup=False, soft_wrap=True)
+    return [spending_sentence(spending)] if others.tokens or others.unknown_calls or spending.total.cost else []

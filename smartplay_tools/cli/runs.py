@@ -15,7 +15,7 @@ from smartplay_tools.cli import options
 from smartplay_tools.cli.estimate import print_estimate
 from smartplay_tools.cli.pilot import print_pilot
 from smartplay_tools.cli.progress import showing
-from smartplay_tools.cli.running import print_spending
+from smartplay_tools.cli.running import spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, RunOptions, player_of, run_plan
 from smartplay_tools.evaluation.runs.players import player_named
@@ -193,14 +193,10 @@ def with_run_options(*, out: str) -> Callable[[Callable[..., None]], Callable[..
 
 def conclude(run: Run, *, quiet: bool = False) -> None:
     """Print what a run has used and what is unfinished; exit with 1 unless every episode is finished and was played."""
-    console = Console(stderr=True)
-
-    def say(text: str) -> None:
-        console.print(text, soft_wrap=True, highlight=False, markup=False)
-
+    say = partial(typer.echo, err=True)
     left = f"{run.planned - len(run.rows)} of {run.planned} episodes are not finished"
-    if not quiet:
-        print_spending(console, run.spending)
+    for sentence in () if quiet else spending_sentences(run.spending):
+        say(sentence)
     if run.refused is not None:
         say(f"{run.refused} Correct the key, the model's name or --base-url; the same command then continues the run.")
     elif run.stopped is not None:

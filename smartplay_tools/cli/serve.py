@@ -90,8 +90,6 @@ def _serve(
     limits: dict[str, int | None],
     where: dict[str, Any],
 ) -> None:
-    from rich.console import Console
-
     from smartplay_tools.cli.runs import player_configs
     from smartplay_tools.players import get_player
 
@@ -103,10 +101,9 @@ def _serve(
         players[0].name = name
     adapter = importlib.import_module(ENDPOINT)
     endpoint = adapter.LocalEndpoint(*players, limits=adapter.SimulatedLimits(**limits), **where)
-    console = Console()
     models = ", ".join(player.name for player in players)
-    console.print(f"{endpoint.base_url} answers as {models}; stop with Ctrl-C.", highlight=False, soft_wrap=True)
+    typer.echo(f"{endpoint.base_url} answers as {models}; stop with Ctrl-C.")
     try:
         endpoint.run()
     except KeyboardInterrupt:
-        console.print("stopped")
+        typer.echo("stopped")

@@ -6,7 +6,7 @@ import asyncio
 import functools
 import importlib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -63,8 +63,7 @@ def mcp(
     if out is not None and not http:
         raise InvalidArgumentError("--out is for episodes over HTTP; on stdio, give the record's file by --transcript.")
     adapter = importlib.import_module(ADAPTER)
-    settings: dict[str, Any] = {"budget": episode.budget, "engine": episode.engine, "tokenizer": episode.tokenizer}
-    settings |= {**episode.rules, **episode.options}
+    settings = {**episode.conditions, **episode.options}
     if not http:
         make = functools.partial(adapter.open_episode, game, seed=seed, transcript=transcript, **settings)
         opened = asyncio.run(adapter.serve_stdio(make))
@@ -76,11 +75,8 @@ def mcp(
     store = EpisodeStore(folder=out, most=most, idle=idle)
     names = {"hosts": allow_host or (), "origins": allow_origin or ()}
     server = adapter.HttpServer(store, host=host, port=port, token=token, operator_token=operator_token, **names)
-    from rich.console import Console
-
-    console = Console()
     for number in range(episodes):
         handle = store.open(game, seed=seed + number, **settings)
-        console.print(f"{server.url}/mcp/{handle}  seed {seed + number}", highlight=False, soft_wrap=True)
-    console.print("Stop with Ctrl-C.")
+        typer.echo(f"{server.url}/mcp/{handle}  seed {seed + number}")
+    typer.echo("Stop with Ctrl-C.")
     server.run()

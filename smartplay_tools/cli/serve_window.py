@@ -81,7 +81,7 @@ def window(
         hosts=allow_host or (),
         origins=allow_origin or (),
     )
-    say(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  ({player} plays; stop with Ctrl-C)")
+    typer.echo(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  ({player} plays; stop with Ctrl-C)")
     if out is not None:
         from smartplay_tools.evaluation.runs import PlayerConfig
 
@@ -120,11 +120,6 @@ def plan_of(game: str, player: PlayerConfig, episodes: int, seed: int, episode: 
     where: dict[str, Any] = {"engine": episode.engine, "tokenizer": episode.tokenizer}
     cells = make_cells([game], [player], [episode.budget], options=episode.options, **where, **episode.rules)
     return plan_episodes(cells, trials=episodes, seed=seed)
-
-
-def say(line: str) -> None:
-    """Print a line that is not wrapped, at once."""
-    print(line, flush=True)
 
 
 def ended(name: str, result: Mapping[str, Any]) -> str:
@@ -167,7 +162,7 @@ class _Ends:
         def listen(event: Mapping[str, Any]) -> None:
             if "result" in event:
                 self.scores.append(event["result"]["score"])
-                say(ended(self._handles[episode.config.seed], event["result"]))
+                typer.echo(ended(self._handles[episode.config.seed], event["result"]))
 
         return listen
 
@@ -175,13 +170,12 @@ class _Ends:
 def _serve_episodes(endpoint: Any, game: str, seeds: range, episode: EpisodeOptions) -> None:
     """Offer an episode for each seed, until Ctrl-C."""
     ends = _Ends()
-    settings: dict[str, Any] = {"budget": episode.budget, "engine": episode.engine, "tokenizer": episode.tokenizer}
     for seed in seeds:
-        handle = ends.watched(endpoint, game, seed=seed, **settings, **episode.rules, **episode.options)
-        say(_where(endpoint, handle, seed))
+        handle = ends.watched(endpoint, game, seed=seed, **episode.conditions, **episode.options)
+        typer.echo(_where(endpoint, handle, seed))
     with suppress(KeyboardInterrupt):
         endpoint.run()
-    say(f"{len(ends.scores)} of {len(seeds)} episodes are over{_mean(ends.scores)}.")
+    typer.echo(f"{len(ends.scores)} of {len(seeds)} episodes are over{_mean(ends.scores)}.")
 
 
 def _serve_run(endpoint: Any, plan: Plan, player: PlayerConfig, offered: _Offered, out: Path) -> None:
@@ -194,7 +188,7 @@ def _serve_run(endpoint: Any, plan: Plan, player: PlayerConfig, offered: _Offere
         print_run(run, as_json=False)
         if run.stopped is not None:
             return
-        say("All episodes are over; an agent still hears so until you press Ctrl-C.")
+        typer.echo("All episodes are over; an agent still hears so until you press Ctrl-C.")
         with suppress(KeyboardInterrupt):
             while True:
                 time.sleep(1)
@@ -218,11 +212,11 @@ class _Offered:
         self._handles[held.key] = handle
         self._file.touch(mode=0o600)  # who knows a handle may play
         self._file.write_text(json.dumps(self._handles, indent=1) + "\n", encoding="ascii", newline="\n")
-        say(_where(self._endpoint, handle, held.episode.config.seed))
+        typer.echo(_where(self._endpoint, handle, held.episode.config.seed))
         await self._watch.wait_for(held)
 
     def tell(self, progress: RunProgress) -> None:
         """Print the end of an episode."""
         if progress.episode is not None:
             handle = self._handles.get(progress.episode.key, progress.episode.key)
-            say(f"{handle}  {progress.error}" if progress.row is None else ended(handle, progress.row))
+            typer.echo(f"{handle}  {progress.error}" if progress.row is None else ended(handle, progress.row))

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import options
 from smartplay_tools.errors import InvalidArgumentError
@@ -39,12 +38,7 @@ def share(
     else:
         path = write_excerpt(record, out, turns=span, title=title, plugins=plugins)
     size = path.stat().st_size / 1e3
-    Console().print(
-        f"{path} ({size:.0f} kB): open it in a browser, send it, or embed it.",
-        highlight=False,
-        soft_wrap=True,
-        markup=False,
-    )
+    typer.echo(f"{path} ({size:.0f} kB): open it in a browser, send it, or embed it.")
 
 
 def _draw(record: Path, out: Path, turns: tuple[int, int] | None) -> Path:

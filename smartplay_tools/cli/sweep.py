@@ -73,9 +73,8 @@ def sweep(
 
 def _print_files(folder: Path, written: Sequence[Path]) -> None:
     """Print what was written, and what to do next."""
-    console = table_console()
     names = ", ".join(sorted({str(path.relative_to(folder).with_suffix("")) for path in written}))
-    console.print(f"In {folder}: {names}.", highlight=False, markup=False, soft_wrap=True)
+    typer.echo(f"In {folder}: {names}.")
     if not any(path.suffix == ".parquet" for path in written):
-        console.print("For Parquet and figures: pip install 'smartplay-tools[evaluation]'.", markup=False)
-    print_next(console, [folder])
+        typer.echo("For Parquet and figures: pip install 'smartplay-tools[evaluation]'.")
+    print_next(table_console(), [folder])

@@ -6,7 +6,7 @@ import webbrowser
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -26,6 +26,15 @@ FOR_PLAY = (*BUDGET, *RULES, *OTHERS, "seed", "pictures")
 
 MISSING = "for --play GAME, which is missing"
 
+Play = Annotated[
+    str | None,
+    typer.Option(
+        metavar="GAME",
+        help="Play this game in the browser, as a model would; any: choose; or the link of a challenge.",
+        rich_help_panel=_PLAY,
+    ),
+]
+
 
 @with_episode_options()
 def view(
@@ -36,14 +45,7 @@ def view(
             metavar="[FOLDER]...", help="Run folders, or folders that hold some; this one.", show_default=False
         ),
     ] = None,
-    play: Annotated[
-        str | None,
-        typer.Option(
-            metavar="GAME",
-            help="Play this game in the browser, as a model would; any: choose; or the link of a challenge.",
-            rich_help_panel=_PLAY,
-        ),
-    ] = None,
+    play: Play = None,
     out: Annotated[
         Path, typer.Option(help="The folder of the run that you play; continued if it is there.", rich_help_panel=_PLAY)
     ] = Path("human"),
@@ -77,29 +79,13 @@ def view(
     """
     from smartplay_tools.evaluation.pages.view import RunList, ViewServer
 
-    is_link = play is not None and "?" in play
-    if play is None or is_link:
-        names, why = (FOR_PLAY, "fixed by the challenge") if is_link else ((*FOR_PLAY, "out"), MISSING)
-        _check_not_given(context, names, why)
-    playing = None if play is None else _games(None if is_link else play, out, seed, episode, pictures=pictures)
-    begin = "" if playing is None else "play"
-    if playing is not None and play is not None and is_link:
-        begin = f"play/{playing.take(play)}"
+    playing, begin, to_play = _playing(context, play, out, episode, seed=seed, pictures=pictures)
     own = () if playing is None else (playing.folder, playing.challenges)
     runs = RunList(folders or ([] if playing else [Path()]), own=own)
-    server = ViewServer(
-        runs,
-        host=host,
-        port=port,
-        token=token,
-        hosts=allow_host or (),
-        play=playing,
-        plugins=plugins,
-        annotate=annotate,
-    )
+    where: dict[str, Any] = {"host": host, "port": port, "token": token, "hosts": allow_host or ()}
+    server = ViewServer(runs, play=playing, plugins=plugins, annotate=annotate, **where)
     count = len(runs.current())
     counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet, but new ones appear,"
-    to_play = "games" if play == ANY else "a challenge" if is_link else play
     served = counted if playing is None else f"{counted}, and {to_play} to play (recorded in {out}),"
     # A token is shown at the first page, which leads on.
     entry = f"{server.url}{begin}" if server.entry == server.url else server.entry
@@ -110,23 +96,23 @@ def view(
         server.run()
 
 
-def _games(game: str | None, out: Path, seed: int, episode: EpisodeOptions, *, pictures: bool) -> BrowserGames:
-    """The games to play: one, all that are here, or none but a challenge."""
+def _playing(
+    context: typer.Context, play: str | None, out: Path, episode: EpisodeOptions, **how: Any
+) -> tuple[BrowserGames | None, str, str]:
+    """The games to play, if any, the page where they begin, and their name: one, all that are here, or a challenge."""
+    if play is None:
+        _check_not_given(context, (*FOR_PLAY, "out"), MISSING)
+        return None, "", ""
     from smartplay_tools.evaluation.runs import BrowserGames
     from smartplay_tools.games.specs import GAMES
 
-    games = [name for name in GAMES if GAMES.is_loaded(name)] if game == ANY else [game] if game else []
-    return BrowserGames(
-        games,
-        out,
-        seed=seed,
-        budget=episode.budget,
-        pictures=pictures,
-        options=episode.options,
-        engine=episode.engine,
-        tokenizer=episode.tokenizer,
-        **episode.rules,
-    )
+    how |= {"options": episode.options, **episode.conditions}
+    if "?" in play:
+        _check_not_given(context, FOR_PLAY, "fixed by the challenge")
+        playing = BrowserGames([], out, **how)
+        return playing, f"play/{playing.take(play)}", "a challenge"
+    games = [name for name in GAMES if GAMES.is_loaded(name)] if play == ANY else [play]
+    return BrowserGames(games, out, **how), "play", "games" if play == ANY else play
 
 
 def _check_not_given(context: typer.Context, names: Sequence[str], why: str) -> None:

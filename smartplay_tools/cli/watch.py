@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from rich.console import Console
+import typer
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class LivePage:
 
     def announce(self) -> None:
         """Say where the page is, once its record has begun: before, there is nothing to show."""
-        Console(stderr=True).print(f"The episode is shown at {self.url}", highlight=False, soft_wrap=True)
+        typer.echo(f"The episode is shown at {self.url}", err=True)
         if self.open_browser:
             webbrowser.open(self.url)
 
@@ -43,6 +43,6 @@ def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[LivePa
         path = transcript or Path(folder) / "episode.jsonl"
         with ViewServer([SiteRecord(path)]) as server:
             yield LivePage(path, f"{server.url}episode/{quote(path.name)}/{PLAYING}", open_browser)
-            Console(stderr=True).print("The page stays until Ctrl-C.", highlight=False)
+            typer.echo("The page stays until Ctrl-C.", err=True)
             with suppress(KeyboardInterrupt):
                 threading.Event().wait()

@@ -9,6 +9,7 @@ from typing import Any
 
 from smartplay_tools.exports.selection import EpisodeSelection
 from smartplay_tools.exports.sft import FILE
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.manifest import trial_seed
 from smartplay_tools.records.record import Record
 
@@ -37,10 +38,7 @@ def dataset_card(
     left_out: Counter[str],
 ) -> str:
     """Return the card's text."""
-    groups: dict[tuple[str, str, str], list[Record]] = {}
-    for episode in episodes:
-        asked = episode.config.budget.describe() or "default"
-        groups.setdefault((episode.result.game, episode.player, asked), []).append(episode)
+    groups = grouped(episodes, lambda e: (e.result.game, e.player, e.config.budget.describe() or "default"))
     lines = [
         *_front_matter(format),
         "# Episodes of SmartPlay's games",

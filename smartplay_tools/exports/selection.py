@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.run_folder import records_in
 
@@ -77,9 +78,7 @@ class EpisodeSelection(BaseModel):
     def _best(self, matching: Sequence[tuple[Path, Record]]) -> list[tuple[Path, Record]]:
         if self.best is None:
             return list(matching)
-        groups: dict[tuple[str, str], list[tuple[float, int, Path]]] = {}
-        for path, record in matching:
-            place = -record.result.score, record.result.seed, path
-            groups.setdefault((record.game, record.player), []).append(place)
-        kept = {path for group in groups.values() for _, _, path in sorted(group)[: self.best]}
+        ordered = sorted(matching, key=lambda pair: (-pair[1].result.score, pair[1].result.seed, pair[0]))
+        groups = grouped(ordered, lambda pair: (pair[1].game, pair[1].player))
+        kept = {path for group in groups.values() for path, _ in group[: self.best]}
         return [pair for pair in matching if pair[0] in kept]

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from smartplay_tools.evaluation.analysis.distributions import NORMAL, t_quantile
 from smartplay_tools.evaluation.analysis.shares import clopper_pearson, tango, wilson
+from smartplay_tools.groups import grouped
 
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
@@ -134,11 +135,8 @@ def mean_estimates(samples: Sequence[Sample], method: Method = USUAL) -> list[Me
     """
     ordered = [(_ordered(sample.values), sample.bounds) for sample in samples]
     estimates = {each: _plain_estimate(*each, method) for each in ordered}
-    sizes: dict[int, list[tuple[Ordered, Bounds | None]]] = {}
-    for each, estimate in estimates.items():
-        if estimate.low is None and estimate.note is None:
-            sizes.setdefault(len(each[0]), []).append(each)
-    for alike in sizes.values():
+    open_ones = [each for each, estimate in estimates.items() if estimate.low is None and estimate.note is None]
+    for alike in grouped(open_ones, lambda each: len(each[0])).values():
         for each, interval in zip(alike, _intervals([values for values, _ in alike], method), strict=True):
             low, high = _within(interval, *each)
             estimates[each] = replace(estimates[each], low=low, high=high)

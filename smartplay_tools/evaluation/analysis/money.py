@@ -18,6 +18,7 @@ from smartplay_tools.evaluation.analysis.names import window_name
 from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, fixed, percent
 from smartplay_tools.evaluation.analysis.window_tables import family_title
 from smartplay_tools.evaluation.analysis.windows import family
+from smartplay_tools.groups import grouped
 from smartplay_tools.quantities import short
 from smartplay_tools.records.charges import Charge
 from smartplay_tools.records.rows import Row
@@ -190,9 +191,7 @@ def cost_rows(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[dict
 
 
 def _families(cells: Sequence[CellCost]) -> list[tuple[str, list[CellCost]]]:
-    families: dict[tuple[str, str], list[CellCost]] = {}
-    for cell in cells:
-        families.setdefault((cell.title, family(cell.cell)), []).append(cell)
+    families = grouped(cells, lambda cell: (cell.title, family(cell.cell)))
     return [(title, members) for (title, _), members in families.items()]
 
 

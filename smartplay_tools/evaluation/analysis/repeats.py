@@ -20,6 +20,7 @@ from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, RESAMPLES, SEED, Values
 from smartplay_tools.evaluation.analysis.numbers import NOTHING
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.rows import Row
 
 Succeeds = Callable[[Row], bool]
@@ -59,9 +60,7 @@ def repeated(rows: Sequence[Row], succeeds: Succeeds | None = None) -> list[Repe
 
 
 def _repeats(cell: PlayedCell, rows: Sequence[Row], succeeds: Succeeds | None) -> Repeats | None:
-    worlds: dict[int, list[Row]] = {}
-    for row in rows:
-        worlds.setdefault(row["seed"], []).append(row)
+    worlds = grouped(rows, lambda row: row["seed"])
     repeats = min(map(len, worlds.values()))
     if repeats < 2 or len(worlds) < 2:
         return None

@@ -20,6 +20,7 @@ from smartplay_tools.evaluation.analysis.capabilities import Capabilities, Weigh
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
 from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, Sample, named_estimates
 from smartplay_tools.evaluation.analysis.pairs import completed, normalized_score, reward, sample, score
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.rows import Row, is_unplayed
 from smartplay_tools.types import EndReason
 
@@ -241,9 +242,6 @@ def _profile(
 
 
 def _failures(rows: Iterable[Row], finished: Set[str]) -> list[Failures]:
-    groups: dict[tuple[str | None, str | None], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row["game"], row["player"]), []).append(row)
     return [
         Failures(
             game,
@@ -253,5 +251,5 @@ def _failures(rows: Iterable[Row], finished: Set[str]) -> list[Failures]:
             reasons=Counter(row["end_reason"] for row in failed),
             last_error=next((row["error"] for row in reversed(failed) if row["error"]), None),
         )
-        for (game, player), failed in groups.items()
+        for (game, player), failed in grouped(rows, lambda row: (row["game"], row["player"])).items()
     ]

@@ -17,6 +17,7 @@ from smartplay_tools.evaluation.analysis.numbers import (
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
+from smartplay_tools.groups import grouped
 from smartplay_tools.quantities import short
 
 NOTES = (
@@ -65,10 +66,7 @@ def is_cut(comparison: WindowComparison) -> bool:
 
 def _families(comparisons: Iterable[WindowComparison]) -> dict[str, list[WindowComparison]]:
     """The cells that differ only in their window, by what they have in common."""
-    families: dict[str, list[WindowComparison]] = {}
-    for comparison in comparisons:
-        families.setdefault(family_title(comparison.cell), []).append(comparison)
-    return families
+    return grouped(comparisons, lambda comparison: family_title(comparison.cell))
 
 
 def family_title(cell: PlayedCell) -> str:

@@ -25,6 +25,7 @@ from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, named_estimates
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_samples, pairs, samples
 from smartplay_tools.evaluation.analysis.pareto import pareto_front
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES
 
@@ -144,11 +145,8 @@ def _fronts(
     groups: Sequence[tuple[PlayedCell, list[Row]]], means: Sequence[Mapping[str, MeanEstimate]], price: str
 ) -> list[bool | None]:
     """For every group whether it is on its game's front of score against a price; None if prices are missing."""
-    games: dict[str, list[int]] = {}
-    for at, (cell, _) in enumerate(groups):
-        games.setdefault(cell.game, []).append(at)
     verdicts: list[bool | None] = [None] * len(groups)
-    for members in games.values():
+    for members in grouped(range(len(groups)), lambda at: groups[at][0].game).values():
         # A mean over only those episodes that have a price would be misleading.
         if any(price not in means[at] or means[at][price].episodes < len(groups[at][1]) for at in members):
             continue

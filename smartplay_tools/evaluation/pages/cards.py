@@ -23,9 +23,10 @@ from smartplay_tools.arguments import read
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import EngineError, InvalidArgumentError, extra_named
 from smartplay_tools.games.specs import get_spec
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.shown import ShownAs, shown_turns
-from smartplay_tools.transcript.events import CallEvent, ViewEvent, concerns_summary
+from smartplay_tools.transcript.events import ViewEvent, concerns_summary
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -134,9 +135,7 @@ def _shots(record: Record) -> Iterator[_Shot]:
     views = {view["turn"]: view for view in record.views if not concerns_summary(view)}
     if not views:
         raise InvalidArgumentError("The record has no prompt yet.")
-    calls: dict[int, list[CallEvent]] = {}
-    for call in record.calls:
-        calls.setdefault(call["turn"], []).append(call)
+    calls = grouped(record.calls, lambda call: call["turn"])
     score, step, answer, images = 0.0, 0, "", _images(record)
     image = next(images, None)
     for turn, view in sorted(views.items()):

@@ -24,6 +24,7 @@ from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_of
+from smartplay_tools.groups import grouped
 from smartplay_tools.messages import assistant_message, text_of
 from smartplay_tools.players import PLAYERS, get_player, is_model
 from smartplay_tools.records.caches import cache_rules, rule_of
@@ -121,12 +122,9 @@ def estimate(plan: Plan, prices: Mapping[str, Price], *, reply_tokens: int | Non
     """Return an estimate for every cell of a plan; `reply_tokens` is the assumed length of a model's reply."""
     if reply_tokens is not None and reply_tokens < 1:
         raise InvalidArgumentError(f"The assumed tokens of a reply must be at least 1, not {reply_tokens}.")
-    episodes: dict[int, list[PlannedEpisode]] = {}
-    for episode in plan.episodes:
-        episodes.setdefault(episode.place, []).append(episode)
     return [
         estimate_cell(members[0].cell, [e.seed for e in members], prices.get(player_of(members[0].cell)), reply_tokens)
-        for members in episodes.values()
+        for members in grouped(plan.episodes, lambda episode: episode.place).values()
     ]
 
 

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.manifest import Manifest
 from smartplay_tools.records.rows import Row
 from smartplay_tools.registry import Registry
@@ -79,10 +80,7 @@ class Tracking:
         from smartplay_tools.evaluation.analysis.summary import summarize
 
         means: dict[str, float] = {}
-        groups: dict[str, list[Row]] = {}
-        for row in self._rows:
-            groups.setdefault(_name(row), []).append(row)
-        for name, rows in groups.items():
+        for name, rows in grouped(self._rows, _name).items():
             for cell in summarize(rows).cells:
                 ends = {"mean": cell.score.mean, "low": cell.score.low, "high": cell.score.high}
                 means |= {f"{name}/score_{key}": end for key, end in ends.items() if end is not None}

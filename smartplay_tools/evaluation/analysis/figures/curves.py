@@ -26,6 +26,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
 from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but
+from smartplay_tools.groups import grouped
 from smartplay_tools.types import Budget
 
 if TYPE_CHECKING:
@@ -125,11 +126,8 @@ def _draw_human(axes: Axes, members: Iterable[WindowComparison]) -> None:
 
 def _lines(comparisons: Sequence[WindowComparison]) -> dict[str, list[WindowComparison]]:
     """The cells of each window by slack, with a name that describes the window."""
-    families: dict[str, list[WindowComparison]] = {}
-    for comparison in comparisons:
-        families.setdefault(family(comparison.cell, ("slack",)), []).append(comparison)
     lines: dict[str, list[WindowComparison]] = {}
-    for members in families.values():
+    for members in grouped(comparisons, lambda comparison: family(comparison.cell, ("slack",))).values():
         if len(members) > 1:
             first = members[0]
             window = window_name(min(members, key=lambda c: c.cell.budget["slack"]).cell)

@@ -16,6 +16,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 )
 from smartplay_tools.evaluation.analysis.names import series_name, strategy_name
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, family
+from smartplay_tools.groups import grouped
 from smartplay_tools.quantities import typeset
 from smartplay_tools.types import STRATEGIES, ResolvedBudget
 
@@ -88,9 +89,7 @@ def _draw(panel: Axes, rows: Sequence[tuple[int, WindowComparison]], measure: st
 
 def _windows(comparisons: Sequence[WindowComparison]) -> dict[str, list[WindowComparison]]:
     """The cells that share all but their strategy, by a short name; cells without a rival are left out."""
-    families: dict[str, list[WindowComparison]] = {}
-    for comparison in comparisons:
-        families.setdefault(family(comparison.cell, ALONG), []).append(comparison)
+    families = grouped(comparisons, lambda comparison: family(comparison.cell, ALONG))
     rivals = [members for members in families.values() if len(members) > 1]
     facts = [_facts(members[0], comparisons) for members in rivals]
     # A name has what tells its window from the others, and in any case the game.

@@ -34,6 +34,7 @@ from smartplay_tools.evaluation.board.submissions.submitted_plan import (
     read_plan,
 )
 from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.process_pool import Lost
 from smartplay_tools.records.rows import Row
 
@@ -274,9 +275,8 @@ class _Check:
             yield error("coverage", f"{count} of results.jsonl are of no planned episode: {some(others)}.")
 
     def _check_records(self, plan: SubmittedPlan, replayable: set[int], rows: Mapping[str, bytes]) -> None:
-        attempts: dict[str, list[Path]] = {}
-        for path in sorted((self._folder / "attempts").iterdir(), key=lambda path: int(path.name.split(".")[1])):
-            attempts.setdefault(path.name.partition(".")[0], []).append(path)
+        files = sorted((self._folder / "attempts").iterdir(), key=lambda path: int(path.name.split(".")[1]))
+        attempts = grouped(files, lambda path: path.name.partition(".")[0])
         submission = self._checked.submission
         jobs = []
         for episode in plan.episodes:

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from statistics import fmean
 
 from smartplay_tools.evaluation.board.submissions.metadata import CellResult
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.rows import Row
 
 DIGITS = 6
@@ -15,10 +16,7 @@ DIGITS = 6
 
 def by_cell(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
     """Return rows by their game and by what was asked for in their budget, as JSON."""
-    cells: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
-        cells.setdefault((row["game"], json.dumps(row["asked"], sort_keys=True)), []).append(row)
-    return cells
+    return grouped(rows, lambda row: (row["game"], json.dumps(row["asked"], sort_keys=True)))
 
 
 def cell_results(rows: Iterable[Row]) -> list[CellResult]:

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools.evaluation.pages.report.summary_tables import rules
+from smartplay_tools.groups import grouped
 
 Episode = Mapping[str, Any]
 
@@ -18,10 +19,7 @@ def pairs_of(episodes: Sequence[Episode]) -> Iterator[tuple[Episode, Episode]]:
     """Yield every finished episode of the later runs with its counterpart in the first run."""
     first = episodes[0]["run"] if episodes else ""
     finished = [episode for episode in episodes if episode["status"] == "finished"]
-    of_first: dict[tuple[Any, ...], list[Episode]] = {}
-    for episode in finished:
-        if episode["run"] == first:
-            of_first.setdefault(_world(episode), []).append(episode)
+    of_first = grouped((episode for episode in finished if episode["run"] == first), _world)
     for episode in finished:
         if episode["run"] != first and (candidates := of_first.get(_world(episode))):
             yield max(candidates, key=lambda other: _likeness(other, episode)), episode

@@ -13,6 +13,7 @@ from string import ascii_uppercase
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
@@ -94,9 +95,7 @@ def find_sources(path: Path) -> Sources:
 def _run(folder: RunFolder) -> Sources:
     manifest, rows = folder.manifest(), folder.rows()
     row_of = {row["key"]: row for row in rows}
-    attempts_at: dict[str, list[Path]] = {}
-    for file in (*folder.attempts(), *folder.running()):
-        attempts_at.setdefault(file.name.partition(".")[0], []).append(file)
+    attempts_at = grouped((*folder.attempts(), *folder.running()), lambda file: file.name.partition(".")[0])
     there = folder.finished()
     sources: list[Source] = []
     waiting = 0
