@@ -7,11 +7,11 @@ older than `history` is masked in every turn. A prompt takes as long as what it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from itertools import islice, zip_longest
 
 from smartplay_tools.context.prefix import Side, common_head, common_messages
-from smartplay_tools.context.strategies import Choice, Past, PastTurn, Strategies, Strategy
+from smartplay_tools.context.strategies import Choice, Past, PastTurn
 from smartplay_tools.context.strategies.choices import PastTurns
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Selection, View
@@ -19,26 +19,14 @@ from smartplay_tools.context.window import Contents, ContextWindow
 from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.errors import PromptOverflowError, StrategyError
 from smartplay_tools.messages import Message
-from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import head_bytes
-from smartplay_tools.types import Purpose, ResolvedBudget, ToolSpec
 
 
 class ChoosingWindow(ContextWindow):
     """A window whose turns a brought strategy chooses."""
 
-    def __init__(
-        self,
-        head: Sequence[Message],
-        tools: Sequence[ToolSpec],
-        budget: ResolvedBudget,
-        counter: TokenCounter,
-        strategies: Strategies,
-    ) -> None:
-        super().__init__(head, tools, budget, counter, strategies)
-        assert strategies.brought is not None
-        self._chooser: Strategy = strategies.brought
-        self._failure: Exception | None = None
+    _failure: Exception | None = None
+    """What the strategy has raised; after that it is not asked again."""
 
     def append(self, turn: Turn) -> None:
         """Add a complete turn, and ask the strategy what is shown after it."""
@@ -67,10 +55,10 @@ class ChoosingWindow(ContextWindow):
         before, prefix = self._before, 0
         if before is not None:
             prefix = self._prefix((before.state, before.selection), (state, chosen))
-        return self._view_of(self._now, "play", tokens, prefix)
+        return self._view_of(self._now, tokens, prefix)
 
-    def canonical(self, purpose: Purpose = "play") -> list[bytes]:
-        """Return the canonical JSON of the prompt's messages, of which its sha256 is made."""
+    def canonical(self, view: View) -> list[bytes]:
+        """Return the canonical JSON of the latest view's messages, of which the prompt's sha256 is made."""
         state, chosen = self._now.state, self._now.selection
         lines = state.head.canonical.copy()
         for index in chosen:
@@ -80,14 +68,15 @@ class ChoosingWindow(ContextWindow):
         return lines
 
     def _choose(self, state: WindowState, room: int | None) -> Selection:
-        choice = self._chooser.choose(past_of(state, self._text_tokens), room)
+        assert self._strategies.brought is not None
+        choice = self._strategies.brought.choose(past_of(state, self._text_tokens), room)
         selection = chosen_selection(state, choice)
         cap = self.budget.prompt_tokens
         if room is not None and cap is not None and (over := self._tokens(state, selection) - cap) > 0:
             raise StrategyError(f"The choice takes {room + over} tokens, and there is room for {room}.")
         return selection
 
-    def _view_of(self, contents: Contents, purpose: Purpose, tokens: int, prefix: int) -> View:
+    def _view_of(self, contents: Contents, tokens: int, prefix: int) -> View:
         state, chosen = contents.state, contents.selection
         turns, shown = state.index.turns, list(state.head.messages)
         steps: set[int] = set()
@@ -112,7 +101,6 @@ class ChoosingWindow(ContextWindow):
             selection=chosen,
             shown=tuple(shown),
             turns=turns,
-            purpose=purpose,
         )
 
     # What a selection takes.

@@ -10,8 +10,9 @@ from itertools import takewhile
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.messages import Message, copy_of, text_of
+from smartplay_tools.pictures.picture import Picture
 from smartplay_tools.transcript.hashing import head_bytes
-from smartplay_tools.types import Purpose, ToolSpec
+from smartplay_tools.types import Prompt, Purpose, ToolSpec
 
 
 @dataclass(slots=True)
@@ -101,10 +102,21 @@ class View:
     """The window's own messages, which must not be changed; `messages` returns copies."""
     turns: Sequence[Turn] = field(default=(), repr=False)
     """All turns of the conversation."""
-    purpose: Purpose = "play"
-    """What the prompt asks for."""
+    asks_for_summary: bool = False
+    """Whether the prompt asks for a summary, and not for a move."""
     summaries: int = 0
     """How many summaries there have been."""
+
+    @property
+    def purpose(self) -> Purpose:
+        """What the prompt asks for."""
+        return "summary" if self.asks_for_summary else "play"
+
+    def prompt(
+        self, max_tokens: int | None, prefix_messages: int, cache_key: str, pictures: Mapping[str, Picture]
+    ) -> Prompt:
+        """Return the prompt, which copies the window's messages when they are first read."""
+        return Prompt(self.shown, self.tools, max_tokens, prefix_messages, self.purpose, cache_key, pictures)
 
     @property
     def messages(self) -> list[Message]:

@@ -32,7 +32,7 @@ from smartplay_tools.errors import PromptOverflowError
 from smartplay_tools.messages import Message
 from smartplay_tools.tokens import PRIMING, TokenCounter
 from smartplay_tools.transcript.hashing import head_bytes
-from smartplay_tools.types import Purpose, ResolvedBudget, ToolSpec
+from smartplay_tools.types import ResolvedBudget, ToolSpec
 
 
 @dataclass(slots=True)
@@ -167,7 +167,7 @@ class ContextWindow:
             summaries = (_message_of(before.summary), _message_of(contents.summary))
             states = ((before.state, before.selection), (contents.state, contents.selection))
             prefix = common_tokens(*states, *summaries, self._tools_tokens, self._counter)
-        return self._view_of(contents, "play", tokens, prefix)
+        return self._view_of(contents, tokens, prefix)
 
     def request(self) -> View:
         """Return the prompt that asks for the summary: the last view without the turns that stay, and a question."""
@@ -176,7 +176,7 @@ class ContextWindow:
         assert form is not None
         shared = contents.state.selection_tokens(contents.selection) - PRIMING
         shared += 0 if contents.summary is None else contents.summary.tokens
-        return self._view_of(contents, "summary", shared + form.question_tokens + PRIMING, shared)
+        return self._view_of(contents, shared + form.question_tokens + PRIMING, shared)
 
     def summarise(self, reply_text: str) -> tuple[Summary | None, bool, bool]:
         """Take the answer to `request`; return the summary that is shown now, and whether the answer was cut, or empty.
@@ -191,9 +191,9 @@ class ContextWindow:
             self._now = replace(self._now, summary=self._form.show(text))
         return self._now.summary, text != reply_text and bool(reply_text.strip()), not text
 
-    def canonical(self, purpose: Purpose = "play") -> list[bytes]:
-        """Return the canonical JSON of a prompt's messages, of which its sha256 is made."""
-        contents = self._now if purpose == "play" else self._leaving
+    def canonical(self, view: View) -> list[bytes]:
+        """Return the canonical JSON of the latest view's messages, of which the prompt's sha256 is made."""
+        contents = self._leaving if view.asks_for_summary else self._now
         assert contents is not None
         lines = contents.state.head.canonical.copy()
         summary = () if contents.summary is None else (head_bytes(contents.summary.message),)
@@ -202,7 +202,7 @@ class ContextWindow:
             lines.append(head_bytes(contents.question))
         return lines
 
-    def _view_of(self, contents: Contents, purpose: Purpose, tokens: int, prefix: int) -> View:
+    def _view_of(self, contents: Contents, tokens: int, prefix: int) -> View:
         state, chosen = contents.state, contents.selection
         shown = list(state.head.messages)
         shown += state.messages(chosen, () if contents.summary is None else (contents.summary.message,))
@@ -217,7 +217,7 @@ class ContextWindow:
             selection=chosen,
             shown=tuple(shown),
             turns=self._index.turns,
-            purpose=purpose,
+            asks_for_summary=contents.question is not None,
             summaries=self.summaries,
         )
 

@@ -64,11 +64,8 @@ class Pending:
     pictures: Mapping[str, Picture]
 
     def prompt(self) -> Prompt:
-        """Return the prompt, which copies the window's messages when they are first read."""
-        view = self.view
-        return Prompt(
-            view.shown, view.tools, self.max_tokens, self.prefix_messages, view.purpose, self.cache_key, self.pictures
-        )
+        """Return the prompt."""
+        return self.view.prompt(self.max_tokens, self.prefix_messages, self.cache_key, self.pictures)
 
     def cost(self, reply: int) -> dict[str, Any]:
         """Our count of the prompt and its reply, as fields of a `usage` event."""
@@ -168,7 +165,7 @@ class BaseConversation(ABC):
         """
         if self._pending is not None:
             return True
-        return self._view is not None and self._view.purpose == "summary" and not self.episode.done
+        return self._view is not None and self._view.asks_for_summary and not self.episode.done
 
     @property
     def result(self) -> EpisodeResult | None:
@@ -178,7 +175,7 @@ class BaseConversation(ABC):
     def prompt(self) -> Prompt | None:
         """Return the next prompt, or None when the episode is over; a spent budget ends the episode here.
 
-        Where the budget asks for summaries, a prompt's `purpose` may be "summary". It is answered as any other, with
+        Where the budget asks for summaries, so may a prompt (`asks_for_summary`). It is answered as any other, with
         `receive`; that reply is not a turn, and the prompt to play comes next.
 
         Two calls without a reply in between return the same prompt. The messages are copies, which you may change.
@@ -287,7 +284,7 @@ class BaseConversation(ABC):
         if not self._pictures:
             return NO_PICTURES
         kept = self._pictures
-        while view.purpose == "play" and len(kept) > self._most_pictures:
+        while not view.asks_for_summary and len(kept) > self._most_pictures:
             del kept[next(iter(kept))]
         contents = [content for message in view.shown if isinstance(content := message["content"], list)]
         named = [part["sha256"] for content in contents for part in content if is_picture(part)]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import threading
-from collections.abc import Callable, Coroutine, Sequence
-from typing import Any, Protocol, TypeAlias, get_args, runtime_checkable
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeAlias, get_args, runtime_checkable
 
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply
+from smartplay_tools.conversation.event_loop import apart_from_event_loop
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.config import ProtocolName, check_choice
 from smartplay_tools.episode.episode import Episode
@@ -56,7 +56,8 @@ def play(
     runs in a new event loop.
     """
     if not isinstance(player, Player):
-        return _run(aplay(episode, player, protocol=protocol, on_prompt=on_prompt, on_turn=on_turn))
+        playing = aplay(episode, player, protocol=protocol, on_prompt=on_prompt, on_turn=on_turn)
+        return apart_from_event_loop(asyncio.run, playing)
     conversation = _attach(episode, player, protocol)
     while (prompt := _next_prompt(conversation, on_prompt)) is not None:
         try:
@@ -160,26 +161,3 @@ def _checked(reply: Reply) -> CheckedReply:
 def _result(conversation: AnyConversation) -> EpisodeResult:
     assert conversation.result is not None
     return conversation.result
-
-
-def _run(playing: Coroutine[Any, Any, EpisodeResult]) -> EpisodeResult:
-    """Run a coroutine to its end, in a new thread if this one has a running event loop."""
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        return asyncio.run(playing)
-    results: list[EpisodeResult] = []
-    errors: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            results.append(asyncio.run(playing))
-        except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
-    if errors:
-        raise errors[0]
-    return results[0]

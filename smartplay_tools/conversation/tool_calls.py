@@ -123,7 +123,7 @@ class ToolConversation(BaseConversation):
         """Do what `open` does with a reply that has been checked."""
         with self.episode.lock:
             pending = self._prepare()
-            if pending is not None and pending.view.purpose == "summary":
+            if pending is not None and pending.view.asks_for_summary:
                 self._take_summary(pending, reply)
                 return ()
             calls = self._open_turn(reply, pending)
@@ -181,7 +181,7 @@ class ToolConversation(BaseConversation):
     def _shown(self, view: View) -> dict[str, Any]:
         chosen = view.selection
         turns = chosen.ranges
-        sha256 = prompt_sha256(self._window.canonical(view.purpose), self._tools_bytes)
+        sha256 = prompt_sha256(self._window.canonical(view), self._tools_bytes)
         if not self.episode.budget.strategies:
             return {"turns": turns, "masked": view.masked_results, "sha256": sha256}
         # What is masked follows from these; a list of it would grow with the window.

@@ -19,9 +19,9 @@ from smartplay_tools.messages import Message, pictures_of
 from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 from smartplay_tools.records.error_location import ErrorLocation
 from smartplay_tools.tokens.counter import shared_counter
-from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.events import Event, concerns_summary, purpose_of
 from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
-from smartplay_tools.types import Prompt, Purpose, ResolvedBudget, ToolSpec
+from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
 
 
 @dataclass(frozen=True)
@@ -137,13 +137,13 @@ class Rebuilder:
         lines += map(head_bytes, shown.after)
         named = [part["sha256"] for message in messages for part in pictures_of(message)] if self._pictures else []
         shown_pictures = {sha256: self._pictures[sha256] for sha256 in named}
-        purpose: Purpose = view.get("purpose", "play")
-        prompt = Prompt(messages, self._tools, view["max_tokens"], purpose=purpose, pictures=shown_pictures)
+        cap, asked = view["max_tokens"], purpose_of(view)
+        prompt = Prompt(messages, self._tools, cap, purpose=asked, pictures=shown_pictures)
         return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(lines, self._tools_bytes))
 
     def shown(self, view: Event) -> PromptParts:
         """Return the parts of the prompt that a view shows."""
-        is_summary = view.get("purpose") == "summary"
+        is_summary = concerns_summary(view)
         seen_turns = view["turn"] - is_summary
         before: list[Message] = []
         if self._form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):

@@ -446,10 +446,9 @@ class Record:
     @cached_property
     def sampled(self) -> dict[tuple[int, Purpose], SampledTokens]:
         """The tokens of the replies of which the player gave them, by turn and by what their prompt asked for."""
-        found: list[tuple[Purpose, Any]] = [("play", event) for event in self.messages]
-        found += [("summary", event) for event in self.summaries]
-        tokens = SampledTokens.from_record
-        return {(event["turn"], purpose): tokens(event["sampled"]) for purpose, event in found if "sampled" in event}
+        asked: Mapping[Purpose, Sequence[Any]] = {"play": self.messages, "summary": self.summaries}
+        replies = ((kind, event) for kind, events in asked.items() for event in events if "sampled" in event)
+        return {(event["turn"], kind): SampledTokens.from_record(event["sampled"]) for kind, event in replies}
 
     def sent_prompts(self) -> Iterator[SentPrompt]:
         """Yield every prompt that was sent, as rebuilt from the record; those for a summary, too."""

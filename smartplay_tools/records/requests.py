@@ -17,6 +17,7 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.records.request_log import Request, RequestLog, Unit
 from smartplay_tools.tokens import TokenCounter, Tokenizer
 from smartplay_tools.tokens.counter import shared_counter
+from smartplay_tools.transcript.events import purpose_of
 from smartplay_tools.transcript.hashing import canonical_json, tools_bytes
 from smartplay_tools.transcript.times import read_times, times_file
 from smartplay_tools.types import Purpose, ToolSpec, Usage
@@ -61,7 +62,7 @@ def _called(record: Record) -> str:
 
 
 def _key(event: Mapping[str, Any]) -> Key:
-    return event["turn"], event.get("purpose", "play")
+    return event["turn"], purpose_of(event)
 
 
 def _times(record: Record) -> Sequence[float | None]:

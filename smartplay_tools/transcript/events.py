@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any, Literal, NotRequired, TypedDict
 
 from smartplay_tools.messages import Message
+from smartplay_tools.types import Purpose
 
 FORMAT = 1
 """The version of the format that is written. A reader refuses records whose format it does not support."""
@@ -242,4 +243,10 @@ EVENTS: tuple[type, ...] = (
 
 def concerns_summary(event: Mapping[str, object]) -> bool:
     """Whether a `view` event is of a prompt that asks for a summary, or a `usage` event of the reply to one."""
-    return event.get("purpose") == "summary"
+    return purpose_of(event) == "summary"
+
+
+def purpose_of(event: Mapping[str, Any]) -> Purpose:
+    """Return what the prompt of a `view` or `usage` event asked for."""
+    purpose: Purpose = event.get("purpose", "play")
+    return purpose

@@ -1,4 +1,4 @@
-"""A request of the host's agent, as far as the window endpoint looks at it: call ids, results, tools, and its purpose.
+"""A request of a host's agent, as far as the window endpoint looks at it: call ids, results, tools and other facts.
 
 Messages are not checked, because they have no power over the window: a request with a picture, with items of a kind
 that is new, or with a history that a provider would refuse is as good as any other.

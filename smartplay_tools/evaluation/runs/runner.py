@@ -13,11 +13,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
+from smartplay_tools.conversation.event_loop import apart_from_event_loop
 from smartplay_tools.conversation.loop import check_observation, check_player
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
-from smartplay_tools.evaluation.runs.event_loop import apart_from_event_loop
 from smartplay_tools.evaluation.runs.executors import Executor, default_workers, get_executor
 from smartplay_tools.evaluation.runs.notebooks import InNotebook, is_notebook
 from smartplay_tools.evaluation.runs.plan import (
