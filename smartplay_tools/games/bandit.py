@@ -71,8 +71,6 @@ class Bandit(TextGame):
     """
 
     actions = ACTIONS
-    optimal_action: int
-    """The machine with the larger expected reward."""
 
     def __init__(self, *, arms: tuple[tuple[float, int], tuple[float, int]], **options: Any) -> None:
         (p1, r1), (p2, r2) = arms
@@ -83,19 +81,24 @@ class Bandit(TextGame):
             longest_observation=max(map(len, [START, *texts])), characters="".join([START, *texts]), **options
         )
 
+    @property
+    def optimal_action(self) -> int:
+        """The machine with the larger expected reward."""
+        return self._best
+
     def _reset(self) -> str:
         self._order = shuffle(self._arms, self.np_random)
-        self.optimal_action = best(self._order)
+        self._best = best(self._order)
         return START
 
     def _step(self, action: int) -> tuple[str, float, bool, bool]:
         reward = pull(self._order[action], self.np_random)
-        self.score += action == self.optimal_action
+        self.score += action == self._best
         return describe(action, reward), reward, False, False
 
     def drawing(self) -> dict[str, Any]:
         """The machines as they really are, (probability, reward), and the better one."""
-        return {"arms": [[arm.probability, arm.reward] for arm in self._order], "best": self.optimal_action}
+        return {"arms": [[arm.probability, arm.reward] for arm in self._order], "best": self._best}
 
     def _state(self) -> Any:
         return [[arm.probability, arm.reward] for arm in self._order]

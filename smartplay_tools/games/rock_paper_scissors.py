@@ -89,8 +89,6 @@ class RockPaperScissors(TextGame):
     """
 
     actions = ACTIONS
-    optimal_action: int
-    """The hand with the largest expected reward against the true opponent."""
 
     def __init__(
         self, *, probabilities: tuple[float, float, float], scores: tuple[int, int, int], **options: Any
@@ -104,13 +102,18 @@ class RockPaperScissors(TextGame):
 
     def drawing(self) -> dict[str, Any]:
         """The hands of the latest round, the player's first, and the opponent's true probabilities."""
-        odds, scores = list(self._table.probabilities), list(self._table.scores)
-        return {"hands": self._hands, "odds": odds, "scores": scores, "best": self.optimal_action}
+        table = {"odds": list(self._table.probabilities), "scores": list(self._table.scores), "best": self._best}
+        return {"hands": self._hands, **table}
+
+    @property
+    def optimal_action(self) -> int:
+        """The hand with the largest expected reward against the true opponent."""
+        return self._best
 
     def _reset(self) -> str:
         self._hands: list[int] = []
         self._table = shuffle(self._setting, self.np_random)
-        self.optimal_action = best(self._table)
+        self._best = best(self._table)
         self.manual = manual(self._table.scores)
         return START
 
@@ -118,7 +121,7 @@ class RockPaperScissors(TextGame):
         other = opponent_hand(self._table, self.np_random)
         score = reward(self._table, action, other)
         self._hands = [action, other]
-        self.score += action == self.optimal_action
+        self.score += action == self._best
         return describe(action, other, score), score, False, False
 
     def _state(self) -> Any:
