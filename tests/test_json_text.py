@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smartplay_tools.json_text import encoder
+from smartplay_tools.json_text import encoder, object_in, value_in
 from smartplay_tools.transcript.lines import parse_json
 
 VALUES = st.recursive(
@@ -82,3 +82,13 @@ def test_the_parser_refuses_what_json_refuses(text):
         for sent in (text, text.encode()):
             with pytest.raises(ValueError, match=r"line 1|4300 digits"):
                 read(sent)
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "nonsense", "[" * 100_000, b"\xff", "1e999"])
+def test_what_is_no_object_is_none(text: str | bytes):
+    assert object_in(text) is None
+
+
+def test_what_is_no_json_is_text():
+    assert object_in(bytearray(b'{"a": [1]}')) == {"a": [1]}
+    assert [value_in(text) for text in ("1", "one", "[" * 100_000)] == [1, "one", "[" * 100_000]

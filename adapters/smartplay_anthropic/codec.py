@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
+from smartplay_tools.json_text import object_in
 from smartplay_tools.messages import pictures_of, text_of
 from smartplay_tools.pictures import Picture
 from smartplay_tools.players import BrokenAnswerError
@@ -153,11 +154,8 @@ def _name(name: str) -> str:
 
 def _input(arguments: str) -> dict[str, Any]:
     """The arguments as an object, as the interface requires; it never sends anything else itself."""
-    try:
-        value = json.loads(arguments or "{}")
-    except (ValueError, RecursionError):
-        value = None
-    return value if isinstance(value, dict) else {"arguments": arguments}
+    value = object_in(arguments or "{}")
+    return {"arguments": arguments} if value is None else value
 
 
 def _joined(blocks: Iterable[Mapping[str, Any]], kind: str) -> str:

@@ -28,6 +28,7 @@ from inspect_ai.model import (
 from inspect_ai.tool import ToolCall, ToolInfo, ToolParams
 
 from smartplay_tools import InvalidArgumentError, Message, Reply, ToolSpec, Usage
+from smartplay_tools.json_text import object_in
 from smartplay_tools.messages import calls_of, pictures_of, text_of
 from smartplay_tools.pictures import NO_PICTURES, Picture, is_picture
 
@@ -156,11 +157,8 @@ def _key(message: Message) -> str:
 
 
 def _written_call(call_id: str, name: str, arguments: str) -> ToolCall:
-    try:
-        value = json.loads(arguments or "{}")
-    except (ValueError, RecursionError):
-        value = None
-    if isinstance(value, dict):
+    value = object_in(arguments or "{}")
+    if value is not None:
         return ToolCall(id=call_id, function=name, arguments=value)
     return ToolCall(id=call_id, function=name, arguments={}, parse_error=arguments)
 

@@ -23,6 +23,7 @@ from langchain_core.messages import (
 )
 
 from smartplay_tools import Message, Usage
+from smartplay_tools.json_text import object_in
 from smartplay_tools.messages import pictures_of, text_of
 from smartplay_tools.pictures import NO_PICTURES, Picture, is_picture
 
@@ -87,8 +88,8 @@ def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessa
     invalid: list[InvalidToolCall] = []
     for call in message.get("tool_calls", ()):
         name, sent = call["function"]["name"], call["function"]["arguments"]
-        arguments = _object(sent)
-        if arguments is None:
+        arguments = object_in(sent or "{}")
+        if arguments is None:  # LangChain keeps them as text
             invalid.append(InvalidToolCall(name=name, args=sent, id=call["id"], error=None, type="invalid_tool_call"))
         else:
             valid.append(ToolCall(name=name, args=arguments, id=call["id"], type="tool_call"))
@@ -171,15 +172,6 @@ def _text_of_part(part: dict[Any, Any]) -> str:
 
 def _arguments(sent: Any) -> str:
     return sent if isinstance(sent, str) else json.dumps(sent or {}, ensure_ascii=False)
-
-
-def _object(text: str) -> dict[str, Any] | None:
-    """The object that the arguments hold; None if LangChain has to keep them as text."""
-    try:
-        value = json.loads(text or "{}")
-    except (ValueError, RecursionError):
-        return None
-    return value if isinstance(value, dict) else None
 
 
 def _content(message: BaseMessage) -> str | list[dict[str, Any]]:

@@ -14,6 +14,7 @@ from typing import Any
 
 from smartplay_local.engine import xllamacpp
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec
+from smartplay_tools.json_text import object_in, value_in
 from smartplay_tools.messages import calls_of, text_of
 
 TOOLS = """Tools:
@@ -49,11 +50,7 @@ def _line(message: Message) -> tuple[Any, str]:
 
 
 def _call(name: str, arguments: str) -> str:
-    try:
-        values = json.loads(arguments or "{}")
-    except ValueError:
-        values = arguments
-    return json.dumps({"name": name, "arguments": values}, ensure_ascii=False)
+    return json.dumps({"name": name, "arguments": value_in(arguments or "{}")}, ensure_ascii=False)
 
 
 def _with_tools(first: Message, tools: Sequence[ToolSpec]) -> Message:
@@ -104,10 +101,7 @@ def _with_end(schema: Any, longest: int) -> Any:
 
 def call_in(text: str) -> dict[str, Any] | None:
     """Return the call in a reply's text as `name` and `arguments`; None if a cap has cut it."""
-    try:
-        call = json.loads(text)
-    except ValueError:
-        return None
-    if not isinstance(call, dict) or not isinstance(call.get("name"), str):
+    call = object_in(text)
+    if call is None or not isinstance(call.get("name"), str):
         return None
     return {"name": call["name"], "arguments": json.dumps(call.get("arguments") or {}, ensure_ascii=False)}

@@ -12,7 +12,6 @@ session and followed by another attempt in the same step, so the agent's own ret
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from contextvars import ContextVar
 from typing import Any, cast
@@ -43,6 +42,7 @@ from smartplay_pydantic_ai.messages import (
 )
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
 from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
+from smartplay_tools.json_text import object_in
 from smartplay_tools.prompts import CacheMarks, checked_marks, with_pictures_below
 
 OVER = "The episode is over."
@@ -226,12 +226,7 @@ class SmartPlay(AbstractCapability[Any]):
         """Whether the agent would run a call; it answers the others itself, a second time."""
         if call.tool_name not in {tool.name for tool in (*self.episode.tools, *self._session.foreign_tools)}:
             return False
-        if not isinstance(call.args, str):
-            return True
-        try:
-            return isinstance(json.loads(call.args or "{}"), dict)
-        except (ValueError, RecursionError):
-            return False
+        return not isinstance(call.args, str) or object_in(call.args or "{}") is not None
 
 
 class _Answers(AbstractToolset[Any]):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import json
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.json_text import value_in
 
 
 class Format(StrEnum):
@@ -83,10 +83,7 @@ def key_values(pairs: list[str] | None, name: str = "--option") -> dict[str, Any
         key, equals, value = pair.partition("=")
         if not equals:
             raise InvalidArgumentError(f"{name} {pair} has no value; write it as KEY=VALUE.")
-        try:
-            options[key] = json.loads(value)
-        except ValueError:
-            options[key] = value
+        options[key] = value_in(value)
     return options
 
 

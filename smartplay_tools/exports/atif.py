@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_tools.context.turns import Turn
+from smartplay_tools.json_text import object_in
 from smartplay_tools.messages import Call, Message, reasoning_of, text_of
 from smartplay_tools.records.annotations import as_list, read_notes
 from smartplay_tools.records.record import Record
@@ -105,10 +106,7 @@ def _reply(turn: Turn, usage: Mapping[str, Any], view: Mapping[str, Any]) -> dic
 def _call(call: Call) -> dict[str, Any]:
     """A call; arguments that are not an object do not fit the format, so their text is kept beside the call."""
     written: dict[str, Any] = {"tool_call_id": call.id, "function_name": call.name}
-    try:
-        arguments = json.loads(call.arguments.text or "{}")
-    except (ValueError, RecursionError):
-        arguments = None
-    if isinstance(arguments, dict):
+    arguments = object_in(call.arguments.text or "{}")
+    if arguments is not None:
         return {**written, "arguments": arguments}
     return {**written, "arguments": {}, "extra": {"sent": call.arguments.text}}

@@ -14,6 +14,7 @@ from starlette.responses import Response
 from smartplay_openai.interface import Event
 from smartplay_openai.problems import RequestError
 from smartplay_tools import SmartPlayError
+from smartplay_tools.json_text import object_in
 
 T = TypeVar("T")
 
@@ -27,11 +28,8 @@ async def read_request(request: Request, read: Callable[[dict[str, Any]], T], *,
     sent = await request.body()
 
     def read_body() -> T:
-        try:
-            body = json.loads(sent)
-        except (ValueError, RecursionError):
-            body = None
-        if not isinstance(body, dict):
+        body = object_in(sent)
+        if body is None:
             raise RequestError(400, "The body of a request is a JSON object.")
         try:
             return read(body)

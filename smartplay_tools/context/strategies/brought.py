@@ -7,7 +7,6 @@ file: a record can come from a stranger. What the user has named himself in this
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import sha256
@@ -18,6 +17,7 @@ from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
 from smartplay_tools.games.game_registry import packages_are_imported
+from smartplay_tools.json_text import value_in
 from smartplay_tools.registry import Registry, is_in_file, read_file
 from smartplay_tools.types import Budget
 
@@ -119,10 +119,7 @@ def parted(name: str) -> tuple[str, dict[str, Any]]:
         key, _, value = parts.pop().partition("=")
         if key in options or not key.isidentifier():
             raise InvalidArgumentError(f"The options of the strategy {name} are KEY=VALUE, each key once.")
-        try:
-            options[key] = json.loads(value)
-        except ValueError:
-            options[key] = value
+        options[key] = value_in(value)
     return ":".join(parts), options
 
 

@@ -20,6 +20,7 @@ from smartplay_tools.episode.config import CellConfig, Rules
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.json_text import value_in
 from smartplay_tools.records.manifest import trial_seed
 from smartplay_tools.types import Budget
 
@@ -111,12 +112,7 @@ def _text(value: Any) -> str:
 
 
 def _value(text: str) -> Any:
-    if text == "none":
-        return None
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        return text
+    return None if text == "none" else value_in(text)
 
 
 def _number(name: str, text: str, most: int) -> int:

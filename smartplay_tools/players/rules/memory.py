@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from smartplay_tools.arguments import read
+from smartplay_tools.json_text import object_in
 from smartplay_tools.messages import Message, calls_of, text_of
 from smartplay_tools.players.prompt_reading import Reading, call, is_carried
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, RECALL_TOOL
@@ -218,10 +219,5 @@ def _texts(message: Message) -> list[str]:
 
 def _facts(text: str) -> dict[str, Any] | None:
     match = LINE.search(text)
-    if not match:
-        return None
-    try:
-        facts = json.loads(match[1])
-    except ValueError:
-        return None
-    return facts if isinstance(facts, dict) and isinstance(facts.get("clock"), int) else None
+    facts = object_in(match[1]) if match else None
+    return facts if facts and isinstance(facts.get("clock"), int) else None

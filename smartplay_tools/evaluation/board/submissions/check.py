@@ -35,6 +35,7 @@ from smartplay_tools.evaluation.board.submissions.submitted_plan import (
 )
 from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
 from smartplay_tools.groups import grouped
+from smartplay_tools.json_text import object_in
 from smartplay_tools.records.process_pool import Lost
 from smartplay_tools.records.rows import Row
 
@@ -161,11 +162,7 @@ def _number(text: str) -> float:
 
 def _key_of(line: bytes) -> str:
     """Return the key in a line of the results; empty if there is none."""
-    try:
-        row = json.loads(line)
-    except (ValueError, RecursionError):
-        return ""
-    key = row.get("key") if isinstance(row, dict) else None
+    key = (object_in(line) or {}).get("key")
     return key if isinstance(key, str) else ""
 
 

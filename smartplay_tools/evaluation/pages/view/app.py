@@ -43,6 +43,7 @@ from smartplay_tools.evaluation.pages.view.playing import (
     PlayedGames,
     json_body,
     play_routes,
+    refused,
 )
 from smartplay_tools.evaluation.pages.view.run_list import RunList
 from smartplay_tools.evaluation.pages.view.served_pages import ServedPages
@@ -108,7 +109,7 @@ def view_app(
     else:
         routes += [Route(path, _no_games) for path in (CHALLENGE, "/play", "/play/{game}")]
     # A stream that is compressed waits for its compressor, so the middleware leaves event streams as they are.
-    app = GZipMiddleware(Starlette(routes=routes), minimum_size=10_000)
+    app = GZipMiddleware(Starlette(routes=routes, exception_handlers={SmartPlayError: refused}), minimum_size=10_000)
     return Guard(app, _Conditions(token, key).admit, Names(hosts), headers=HEADERS)
 
 
@@ -171,11 +172,8 @@ class _Site:
 
     async def episodes(self, request: Request) -> Response:
         """Answer with every episode of a run."""
-        try:
-            run = await run_in_threadpool(self._named, request.path_params["run"])
-            rows = await run_in_threadpool(run.episodes)
-        except SmartPlayError as error:
-            return missing(str(error))
+        run = await run_in_threadpool(self._named, request.path_params["run"])
+        rows = await run_in_threadpool(run.episodes)
         return JSONResponse({"columns": COLUMNS, "episodes": rows}, headers=HEADERS)
 
     async def episode(self, request: Request) -> Response:
@@ -185,30 +183,24 @@ class _Site:
     async def news(self, request: Request) -> Response:
         """Answer with an episode as its open page needs it, as soon as its record is another than `after`."""
         after, waited = request.query_params.get("after", ""), 0.0
-        try:
+        run_and_record = await run_in_threadpool(self._record, request)
+        version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
+        while version == after and is_playing and waited < LONGEST_WAIT and not self._is_stopping():
+            await asyncio.sleep(LOOK_SECONDS)
+            waited += LOOK_SECONDS
             run_and_record = await run_in_threadpool(self._record, request)
             version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
-            while version == after and is_playing and waited < LONGEST_WAIT and not self._is_stopping():
-                await asyncio.sleep(LOOK_SECONDS)
-                waited += LOOK_SECONDS
-                run_and_record = await run_in_threadpool(self._record, request)
-                version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
-            news = await run_in_threadpool(self._pages.news, *run_and_record, is_new=version != after)
-        except SmartPlayError as error:
-            return missing(str(error))
+        news = await run_in_threadpool(self._pages.news, *run_and_record, is_new=version != after)
         return JSONResponse({"version": version, "playing": is_playing, **news}, headers=HEADERS)
 
     async def note(self, request: Request) -> Response:
         """Write a note about a turn, and answer with all notes about the episode."""
-        try:
-            given = await json_body(request)
-            turn, note = given.get("turn"), given.get("note")
-            if not isinstance(turn, int) or isinstance(turn, bool) or not isinstance(note, str):
-                raise InvalidArgumentError("A note has a turn, a number, and a note, a text.")
-            run, record = await run_in_threadpool(self._record, request)
-            notes = await run_in_threadpool(_write, run, record, turn, note)
-        except SmartPlayError as error:
-            return PlainTextResponse(str(error), 400, HEADERS)
+        given = await json_body(request)
+        turn, note = given.get("turn"), given.get("note")
+        if not isinstance(turn, int) or isinstance(turn, bool) or not isinstance(note, str):
+            raise InvalidArgumentError("A note has a turn, a number, and a note, a text.")
+        run, record = await run_in_threadpool(self._record, request)
+        notes = await run_in_threadpool(_write, run, record, turn, note)
         return JSONResponse(as_list(notes), headers=HEADERS)
 
     async def compare(self, request: Request) -> Response:
@@ -230,10 +222,7 @@ class _Site:
         asked = request.query_params.getlist("run")
         if not asked:
             return missing("Name a run: /report?run=NAME.")
-        try:
-            runs = await run_in_threadpool(lambda: [self._named(name) for name in asked])
-        except SmartPlayError as error:
-            return missing(str(error))
+        runs = await run_in_threadpool(lambda: [self._named(name) for name in asked])
         is_there = await run_in_threadpool(self._pages.has_report, runs)
         if not is_there and "made" not in request.query_params:
             again = f"/report?{request.url.query}&made=1"
@@ -241,10 +230,7 @@ class _Site:
         return await self._page(lambda: self._pages.report(runs))
 
     async def _page(self, make: Callable[[], str]) -> Response:
-        try:
-            made = await run_in_threadpool(make)
-        except SmartPlayError as error:
-            return missing(str(error))
+        made = await run_in_threadpool(make)
         # The page's own policy, by the hashes of its scripts, is in its head.
         headers = {**HEADERS, "Content-Security-Policy": "frame-ancestors 'self'"}
         body = made.encode("utf-8", errors="replace")

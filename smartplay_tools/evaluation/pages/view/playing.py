@@ -14,7 +14,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Protocol
 from urllib.parse import quote
@@ -29,6 +28,7 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.pages.view.http_answers import HEADERS, missing, page_now
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.json_text import object_in
 from smartplay_tools.players.human.browser import BrowserPlayer, PassedError
 from smartplay_tools.quantities import typeset
 from smartplay_tools.records.run_folder import RunFolder
@@ -158,10 +158,7 @@ class _Playing:
 
     async def challenge(self, request: Request) -> Response:
         """Answer with what a challenge is about. It begins when a person wants it, as other pages can open this one."""
-        try:
-            about = await run_in_threadpool(self._play.read, request.url.query)
-        except SmartPlayError as error:
-            return missing(str(error))
+        about = await run_in_threadpool(self._play.read, request.url.query)
         cell = about.cell
         share = cell.spec.normalize(about.score)
         facts = {"game": cell.game, "budget": typeset(cell.budget.describe()), "score": about.score, "share": share}
@@ -234,13 +231,15 @@ def _other_rules(cell: CellConfig) -> str:
 
 
 async def _take(request: Request, do: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Response:
-    try:
-        given = await json_body(request)
-        return JSONResponse(await run_in_threadpool(do, given) or {}, headers=HEADERS)
-    except PassedError as error:
-        return PlainTextResponse(str(error), 409, HEADERS)
-    except SmartPlayError as error:
-        return PlainTextResponse(str(error), 400, HEADERS)
+    given = await json_body(request)
+    return JSONResponse(await run_in_threadpool(do, given) or {}, headers=HEADERS)
+
+
+async def refused(request: Request, error: Exception) -> Response:
+    """Answer with what is wrong with a request; what a page asks for is then missing."""
+    if request.method != "POST":
+        return missing(str(error))
+    return PlainTextResponse(str(error), 409 if isinstance(error, PassedError) else 400, HEADERS)
 
 
 def _over(row: dict[str, Any] | None, run: PlayedRun) -> dict[str, Any] | None:
@@ -256,10 +255,7 @@ def _over(row: dict[str, Any] | None, run: PlayedRun) -> dict[str, Any] | None:
 
 async def json_body(request: Request) -> dict[str, Any]:
     """Return the JSON object of a request, which is small."""
-    try:
-        given = json.loads(await request.body())
-    except (ValueError, RecursionError):
-        given = None
-    if not isinstance(given, dict):
+    given = object_in(await request.body())
+    if given is None:
         raise InvalidArgumentError("An answer is a JSON object.")
     return given

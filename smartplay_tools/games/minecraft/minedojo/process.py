@@ -20,6 +20,7 @@ from typing import IO, Any, cast
 
 from smartplay_tools.errors import EngineError, InvalidArgumentError
 from smartplay_tools.games.minecraft.minedojo.worker import FAMILY, end_family
+from smartplay_tools.json_text import object_in
 
 CLOSE_SECONDS = 20.0
 """Seconds that an orderly close may take: MineDojo gives its client a few seconds."""
@@ -116,11 +117,8 @@ class WorkerProcess:
                 if not more:
                     raise self._gone()
                 data += more
-        try:
-            answer = json.loads(data)
-        except ValueError:
-            answer = None
-        if not isinstance(answer, dict) or not answer.keys() & {"ok", "error"}:
+        answer = object_in(data)
+        if answer is None or not answer.keys() & {"ok", "error"}:
             raise EngineError(f"MineDojo's worker has sent an invalid answer: {bytes(data[:80])!r}.")
         return answer
 
