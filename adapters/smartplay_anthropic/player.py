@@ -96,9 +96,7 @@ class AnthropicPlayer(ModelPlayer):
     def check_ready(self) -> None:
         """Raise an `InvalidArgumentError` if there is no key; the client would raise only with the first request."""
         super().check_ready()
-        with self.new_client() as client:
-            if not any((client.api_key, client.auth_token, getattr(client, "credentials", None))):
-                raise InvalidArgumentError("A model at Anthropic needs a key: set ANTHROPIC_API_KEY.")
+        self._check_key()
 
     def new_async_client(self) -> anthropic.AsyncAnthropic:
         """Return a client for one event loop."""

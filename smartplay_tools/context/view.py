@@ -163,6 +163,11 @@ def ranges_of(numbers: Iterable[int]) -> list[list[int]]:
     return ranges
 
 
+def numbers_in(ranges: Iterable[Sequence[int]]) -> Iterator[int]:
+    """Yield the numbers of ranges, first and last included."""
+    return (number for first, last in ranges for number in range(first, last + 1))
+
+
 def with_manual(head: Sequence[Message], manual: str) -> list[Message]:
     """Return the head with the manual as the last part of its system message."""
     at = next(index for index, message in enumerate(head) if message["role"] in ("system", "developer"))

@@ -18,7 +18,7 @@ from typing import Literal
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.strategies import drops_old_turns, summaries_of
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.context.view import with_manual
+from smartplay_tools.context.view import numbers_in, with_manual
 from smartplay_tools.messages import Message, reasoning_of, text_of
 from smartplay_tools.records.record import Record
 from smartplay_tools.tokens import DEFAULT_TOKENIZER, PRIMING
@@ -150,8 +150,8 @@ class Accounts:
 
     def _parts_by_turn(self, view: ViewEvent, tokens: Tokens) -> Tokens:
         """Add the parts of turn after turn, and the texts that a brought strategy has chosen."""
-        hidden = {*_numbers(view.get("hidden", [])), view["notes"]}
-        for number in _numbers(view["turns"]):
+        hidden = {*numbers_in(view.get("hidden", [])), view["notes"]}
+        for number in numbers_in(view["turns"]):
             turn = self._turns[number]
             oldest = turn.step + 1 if number in hidden else view["oldest"]
             if turn.step < view.get("words", 0):
@@ -172,8 +172,8 @@ class Accounts:
 
     def _left(self, before: ViewEvent, view: ViewEvent) -> Iterator[Departure]:
         """Yield the turns that one prompt showed and the next one did not."""
-        shown = set(_numbers(view["turns"]))
-        gone = [turn for turn in _numbers(before["turns"]) if turn not in shown]
+        shown = set(numbers_in(view["turns"]))
+        gone = [turn for turn in numbers_in(before["turns"]) if turn not in shown]
         if not gone:
             return
         turns, budget, cap = self._turns, self._budget, self._budget.prompt_tokens
@@ -251,11 +251,6 @@ def _oldest(view: ViewEvent, turns: Sequence[Turn]) -> int:
         return view["oldest"]
     steps = (turns[turn].items[item].observation_step for turn, item in view.get("masked", []))
     return max((step for step in steps if step is not None), default=-1) + 1
-
-
-def _numbers(ranges: Iterable[Sequence[int]]) -> Iterator[int]:
-    for first, last in ranges:
-        yield from range(first, last + 1)
 
 
 def _sums(parts: Iterable[Tokens]) -> list[Tokens]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.strategies import summaries_of
 from smartplay_tools.context.turns import Turn, TurnBuilder
-from smartplay_tools.context.view import Head, Selection, with_manual
+from smartplay_tools.context.view import Head, Selection, numbers_in, with_manual
 from smartplay_tools.conversation import paper
 from smartplay_tools.messages import Message, pictures_of
 from smartplay_tools.pictures.picture import NO_PICTURES, Picture
@@ -163,7 +163,7 @@ class Rebuilder:
     def _masks(self, view: Event) -> Callable[[Turn], int] | None:
         """Return which is the oldest observation that a view shows of a turn; None if it shows all."""
         if "oldest" in view:
-            masked = frozenset(at for first, last in view.get("hidden", ()) for at in range(first, last + 1))
+            masked = frozenset(numbers_in(view.get("hidden", ())))
             return Selection((), 0, -1, view["oldest"], view["notes"], masked=masked).oldest_of
         if not view["masked"]:
             return None

@@ -205,7 +205,7 @@ class Record:
     @property
     def _begun(self) -> Event:
         if self.start is None:
-            raise TranscriptError(f"{self._called} has no start event: its episode never began.")
+            raise TranscriptError(f"{self.called} has no start event: its episode never began.")
         return self.start
 
     @property
@@ -292,7 +292,7 @@ class Record:
     def result(self) -> EpisodeResult:
         """The episode's result; an episode that has not ended is a `TranscriptError`."""
         if self.result_data is None:
-            raise TranscriptError(f"{self._called} is the record of an episode that is not finished.")
+            raise TranscriptError(f"{self.called} is the record of an episode that is not finished.")
         return EpisodeResult(**self.result_data)
 
     # What it used.
@@ -421,7 +421,7 @@ class Record:
         """The turns, with the call ids of the conversation. The paper's protocol has none (`InvalidArgumentError`)."""
         if self.is_paper:
             raise InvalidArgumentError(
-                f"{self._called} was played in the paper's protocol, where every question is a conversation of its "
+                f"{self.called} was played in the paper's protocol, where every question is a conversation of its "
                 "own; export it as sft."
             )
         return recorded_turns(self.events)
@@ -479,14 +479,14 @@ class Record:
             if reply is None:
                 continue
             if sent.sha256 != sent.recorded_sha256:
-                raise TranscriptError(f"{self._called}: the prompt of turn {sent.turn} is not the one that was sent.")
+                raise TranscriptError(f"{self.called}: the prompt of turn {sent.turn} is not the one that was sent.")
             pairs.append((sent, reply))
         return pairs
 
     @property
     def _first_head(self) -> HeadEvent:
         if not self.heads:
-            raise TranscriptError(f"{self._called} has no prompts: its episode was played with the host's own context.")
+            raise TranscriptError(f"{self.called} has no prompts: its episode was played with the host's own context.")
         return self.heads[0]
 
     @cached_property
@@ -511,5 +511,6 @@ class Record:
         return {event["turn"]: event for event in self.usages if "prompt" in event and not concerns_summary(event)}
 
     @property
-    def _called(self) -> str:
+    def called(self) -> str:
+        """What messages call it."""
         return self.name or "The record"

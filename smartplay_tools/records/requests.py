@@ -33,10 +33,10 @@ def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> 
     prompts without usage, is a `TranscriptError`.
     """
     if record.start is None or not record.heads:
-        raise TranscriptError(f"{_called(record)} has no prompts: its episode was played with the host's own context.")
+        raise TranscriptError(f"{record.called} has no prompts: its episode was played with the host's own context.")
     usages = {_key(event): event for event in record.usages if "prompt" in event}
     if not usages and record.messages:
-        raise TranscriptError(f"{_called(record)} has no usage, so nothing can be said about its cost.")
+        raise TranscriptError(f"{record.called} has no usage, so nothing can be said about its cost.")
     units = _Units(record, shared_counter(tokenizer or record.start["config"].get("tokenizer")))
     sent = zip(record.views, units.prompts(), _times(record), strict=True)
     prompts = {_key(view): (prompt, at) for view, prompt, at in sent}
@@ -55,10 +55,6 @@ def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> 
             requests.append(Request(prompt, same, stable, key[1], tokens, reply, replies[key], score, at))
             before = prompt
     return RequestLog(requests, ratio)
-
-
-def _called(record: Record) -> str:
-    return record.name or "The record"
 
 
 def _key(event: Mapping[str, Any]) -> Key:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from typing import Literal
 
+from smartplay_tools.context.view import numbers_in
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import ViewEvent
 
@@ -15,9 +15,9 @@ ShownAs = Literal["whole", "bare", "masked", "notes", "gone"]
 def shown_turns(record: Record, view: ViewEvent) -> list[ShownAs]:
     """Return how a prompt showed every turn before it. An episode in the paper's protocol has no turns."""
     shown: list[ShownAs] = ["gone"] * view["turn"]
-    masked = {turn for turn, _ in view.get("masked", [])} | set(_numbers(view.get("hidden", [])))
+    masked = {turn for turn, _ in view.get("masked", [])} | set(numbers_in(view.get("hidden", [])))
     oldest, words, pictures = view.get("oldest", 0), view.get("words", 0), view.get("pictures", 0)
-    for turn in _numbers(view.get("turns", [])):
+    for turn in numbers_in(view.get("turns", [])):
         if turn >= view["turn"]:  # a request for a summary is about the turn before it
             continue
         past = record.turns[turn]
@@ -28,7 +28,3 @@ def shown_turns(record: Record, view: ViewEvent) -> list[ShownAs]:
         else:
             shown[turn] = "bare" if past.step < words else "whole"
     return shown
-
-
-def _numbers(ranges: Sequence[Sequence[int]]) -> Iterable[int]:
-    return (turn for first, last in ranges for turn in range(first, last + 1))

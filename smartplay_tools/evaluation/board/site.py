@@ -79,7 +79,7 @@ def build_board(
             on_checked(submitted)
     board = make_board(list(checked.items()), charged=charged, rules=CACHES)
     (site / "index.html").write_text(_page(board, title, replays), encoding="utf-8", newline="\n")
-    (site / "board.css").write_text(_style(), encoding="utf-8", newline="\n")
+    (site / "board.css").write_bytes(resources.files(__package__).joinpath("static", "board.css").read_bytes())
     return board
 
 
@@ -135,10 +135,6 @@ def _page(board: Board, title: str, replays: int) -> str:
         not_proved=NOT_PROVED,
         version=metadata.version("smartplay-tools"),
     )
-
-
-def _style() -> str:
-    return resources.files(__package__).joinpath("static", "board.css").read_text(encoding="utf-8")
 
 
 def figure(value: float | None, digits: int = 2) -> str:

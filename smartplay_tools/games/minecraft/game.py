@@ -10,7 +10,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
 from smartplay_tools.games.minecraft.engines import ENGINES, Engine, load_engine
 from smartplay_tools.games.minecraft.observation import VIEW, Observation, TextMode
-from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, Goal, strides, turn
+from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, strides, turn
 from smartplay_tools.games.minecraft.text import CHARACTERS, LONGEST, describe
 from smartplay_tools.pictures.picture import Picture
 
@@ -63,22 +63,24 @@ class Minecraft(TextGame):
         self.comparable = engine == PAPER_ENGINE
         self.text: TextMode = text or world.default_text
         self._start: Start = start or ("anywhere" if engine == PAPER_ENGINE else "far")
-        self._goal = (PAPER_GOALS if self.text == "paper" else CORRECTED_GOALS)[task]
-        self.manual = with_action_list(read_text(__package__, "manual.txt").format(goal=self._goal.name), ACTIONS)
+        self.goal = (PAPER_GOALS if self.text == "paper" else CORRECTED_GOALS)[task]
+        """The goal of the task."""
+        self.manual = with_action_list(read_text(__package__, "manual.txt").format(goal=self.goal.name), ACTIONS)
         super().__init__(longest_observation=LONGEST, characters=CHARACTERS, **options)
-        self._world: Engine = world(text=self.text)
+        self.world: Engine = world(text=self.text)
+        """The engine, which holds the world."""
         self._seen: Observation
 
     def _reset(self) -> str:
         # An engine keeps the start away from the goal's biomes; without any, it begins anywhere.
-        avoided = self._goal if self._start == "far" else replace(self._goal, biomes=frozenset())
-        self._seen = self._world.reset(int(self.np_random.integers(2**32)), avoided)
+        avoided = self.goal if self._start == "far" else replace(self.goal, biomes=frozenset())
+        self._seen = self.world.reset(int(self.np_random.integers(2**32)), avoided)
         return describe(self._seen, self.text)
 
     def _step(self, action: int) -> tuple[str, float, bool, bool]:
-        self._seen = self._world.act(turn(action, self._seen.yaw), strides(self.np_random), self._goal)
+        self._seen = self.world.act(turn(action, self._seen.yaw), strides(self.np_random), self.goal)
         # As in the original, only the end of a walk counts, so a start inside the goal is not a success.
-        self.completed = self._seen.biome in self._goal.biomes
+        self.completed = self._seen.biome in self.goal.biomes
         self.score = int(self.completed)
         return describe(self._seen, self.text, ACTIONS[action]), 0, self.completed, False
 
@@ -113,21 +115,11 @@ class Minecraft(TextGame):
 
     def versions(self) -> Mapping[str, str]:
         """The versions of the engine's programs."""
-        return self._world.versions
-
-    @property
-    def goal(self) -> Goal:
-        """The goal of the task."""
-        return self._goal
-
-    @property
-    def world(self) -> Engine:
-        """The engine, which holds the world."""
-        return self._world
+        return self.world.versions
 
     def _state(self) -> bytes:
-        return self._world.state()
+        return self.world.state()
 
     def close(self) -> None:
         """Close the engine."""
-        self._world.close()
+        self.world.close()

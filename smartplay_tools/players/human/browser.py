@@ -43,7 +43,8 @@ class BrowserPlayer:
         self.number = 0
         """Counts the prompts and whatever else is shown."""
         self._prompt: Prompt | None = None
-        self._shown: dict[str, Any] | None = None
+        self.asked: dict[str, Any] | None = None
+        """The prompt that waits for an answer, as JSON for the page; None if there is none."""
         self._reply: Message | None = None
         self._conversation: BaseConversation | None = None
 
@@ -54,19 +55,14 @@ class BrowserPlayer:
     def reply(self, prompt: Prompt) -> Reply:
         """Show the prompt until it has been answered; raise `PlayerLeftError` if the person leaves."""
         with self.changed:
-            self._prompt, self._shown, self._reply = prompt, self._as_json(prompt), None
+            self._prompt, self.asked, self._reply = prompt, self._as_json(prompt), None
             self.number += 1
             self.changed.notify_all()
             self.changed.wait_for(lambda: self._reply is not None or self.has_left)
-            self._prompt = self._shown = None
+            self._prompt = self.asked = None
             if self._reply is None:
                 raise PlayerLeftError("The person at the browser has left.")
             return Reply(self._reply)
-
-    @property
-    def asked(self) -> dict[str, Any] | None:
-        """The prompt that waits for an answer, as JSON for the page; None if there is none."""
-        return self._shown
 
     def answer(self, given: Mapping[str, Any]) -> None:
         """Take the page's answer; an `InvalidArgumentError` says what is wrong with it.

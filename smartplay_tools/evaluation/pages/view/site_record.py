@@ -24,15 +24,10 @@ class SiteRecord:
     """One transcript, from before its first event on."""
 
     def __init__(self, path: str | Path) -> None:
-        self._path = Path(path)
-        self.name = self._path.name
-        self._record = Record.follow(self._path)
+        self.path = Path(path)
+        self.name = self.path.name
+        self._record = Record.follow(self.path)
         self._lock = threading.Lock()
-
-    @property
-    def path(self) -> Path:
-        """The record."""
-        return self._path
 
     def _refreshed(self) -> Record:
         with self._lock:
@@ -56,7 +51,7 @@ class SiteRecord:
             "players": [record.player] if record.start else [],
             "games": [record.game] if record.start else [],
             "score": None if record.result_data is None else record.result_data["score"],
-            "written_at": self._path.stat().st_mtime if self._path.is_file() else 0.0,
+            "written_at": self.path.stat().st_mtime if self.path.is_file() else 0.0,
         }
 
     def episodes(self) -> list[list[Any]]:
@@ -78,7 +73,7 @@ class SiteRecord:
                 *shown,
                 *figures(Result.of({**record.result_data, "cost": None})),
                 None,
-                len(read_notes(self._path)) or None,
+                len(read_notes(self.path)) or None,
             ]
         ]
 
@@ -95,10 +90,10 @@ class SiteRecord:
 
     def version(self) -> Any:
         """Return something that changes when its report does."""
-        return self._path.stat().st_size if self._path.is_file() else 0
+        return self.path.stat().st_size if self.path.is_file() else 0
 
     def record(self, name: str) -> Path:
         """Return the file, under any of its names."""
-        if not RECORD.fullmatch(name) or name not in (PLAYING, FINISHED) or not self._path.is_file():
+        if not RECORD.fullmatch(name) or name not in (PLAYING, FINISHED) or not self.path.is_file():
             raise InvalidArgumentError("There is no such record.")
-        return self._path
+        return self.path

@@ -37,11 +37,8 @@ class ViewedRun(Protocol):
     """What the site can show as a run: a run folder, or a single record."""
 
     name: str
-
-    @property
-    def path(self) -> Path:
-        """Its folder, or its record."""
-        ...
+    path: Path
+    """Its folder, or its record."""
 
     def summary(self) -> dict[str, Any]:
         """Return how far it is."""
@@ -102,15 +99,10 @@ class SiteRun:
     """One run folder."""
 
     def __init__(self, path: Path, name: str) -> None:
-        self.folder, self.name = RunFolder(path), name
+        self.folder, self.path, self.name = RunFolder(path), path, name
         self._follower, self._times = RunFollower(self.folder), AttemptTimes(path)
         self._read: tuple[Any, list[list[Any]]] | None = None
         self._lock = threading.Lock()
-
-    @property
-    def path(self) -> Path:
-        """The run's folder."""
-        return self.folder.path
 
     def summary(self) -> dict[str, Any]:
         """Return how far the run is: counts, spending, the time that is left; or what is wrong with its folder."""

@@ -24,7 +24,6 @@ from smartplay_tools.games.minecraft.voxel import animals, blocks
 from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_boxes
 from smartplay_tools.games.minecraft.voxel.start import make_world
 from smartplay_tools.games.minecraft.voxel.walking import EYES, Walker
-from smartplay_tools.games.minecraft.voxel.world import VoxelWorld
 
 
 @functools.cache
@@ -45,8 +44,8 @@ class VoxelEngine:
 
     def reset(self, seed: int, goal: Goal) -> Observation:
         """Make the world of that seed and put the player into it, facing south."""
-        self._world, feet = make_world(seed, goal.biomes)
-        self._player = Walker(self._world, *feet)
+        self.world, feet = make_world(seed, goal.biomes)
+        self._player = Walker(self.world, *feet)
         self._yaw, self._time = 0.0, 0
         return self._observe()
 
@@ -69,16 +68,11 @@ class VoxelEngine:
         """Seed, time and the player's body; everything else follows from them."""
         p = self._player
         return struct.pack(
-            "<qq7d??", self._world.seed, self._time, p.x, p.y, p.z, p.vx, p.vy, p.vz, self._yaw, p.grounded, p.sprinting
+            "<qq7d??", self.world.seed, self._time, p.x, p.y, p.z, p.vx, p.vy, p.vz, self._yaw, p.grounded, p.sprinting
         )
 
     def close(self) -> None:
         """Do nothing: the engine holds only memory."""
-
-    @property
-    def world(self) -> VoxelWorld:
-        """The world that is played."""
-        return self._world
 
     @property
     def position(self) -> tuple[float, float, float]:
@@ -86,23 +80,23 @@ class VoxelEngine:
         return self._player.x, self._player.y, self._player.z
 
     def _biome(self) -> int:
-        return self._world.biome_at(math.floor(self._player.x), math.floor(self._player.z))
+        return self.world.biome_at(math.floor(self._player.x), math.floor(self._player.z))
 
     def _observe(self) -> Observation:
         p = self._player
         x, y, z = math.floor(p.x), math.floor(p.y), math.floor(p.z)
-        self._world.prepare(x, z)
+        self.world.prepare(x, z)
         names = blocks.NAMES[self._text]
         fan, eye = _fan(self._yaw, self._text), (p.x, p.y + EYES, p.z)
-        hits, block_distances = fan.hit_blocks(self._world.blocks, eye, self._world.top)
-        species, low, high = animals.animals_near(self._world, x, z, self._time)
+        hits, block_distances = fan.hit_blocks(self.world.blocks, eye, self.world.top)
+        species, low, high = animals.animals_near(self.world, x, z, self._time)
         hit, entity_distances = hit_boxes(low, high, eye, fan.directions, block_distances)
         return Observation(
             position=np.array([p.x, p.y, p.z], np.float32),
             yaw=self._yaw,
             pitch=0.0,
             biome=self._biome(),
-            blocks=names[self._world.cube(x, y, z, NEAR // 2)],
+            blocks=names[self.world.cube(x, y, z, NEAR // 2)],
             ray_directions=fan.directions,
             ray_blocks=names[hits],
             ray_block_distances=block_distances,
