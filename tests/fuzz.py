@@ -183,15 +183,13 @@ def hostile_reply(chance: random.Random, *, is_lively: bool = False, offered: Co
     return {**reply, "tool_calls": calls} if calls else reply
 
 
-def hostile_conversation(chance: random.Random, counts: Counter[str], form: str | None = None) -> None:
-    """Play a hostile conversation or agent session; judge every prompt, then replay the record.
-
-    With a `form` the game is Crafter, and that is what its observations are.
-    """
-    host, tokenizer = chance.random() < 0.3, scripts.Words()
-    game, form = chance.choice([(game, "text") for game in GAMES]) if form is None else ("Crafter-v0", form)
+def hostile_start(
+    chance: random.Random, game: str | None, form: str, tokenizer: scripts.Words, events: list[Any]
+) -> sp.Conversation | sp.AgentSession:
+    """Begin an episode with what chance allows: a game if none is given, budget, head, and who plays the calls."""
+    host = chance.random() < 0.3
+    game = game or chance.choice(GAMES)
     size, least = scripts.head_tokens(game, tokenizer, host=host), 0 if form == "text" else PICTURE + WORDS_BESIDE
-    events: list[Any] = []
     episode = sp.Episode(
         game, seed=chance.randrange(9), budget=budget(chance, game, size, least, form), tokenizer=tokenizer,
         transcript=events, batch=chance.choice(["all", "all", "first_act"]), observation=form,
@@ -206,8 +204,19 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
         else []
     )
     options = {"summaries": True, "pictures": True} if kind is sp.AgentSession else {}
-    conversation = kind(episode, head=head, foreign_tools=[scripts.NOTE], **options)
-    sent: list[Any] = []
+    return kind(episode, head=head, foreign_tools=[scripts.NOTE], **options)
+
+
+def hostile_conversation(chance: random.Random, counts: Counter[str], form: str | None = None) -> None:
+    """Play a hostile conversation or agent session; judge every prompt, then replay the record.
+
+    With a `form` the game is Crafter, and that is what its observations are.
+    """
+    game, form = ("Crafter-v0", form) if form is not None else (None, "text")
+    events: list[Any] = []
+    tokenizer, sent = scripts.Words(), list[Any]()
+    conversation = hostile_start(chance, game, form, tokenizer, events)
+    episode = conversation.episode
     is_lively = form != "text" or chance.random() < 0.6
     for _ in range(chance.choice([14, 14, 40])):
         prompt = conversation.prompt()
@@ -246,13 +255,10 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
     episode.close()
     counts["prompts"] += len(sent)
     counts["episodes"] += 1
-    for event in events:
-        if event["event"] == "call" and event["data"].get("recalled"):
-            counts["recalls that found something"] += 1
-        if event["event"] == "call" and "page" in event["data"]:
-            counts["pages"] += 1
-        if event["event"] == "call" and event["name"] == "memory" and not event["is_error"]:
-            counts["calls of memory"] += 1
+    for event in (event for event in events if event["event"] == "call"):
+        counts["recalls that found something"] += bool(event["data"].get("recalled"))
+        counts["pages"] += "page" in event["data"]
+        counts["calls of memory"] += event["name"] == "memory" and not event["is_error"]
     choices = None if episode._strategies.brought is None else scripts.choices_of(episode._strategies.brought)
     plain = scripts.as_json(events)
     checker.check_episode(plain, sent, tokenizer.count, choices, scripts.whole_observations(plain))

@@ -7,7 +7,7 @@ with more trials, games or players than before is the same run, extended.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,7 +18,8 @@ from smartplay_tools.conversation.loop import check_observation, check_player
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
-from smartplay_tools.evaluation.runs.executors import Executor, default_workers, get_executor
+from smartplay_tools.evaluation.runs.executors import default_workers, get_executor
+from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.notebooks import InNotebook, is_notebook
 from smartplay_tools.evaluation.runs.plan import (
     Plan,
@@ -160,10 +161,7 @@ def run_plan(
     """
     part = plan if options.shard is None else plan.shard(*options.shard)
     configs = _configs(plan, read_players(players))
-    if options.caps and (agents := [config.name for config in configs.values() if config.agent is not None]):
-        raise InvalidArgumentError(
-            f"An agent asks its model by itself, so its run has no caps; leave them out for {', '.join(agents)}."
-        )
+    _check_caps(options.caps, configs.values())
     by_executor, remote = _by_executor(part, configs, options.executor)
     executors = {name: get_executor(name) for name in by_executor}
     folder, caps = RunWriter(out), options.caps
@@ -187,8 +185,7 @@ def run_plan(
                 # Where a comparison is to be decided early, what costs nothing is played before a model begins.
                 order = list(by_executor.items())[:: 1 if comparisons is None else -1]
                 for name, episodes in order:
-                    workers = options.workers or default_workers(name)
-                    chosen: Executor = executors[name](workers, caps, scheduler.spent)
+                    chosen = executors[name](options.workers or default_workers(name), caps, scheduler.spent)
                     with closing(chosen):
                         signals.tell(chosen.stop)
                         apart_from_event_loop(scheduler.play, chosen, episodes)
@@ -208,6 +205,14 @@ def run_plan(
         scheduler.refused,
         scheduler.waiting,
     )
+
+
+def _check_caps(caps: Caps, configs: Iterable[PlayerConfig]) -> None:
+    """Refuse caps where an agent plays, because nobody here sees what it spends."""
+    if caps and (agents := [config.name for config in configs if config.agent is not None]):
+        raise InvalidArgumentError(
+            f"An agent asks its model by itself, so its run has no caps; leave them out for {', '.join(agents)}."
+        )
 
 
 @contextmanager
