@@ -109,18 +109,18 @@ def server_memory() -> float:
 
 
 def distance_to_goal(game: TextGame, goals: frozenset[int]) -> float:
-    x, _, z = game._world.position
+    x, _, z = game.world.position
     if game.engine == "luanti":
-        return float(np.hypot(*game._world.way[-1]))
+        return float(np.hypot(*game.world.way[-1]))
     axis = np.arange(-120, 121) * 8
     indices = np.nonzero(
-        np.isin(biomes(climate(game._world.world.seed, int(x) + axis[:, None], int(z) + axis)), list(goals))
+        np.isin(biomes(climate(game.world.world.seed, int(x) + axis[:, None], int(z) + axis)), list(goals))
     )
     return float(np.hypot(axis[indices[0]], axis[indices[1]]).min())
 
 
 def guide_for(game: TextGame, goals: frozenset[int]) -> Guide | LuantiGuide:
-    return LuantiGuide(game._world, seed=0) if game.engine == "luanti" else Guide(game._world, goals)
+    return LuantiGuide(game.world, seed=0) if game.engine == "luanti" else Guide(game.world, goals)
 
 
 def guided(engine: str, task: int, seeds: int) -> tuple[list[float], list[int]]:

@@ -358,7 +358,7 @@ import os, sys, time
 import smartplay_tools as sp
 game = sp.GAMES["MinedojoCreative0-v0"].make(engine="luanti")
 game.reset(seed=5)
-print(game._world._server.process, flush=True)
+print(game.world._server.process, flush=True)
 {then}
 """
 

@@ -256,7 +256,7 @@ def test_water_is_slow_and_can_be_left():
 def test_a_walker_is_never_inside_a_block():
     game = sp.GAMES["MinedojoCreative8-v0"].make()
     game.reset(seed=2)
-    engine, random = game._world, np.random.default_rng(0)
+    engine, random = game.world, np.random.default_rng(0)
     for _ in range(60):
         game.step(int(random.integers(4)))
         x, y, z = engine.position
@@ -323,9 +323,9 @@ def test_starts_are_outside_the_goal_and_a_walk_away_from_it(task):
     for seed in range(6):
         game.reset(seed=seed)
         assert game._seen.biome not in goal.biomes
-        x, _, z = game._world.position
+        x, _, z = game.world.position
         axis = np.arange(-75, 76) * 8
-        near = biomes(climate(game._world.world.seed, int(x) + axis[:, None], int(z) + axis[None, :]))
+        near = biomes(climate(game.world.world.seed, int(x) + axis[:, None], int(z) + axis[None, :]))
         i, j = np.nonzero(np.isin(near, list(goal.biomes)))
         away.append(float(np.hypot(axis[i], axis[j]).min()))
     assert 300 <= statistics.median(away) <= 900
@@ -367,7 +367,7 @@ def wins(task: int, seeds: range, steps: int, player: str) -> float:
     for seed in seeds:
         game.reset(seed=seed)
         random = np.random.default_rng(seed)
-        guide = Guide(game._world, goal.biomes)
+        guide = Guide(game.world, goal.biomes)
         for _ in range(steps):
             game.step(guide.best_action() if player == "guide" else int(random.integers(4)))
             if game.completed:

@@ -447,7 +447,7 @@ def test_through_the_real_package_everything_is_as_the_voxel_engine_sees_it(clie
 KILLED_IN_THE_GAME = """
 import smartplay_tools as sp, time
 episode = sp.Episode("MinedojoCreative0-v0", seed=1, engine="minedojo")
-print(episode.game._world._worker._process.pid, flush=True)
+print(episode.game.world._worker._process.pid, flush=True)
 time.sleep(60)
 """
 
