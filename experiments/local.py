@@ -3,6 +3,7 @@
     smartplay-tools model get
     python experiments/local.py tune --out runs/local    # extra `train`, with accelerate and gguf; goes on if stopped
     python experiments/local.py play --out runs/local    # extra `local`; both models and two scripts, a row an episode
+    python experiments/local.py syntax                   # what the grammar is worth: its prompts without it
     python experiments/local.py table --publish          # the tables of the page, from the published rows
 
 `tune` lets `rule` play worlds that nobody is evaluated on, exports the records as `sft-chains`, and trains the last
@@ -28,6 +29,7 @@ from smartplay_tools.evaluation.analysis import by_cell, mean_estimate
 from smartplay_tools.evaluation.analysis.names import strategy_name
 from smartplay_tools.exports import export
 from smartplay_tools.models import find_model
+from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.rows import Row, read_rows
 from smartplay_tools.types import MISTAKES
 
@@ -100,6 +102,27 @@ def play(out: Path, *, players: Sequence[str], trials: int) -> None:
             )
 
 
+def syntax() -> None:
+    """Ask the prompts of the model's published records again without the grammar, and count the calls in the replies.
+
+    A call is one JSON object and nothing else, as the prompt asks, which names one of the tools.
+    """
+    from smartplay_local import LocalPlayer, LocalServer
+    from smartplay_local.text import call_in
+
+    player, server = LocalPlayer(MODEL), LocalServer(find_model(MODEL))
+    for record in sorted((PUBLISHED / MODEL / "records").glob("*.jsonl")):
+        replies = []
+        for sent in sent_prompts(sp.read_transcript(record)):
+            body = {**player.request(sent.prompt), "max_tokens": 100}
+            del body["grammar"]
+            text = server.ask("/v1/chat/completions", body)["choices"][0]["message"]["content"]
+            call = call_in(text)
+            replies.append(call is not None and call["name"] in {tool.name for tool in sent.prompt.tools})
+            print(repr(text))
+        print(f"{record.stem}: {sum(replies)} of {len(replies)} replies are calls", flush=True)
+
+
 def tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the two tables of the page in Markdown: scores under every budget, and what became of the calls."""
     cells: dict[tuple[str, str], dict[str, list[Row]]] = {}
@@ -141,7 +164,7 @@ def _markdown(lines: Sequence[Sequence[str]]) -> str:
 def main() -> None:
     """Tune, play, or print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("tune", "play", "table"))
+    parser.add_argument("what", choices=("tune", "play", "syntax", "table"))
     parser.add_argument("--out", type=Path, default=Path("runs/local"))
     parser.add_argument("--source", default=MODEL, help="train this: a name, or a GGUF file of a Llama with ChatML")
     parser.add_argument("--worlds", type=int, default=20, help="worlds of each game and cap that the teacher plays")
@@ -158,6 +181,8 @@ def main() -> None:
             print(f"{written}\n")
             if asked.publish:
                 publish(HERE.parent / "docs" / "local.md", name, written)
+    if asked.what == "syntax":
+        syntax()
     if asked.what == "play":
         players = asked.player or (*SCRIPTS, f"local:{MODEL}", f"local:{asked.out / TUNED}")
         play(asked.out, players=players, trials=asked.trials)
