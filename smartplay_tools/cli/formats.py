@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any
 
@@ -31,6 +32,10 @@ def print_tables(form: Format, tables: Iterable[TextTable], rows: Sequence[Mappi
         console = table_console()
         for table in tables:
             print_table(console, table)
+    elif form is Format.MARKDOWN:
+        print("\n".join(map(to_markdown, tables)), end="")
     else:
-        write = to_latex if form is Format.LATEX else to_markdown
-        print("\n".join(map(write, tables)), end="")
+        titles: Counter[str] = Counter()
+        for table in tables:
+            titles[table.title] += 1
+            print(("\n" if titles.total() > 1 else "") + to_latex(table, titles[table.title]), end="")

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-import re
-import shutil
-import subprocess
 
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.details import details
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable, to_csv, to_html, to_latex, to_markdown
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, to_csv, to_html, to_markdown
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import COLUMNS, LATER, flat, summary_json, write_csv, write_parquet
@@ -192,32 +189,6 @@ def test_a_table_in_markdown():
         "| a_game, one\\|two | <5% |",
         "| a_game, three | 1 [0, 2] |",
     ]
-
-
-def test_every_table_in_latex_is_well_formed_and_keeps_its_hierarchy(rows, tmp_path):
-    summary = summarize(rows)
-    tables = [headline(summary), *details(summary), TextTable("", (Column("a"), Column("b")), (("[1]", "-0.5"),))]
-    text = "\n".join(map(to_latex, tables))
-    assert "\\quad rule & 2 &" in text
-    assert "{}[1] & $-$0.5" in text
-    assert "\\label{tab:capabilities-" in text
-    for table, part in zip(tables, text.split("\\begin{table}")[1:], strict=True):
-        plain = re.sub(r"\\[&%$#_{}]", "", part)
-        assert plain.count("{") == plain.count("}")
-        lines = [line for line in plain.splitlines() if line.endswith("\\\\") and "multicolumn" not in line]
-        assert {line.count("&") for line in lines} == {len(table.columns) - 1}
-    if shutil.which("pdflatex"):
-        document = "\\documentclass{article}\\usepackage{booktabs}\\begin{document}" + text + "\\end{document}"
-        (tmp_path / "tables.tex").write_text(document, encoding="utf-8")
-        subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "tables"], cwd=tmp_path, check=True)
-
-
-def test_a_table_in_latex_escapes_what_latex_would_read():
-    text = to_latex(TABLE)
-    for line in ("\\caption{what \\& why. a note.}", "\\multicolumn{2}{l}{a\\_game} \\\\", "\\toprule", "\\bottomrule"):
-        assert line in text
-    assert "\\quad one|two & \\textless{}5\\% \\\\" in text
-    assert "%" not in text.replace("\\%", "").replace("% \\usepackage{booktabs}", "")
 
 
 def test_a_table_in_csv_and_html():

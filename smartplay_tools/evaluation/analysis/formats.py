@@ -53,8 +53,11 @@ def to_markdown(table: TextTable) -> str:
     return "\n".join([*lines, *(["", *(f"{note}  " for note in table.notes)] if table.notes else [])]) + "\n"
 
 
-def to_latex(table: TextTable) -> str:
-    r"""Return a `tabular` in the style of the package booktabs, in a `table` with a caption and a label."""
+def to_latex(table: TextTable, number: int = 1) -> str:
+    r"""Return a `tabular` in the style of the package booktabs, in a `table` with a caption and a label.
+
+    `number` counts the tables with this title, whose labels would be the same.
+    """
     columns = "".join("l" if column.words else "r" for column in table.columns)
     head = " & ".join(_latex(column.heading) for column in table.columns)
     body = []
@@ -70,7 +73,7 @@ def to_latex(table: TextTable) -> str:
             "\\begin{table}",
             "\\centering",
             f"\\caption{{{_latex(caption)}.}}",
-            f"\\label{{tab:{_label(table.title)}}}",
+            f"\\label{{tab:{_label(table.title)}{f'-{number}' if number > 1 else ''}}}",
             f"\\begin{{tabular}}{{{columns}}}",
             "\\toprule",
             f"{head} \\\\",
@@ -139,6 +142,7 @@ _LATEX = {
     "\\": "\\textbackslash{}",
     "~": "\\textasciitilde{}",
     "^": "\\textasciicircum{}",
+    "|": "\\textbar{}",
     "<": "\\textless{}",
     ">": "\\textgreater{}",
     "\N{DAGGER}": "\\textdagger{}",
