@@ -98,7 +98,7 @@ def test_a_record_imports_no_file_by_itself(file):
     [
         ("nowhere.py:Any", "There is no file nowhere.py"),
         ("first_and_newest.py:Other", "has no class 'Other'"),
-        ("unheard-of", "There is no strategy 'unheard-of'"),
+        ("unheard-of", "There is no strategy 'unheard-of'; none is known: install the package that has it"),
         ("first_and_newest.py:FirstAndNewest:size=3", "cannot be made with these options: TypeError"),
         ("first_and_newest.py:sp", "has no class 'sp'"),
         ("first_and_newest.py:FirstAndNewest:turns=3:turns=4", "each key once"),

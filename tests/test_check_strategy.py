@@ -32,6 +32,7 @@ WINDOW = (
     sp.Budget(notes_tokens=20),
     sp.Budget(recall_tokens=80, history=2),
     sp.Budget(memory_tokens=40),
+    sp.Budget(own_words=1, first_turns=2, history=3),
     sp.Budget(beyond_result="offload", result_tokens=30),
     sp.Budget(notes_tokens=20, summary_tokens=30, slack=0.5, history=None, prompt_tokens=1_200),
 )
