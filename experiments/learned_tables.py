@@ -214,7 +214,7 @@ def _any_seed(each: Sequence[Sequence[float] | None]) -> str:
     of the trainings, the fewer of the two.
     """
     seeds = [values for values in each if values is not None]
-    if len(seeds) < 2:
+    if len(seeds) < len(SEEDS):
         return ""
     of_seeds, of_worlds = [fmean(values) for values in seeds], [fmean(values) for values in zip(*seeds, strict=True)]
     spread = math.sqrt(variance(of_seeds) / len(of_seeds) + variance(of_worlds) / len(of_worlds))
@@ -249,7 +249,7 @@ def _interval(estimate: MeanEstimate, sign: str) -> str:
 
 @figure
 def curves(played: Played) -> Figure:
-    """Draw mean score against the cap, a line for all models of a regime; no cap stands at the right."""
+    """Draw mean score against the cap, no cap at the right: a line for a regime, a thin one for each of its models."""
     drawn, [axes] = panels(1)
     groups: dict[str, list[str]] = {}
     for player in sorted((cell.player for cell in played.rows if cell == Cell(cell.player, None)), key=_order):
@@ -259,6 +259,9 @@ def curves(played: Played) -> Figure:
         means = [fmean(fmean(played.scores(Cell(player, cap))) for player in players) for cap in CAPS]
         label = name if len(players) == 1 else f"{name}, {len(players)} models"
         axes.plot(range(len(CAPS)), means, color=look.colour, marker=look.marker, linestyle=look.line, label=label)
+        for player in players if len(players) > 1 else ():
+            alone = [fmean(played.scores(Cell(player, cap))) for cap in CAPS]
+            axes.plot(range(len(CAPS)), alone, color=look.colour, linestyle=look.line, linewidth=0.7)
     axes.set_xticks(range(len(CAPS)), ["none" if cap is None else f"{cap:,}" for cap in CAPS])
     axes.set_xlabel("cap on prompts, in budget tokens")
     axes.set_ylabel("mean score, of 50")
