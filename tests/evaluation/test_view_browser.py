@@ -6,6 +6,7 @@ Every test fails on an error in the browser's console and on any request to anot
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -127,6 +128,21 @@ def test_episodes_are_grouped_with_their_means(show, site):
     page.keyboard.press("Escape")
     page.wait_for_selector("body[data-ready] #rows > div")
     assert page.input_value("#group") == "player", "the way back leads to the same list"
+
+
+def test_runs_are_grouped_and_episodes_have_their_date(show, site):
+    page = show(site, "#run=one&cards=day")
+    heads = page.locator("#runs .of-cards")
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d: \d runs?", heads.first.inner_text())
+    page.select_option("#cards-by", "player")
+    assert page.locator("#runs > *").first.inner_text().endswith("run")
+    assert "cards=player" in page.url
+    page.select_option("#cards-by", "")
+    assert (heads.count(), page.locator("#runs .run").count()) == (0, 3)
+    place = page.locator("#head [role=columnheader]").all_inner_texts().index("date")
+    date = page.locator("#rows > div").first.locator(":scope > *").nth(place)
+    assert re.fullmatch(r"\d\d-\d\d \d\d:\d\d", date.inner_text())
+    assert date.get_attribute("title").endswith(f"{date.inner_text()} UTC")
 
 
 def test_a_run_links_to_its_report_and_to_a_comparison(show, site):

@@ -62,9 +62,9 @@ class SiteRecord:
         facts = record.facts
         shown = [facts["game"], facts["player"], Budget.from_record(facts["asked"]).describe(), None, facts["seed"]]
         if record.ending is None:
-            return [[PLAYING, "running", *shown, *[None] * 10]]
+            return [[PLAYING, "running", *shown, *[None] * 11]]
         if record.result_data is None:
-            return [[FINISHED, record.outcome, *shown, *[None] * 7, record.error, None, None]]
+            return [[FINISHED, record.outcome, *shown, *[None] * 7, record.error, None, None, self._date]]
         status = "failed" if record.outcome == "failed" else "finished"
         return [
             [
@@ -74,8 +74,14 @@ class SiteRecord:
                 *figures(Result.of({**record.result_data, "cost": None})),
                 None,
                 len(read_notes(self.path)) or None,
+                self._date,
             ]
         ]
+
+    @property
+    def _date(self) -> int:
+        """When it was written last, in seconds since the epoch."""
+        return round(self.path.stat().st_mtime)
 
     def playing(self) -> list[dict[str, Any]]:
         """Return the episode while it is played, as `SiteRun.playing` does."""

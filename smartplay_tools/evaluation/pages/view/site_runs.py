@@ -6,9 +6,11 @@ JSON. Records are opened only for what is being played, and for the episode that
 
 from __future__ import annotations
 
+import os
 import re
 import threading
 from collections import defaultdict
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,9 +24,9 @@ from smartplay_tools.transcript.lines import GrowingLines, parse_json
 
 COLUMNS = (
     *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
-    *("tokens", "cost", "mistakes", "cut", "end", "time", "notes"),
+    *("tokens", "cost", "mistakes", "cut", "end", "time", "notes", "date"),
 )
-"""The values of an episode in the list."""
+"""The values of an episode in the list; its date is when its record was written last, in seconds since the epoch."""
 
 SUMMARY = ("planned", "finished", "running", "paused", "failed", "tokens", "cost", "seconds_left", "caps")
 """What the site shows of a snapshot."""
@@ -201,7 +203,7 @@ class SiteRun:
         noted = {
             str(path.relative_to(self.folder.path)): len(read_notes(path)) for path in map(record_of, self._notes())
         }
-        attempted, together = self._times.of_attempts(), self._times.of_episodes()
+        attempted, together, dates = self._times.of_attempts(), self._times.of_episodes(), self._dates()
         rows = []
         for planned in manifest.episodes:
             cell, key = manifest.cells[planned.cell], planned.key
@@ -218,7 +220,16 @@ class SiteRun:
             key, _, attempt = (row[0] or "").rpartition("/")[2].partition(".")
             row.append(attempted.get((key, int(attempt))) if attempt else together.get(key))
             row.append(noted.get(f"{row[0]}.jsonl"))
+            row.append(dates.get(f"{row[0]}.jsonl"))
         return rows
+
+    def _dates(self) -> dict[str, int]:
+        """When every record of an episode that is over was written last, by its path in the folder."""
+        dates: dict[str, int] = {}
+        for kind in ("episodes", "attempts"):
+            with suppress(FileNotFoundError), os.scandir(self.folder.path / kind) as files:
+                dates |= {f"{kind}/{file.name}": round(file.stat().st_mtime) for file in files}
+        return dates
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:

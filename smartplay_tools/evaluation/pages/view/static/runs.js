@@ -6,6 +6,27 @@ function duration(seconds) {
   return seconds < 5400 ? `${number(seconds / 60, 0)} min` : `${number(seconds / 3600, 1)} h`;
 }
 
+// A time in seconds since the epoch as day and minute, UTC.
+function moment(seconds) {
+  return new Date(1000 * seconds).toISOString().slice(0, 16).replace("T", " ");
+}
+
+function playersOf(run) {
+  return run.players.length > 3 ? plural(run.players.length, "player") : run.players.join(", ");
+}
+
+function gamesOf(run) {
+  return run.games.length > 2 ? plural(run.games.length, "game") : run.games.join(", ");
+}
+
+// What cards can be grouped by; a folder whose data cannot be read has no facts.
+const CARDS_BY = {
+  folder: (run) => run.name.split("/").slice(0, -1).join("/") || "top folder",
+  day: (run) => (run.written_at ? moment(run.written_at).slice(0, 10) : "no date"),
+  player: (run) => (run.error ? "" : playersOf(run)) || "unknown",
+  game: (run) => (run.error ? "" : gamesOf(run)) || "unknown",
+};
+
 function bar(run) {
   const share = (count) => (100 * count) / Math.max(1, run.planned);
   const done = shape("rect", { class: "done", width: share(run.finished), height: 8 });
@@ -25,11 +46,9 @@ function words(run) {
   const spent = [`${number(run.tokens)} tokens`, run.cost === null ? "cost unknown" : run.cost ? `$${number(run.cost)}` : null];
   if (run.seconds_left !== null && run.finished < run.planned) spent.push(`about ${duration(run.seconds_left)} left`);
   if (run.score !== null && run.score !== undefined) spent.push(`mean score ${number(run.score)}`);
-  const who = run.players.length > 3 ? plural(run.players.length, "player") : run.players.join(", ");
-  const what = run.games.length > 2 ? plural(run.games.length, "game") : run.games.join(", ");
-  const date = run.written_at ? `${new Date(1000 * run.written_at).toISOString().slice(0, 16).replace("T", " ")} UTC` : null;
+  const date = run.written_at ? `${moment(run.written_at)} UTC` : null;
   const played = run.seconds ? `${duration(run.seconds)} of play` : null;
-  return [counts.join(", "), spent.filter(Boolean).join(", "), [who, what].filter(Boolean).join(" · "), [date, played].filter(Boolean).join(", ")].filter(Boolean);
+  return [counts.join(", "), spent.filter(Boolean).join(", "), [playersOf(run), gamesOf(run)].filter(Boolean).join(" · "), [date, played].filter(Boolean).join(", ")].filter(Boolean);
 }
 
 // A card stays the same element as long as its run is there, so that it keeps the focus.
@@ -51,8 +70,21 @@ function card(run) {
   return made;
 }
 
+// The cards, or groups of them in the order of their newest run, each below its name.
+function grouped() {
+  const groupOf = CARDS_BY[$("cards-by").value];
+  if (!groupOf) return site.runs.map(card);
+  const groups = Map.groupBy(site.runs, groupOf);
+  return [...groups].flatMap(([name, runs]) => {
+    if (!site.headings.has(name)) site.headings.set(name, element("h2", { class: "of-cards" }));
+    const heading = site.headings.get(name);
+    heading.textContent = `${name}: ${plural(runs.length, "run")}`;
+    return [heading, ...runs.map(card)];
+  });
+}
+
 function showRuns() {
-  const cards = site.runs.map(card);
+  const cards = grouped();
   const names = new Set(site.runs.map((run) => run.name));
   for (const name of [...site.cards.keys()]) if (!names.has(name)) site.cards.delete(name);
   // Elements that are moved lose the focus, so only a list that has changed is put in again.
@@ -62,6 +94,7 @@ function showRuns() {
     if (cards.includes(focused)) focused.focus();
   }
   $("none").hidden = site.runs.length > 0;
+  $("by").hidden = site.runs.length < 2;
   showPlaying();
 }
 

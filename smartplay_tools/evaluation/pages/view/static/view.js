@@ -1,24 +1,24 @@
 "use strict";
 // The list: runs, what is being played, and the episodes of one run. Only the rows in sight are elements of the page.
-// The address holds what is shown (`#run=NAME&find=crafter&only=mistakes&group=player&sort=score&down=1`), so that it can be shared.
+// The address holds what is shown (`#run=NAME&find=crafter&only=mistakes&group=player&cards=day&sort=score&down=1`), so that it can be shared.
 // When an episode is opened, the list is remembered, so that its page knows its neighbours and the way back.
 
 const HEIGHT = 34;
-const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "end", "notes"];
-const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "notes"]);
+const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "end", "date", "notes"];
+const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "date", "notes"]);
 // The least width of each column in pixels, and how much of the room that is left it takes.
 const WIDTHS = {
-  ...{ status: [90, 0], game: [252, 1.2], player: [76, 0.8], budget: [116, 1.7], seed: [104, 0], trial: [46, 0] },
-  ...{ score: [64, 0], normalized: [92, 0], steps: [58, 0], tokens: [76, 0], cost: [66, 0], mistakes: [82, 0] },
-  ...{ cut: [56, 0], time: [62, 0], end: [92, 0.7], notes: [58, 0] },
+  ...{ status: [86, 0], game: [236, 1.2], player: [70, 0.8], budget: [112, 1.7], seed: [104, 0], trial: [44, 0] },
+  ...{ score: [64, 0], normalized: [92, 0], steps: [54, 0], tokens: [76, 0], cost: [66, 0], mistakes: [78, 0] },
+  ...{ cut: [56, 0], time: [62, 0], date: [100, 0], end: [92, 0.7], notes: [58, 0] },
 };
 // Columns that are shown only if an episode of the run has something there.
-const RARE = new Set(["cost", "cut", "time", "notes"]);
+const RARE = new Set(["cost", "cut", "time", "date", "notes"]);
 const LIST = "smartplay-list";
 const MOST_MARKED = 4;
 
 // `run` is the name of the run that is shown; `marked` are records of any run, as RUN/KIND/STEM.
-const site = { runs: [], run: null, at: {}, all: [], texts: [], listed: [], lines: [], closed: new Set(), columns: SHOWN, selected: 0, marked: [], sort: null, down: false, cards: new Map() };
+const site = { runs: [], run: null, at: {}, all: [], texts: [], listed: [], lines: [], closed: new Set(), columns: SHOWN, selected: 0, marked: [], sort: null, down: false, cards: new Map(), headings: new Map() };
 
 function value(episode, name) {
   return episode[site.at[name]];
@@ -167,6 +167,7 @@ function cell(one, name) {
     return element("span", role, href ? element("a", { href, tabindex: -1 }, shown) : shown);
   }
   if (!NUMBERS.has(name)) return element("span", { ...role, title: shown && typeset(shown) }, typeset(shown ?? ""));
+  if (name === "date") return element("span", { ...role, class: "number", title: shown && `${moment(shown)} UTC` }, shown ? moment(shown).slice(5) : "–");
   const poor = (name === "mistakes" || name === "cut") && shown > 0;
   return element("span", { ...role, class: `number${poor ? " poor" : ""}` }, figureOf(name, shown));
 }
@@ -239,7 +240,7 @@ function heads() {
 // --- The address and keys ---------------------------------------------------------------------------------------------
 
 function listAddress() {
-  const asked = { run: site.run, find: $("find").value, only: $("only").value, group: $("group").value, sort: site.sort, down: site.down ? 1 : null };
+  const asked = { run: site.run, find: $("find").value, only: $("only").value, group: $("group").value, cards: $("cards-by").value, sort: site.sort, down: site.down ? 1 : null };
   const kept = Object.entries(asked).filter(([, what]) => what !== null && what !== "");
   return kept.length ? `/#${new URLSearchParams(kept)}` : "/";
 }
@@ -255,6 +256,7 @@ function recall() {
   $("only").value = asked.get("only") ?? "";
   if (!$("only").value) $("only").value = "";
   $("group").value = GROUPS.includes(asked.get("group")) ? asked.get("group") : "";
+  $("cards-by").value = asked.get("cards") in CARDS_BY ? asked.get("cards") : "";
   site.sort = SHOWN.includes(asked.get("sort")) ? asked.get("sort") : null;
   site.down = asked.get("down") === "1";
 }
@@ -308,6 +310,7 @@ async function start() {
   recall();
   heads();
   for (const id of ["find", "only", "group"]) $(id).addEventListener("input", () => [keep(), list()]);
+  $("cards-by").addEventListener("input", () => [keep(), showRuns()]);
   $("list").addEventListener("scroll", draw);
   window.addEventListener("resize", draw);
   window.addEventListener("popstate", () => [recall(), heads(), showRuns(), linkReport(), load()]);
