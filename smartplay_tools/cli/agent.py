@@ -51,6 +51,8 @@ def agent(
     only_game_tools: OnlyGameTools = False,
     show_system: ShowSystem = False,
     out: runs.Out = Path("agent"),
+    run_tokens: runs.RunTokens = None,
+    run_cost: runs.RunCost = None,
     price: runs.Prices = None,
     *,
     episode: EpisodeOptions,
@@ -74,7 +76,13 @@ def agent(
     config = PlayerConfig(name=player, agent=programs, options={**server(base_url), **labels})
     plan = plan_of(game, config, episodes, seed, episode)
     with endpoint:
-        how = RunOptions(workers=at_once, prices=runs.prices(price), on_progress=programs.tell)
+        how = RunOptions(
+            workers=at_once,
+            run_tokens=run_tokens,
+            run_cost=run_cost,
+            prices=runs.prices(price),
+            on_progress=programs.tell,
+        )
         run = run_plan(plan, out, [config], how)
     print_run(run, as_json=False)
 

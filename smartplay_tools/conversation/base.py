@@ -275,6 +275,8 @@ class BaseConversation(ABC):
         self._view = view
         if self.episode._recording:
             self._record_view(view, max_tokens)
+        if self.episode._on_view is not None:
+            self.episode._on_view(view.tokens, max_tokens or 0)
         prefix_messages = _common_beginning(view.shown, self._shown_before)
         self._shown_before = view.shown
         return Pending(view, max_tokens, prefix_messages, self._cache_key, self._shown_pictures(view))

@@ -189,6 +189,8 @@ class Episode:
         """Runs the calls of asynchronous callers one after the other."""
         self._answered: OrderedDict[str, tuple[tuple[str, str], ToolResult]] = OrderedDict()
         self._on_step: Callable[[TextGame], None] | None = None
+        self._on_view: Callable[[int, int], None] | None = None
+        """Called with the tokens of a new prompt and of its longest reply, before it is sent; may end the episode."""
         self._begun = self._is_privileged = self._has_shown_pictures = self._step_is_unrecorded = False
         self._listeners = listeners_of(self)
 

@@ -92,9 +92,24 @@ def test_many_agents_play_at_once(tmp_path: Path) -> None:
     assert len(together) == 12
 
 
-def test_an_agent_s_run_has_no_caps(tmp_path: Path) -> None:
-    with pytest.raises(sp.InvalidArgumentError, match="An agent asks its model by itself"):
-        sp.evaluate([HANOI], {"mine": through_a_session}, out=tmp_path, trials=1, run_tokens=1000)
+def test_a_cap_of_the_run_pauses_an_agent_s_episode_which_then_starts_over(tmp_path: Path) -> None:
+    def wordy(session: sp.AgentSession) -> None:
+        player = sp.get_player("rule")
+        while (prompt := session.prompt()) is not None:
+            for call in session.receive({**player.reply(prompt).message, "content": "so " * 4_000}):
+                session.answer(call.id)
+
+    def run(name: str, **caps: int) -> Run:
+        return sp.evaluate([HANOI], {"mine": wordy}, out=tmp_path / name, trials=1, **caps)
+
+    whole = run("whole").spending.total.tokens
+    paused = run("run", run_tokens=whole // 2)
+    assert (paused.cap_reached, paused.rows, paused.status.paused) == (True, [], 1)
+    spent = paused.spending.total.tokens
+    assert 0 < spent < whole // 2 + 8_000, "the cap is exact but for a reply, which has no cap"
+    again = run("run", run_tokens=4 * whole)
+    assert [row["score"] for row in again.rows] == [3.0]
+    assert again.spending.total.tokens == whole + spent
 
 
 def test_a_run_can_be_played_where_an_event_loop_runs_already(tmp_path: Path) -> None:

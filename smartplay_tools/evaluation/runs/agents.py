@@ -1,7 +1,7 @@
 """Agents, which play episodes in their own way: a run hands them one at a time, and its record says what came of it.
 
-An agent brings the model that it asks, or has it asked by an endpoint. So a run cannot reserve what a call may cost,
-and has no caps.
+An agent brings the model that it asks, or has it asked by an endpoint. So what a call may cost is reserved where the
+episode makes its prompt: an agent that is refused one hears that the episode is over.
 """
 
 from __future__ import annotations

@@ -189,15 +189,17 @@ async def aplay_attempt(
     clock = _Clock()
     with _on_record(task):
         if task.player.agent is not None:
-            await _hand_over(task, task.player.agent, clock, stop)
+            await _hand_over(task, task.player.agent, clock, limits, stop)
         else:
             await _aplay(task, clock, shared or make_player(task), limits, stop, close=shared is None)
     return clock.times()
 
 
-async def _hand_over(task: Task, agent: Agent, clock: _Clock, stop: StopFlag) -> None:
+async def _hand_over(task: Task, agent: Agent, clock: _Clock, limits: RunLimits | None, stop: StopFlag) -> None:
     held = await _in_thread(lambda: _held(task, agent, stop))
-    with held.episode as clock.episode:
+    with held.episode as clock.episode, ExitStack() as stack:
+        if limits is not None:
+            held.episode._on_view = stack.enter_context(Account(limits, held.episode, task.price)).reserve
         await agent.play(held)
 
 
@@ -282,7 +284,8 @@ def _watch(
         if stop.is_set():
             raise StoppedError
         if account is not None:
-            account.reserve(conversation, prompt)
+            assert conversation.view is not None
+            account.reserve(conversation.view.tokens, prompt.max_tokens or 0)
         if on_record is not None:
             on_record()
 

@@ -18,12 +18,11 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
-from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import PAUSED
-from smartplay_tools.types import Prompt, Usage
+from smartplay_tools.types import Usage
 
 
 @dataclass(frozen=True)
@@ -95,17 +94,15 @@ class Account:
         self._reserved: tuple[int, float] = (0, 0.0)
         self._settled = episode.stats.tokens
 
-    def reserve(self, conversation: BaseConversation, prompt: Prompt) -> None:
-        """Reserve for the next call, or pause the episode."""
-        assert conversation.view is not None
+    def reserve(self, prompt: int, longest: int) -> None:
+        """Reserve the tokens of a prompt and of its longest reply, or pause the episode."""
         self.settle()  # the reply to a prompt for a summary ends no turn
-        longest = prompt.max_tokens or 0
         # If a provider has counted more tokens than we did, it is expected to do so in the next call, too.
         provider = self._settled.provider
         drift = 1.0 if provider is None else max(1.0, provider.prompt / max(1, self._settled.prompt))
-        cost = 0.0 if self._price is None else self._price.most(math.ceil(conversation.view.tokens * drift), longest)
-        if self._limits.reserve(conversation.view.tokens + longest, cost):
-            self._reserved = (conversation.view.tokens + longest, cost)
+        cost = 0.0 if self._price is None else self._price.most(math.ceil(prompt * drift), longest)
+        if self._limits.reserve(prompt + longest, cost):
+            self._reserved = (prompt + longest, cost)
         else:
             self._episode.end(PAUSED)
 

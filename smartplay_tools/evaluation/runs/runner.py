@@ -7,7 +7,7 @@ with more trials, games or players than before is the same run, extended.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,7 +19,6 @@ from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
 from smartplay_tools.evaluation.runs.executors import default_workers, get_executor
-from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.notebooks import InNotebook, is_notebook
 from smartplay_tools.evaluation.runs.plan import (
     Plan,
@@ -115,7 +114,7 @@ def evaluate(
     Arguments:
         games: ids of settings.
         players: names that `get_player` knows, `PlayerConfig` objects with their own options, or names with
-            functions that make the players, or with agents: functions of `episode` that play it, through any adapter.
+            functions that make the players, or with agents: functions of `session` or `episode` (`AgentFunction`).
         out: the run's folder. If it holds this run already, it is resumed; if it holds another one, that is an error.
         suite: "paper" for the seven settings of the paper's result tables, before those of `games`; "tools-v1" for
             the suite that fixes games, trials, budgets and rules (`evaluation.suites`).
@@ -161,7 +160,6 @@ def run_plan(
     """
     part = plan if options.shard is None else plan.shard(*options.shard)
     configs = _configs(plan, read_players(players))
-    _check_caps(options.caps, configs.values())
     by_executor, remote = _by_executor(part, configs, options.executor)
     executors = {name: get_executor(name) for name in by_executor}
     folder, caps = RunWriter(out), options.caps
@@ -205,14 +203,6 @@ def run_plan(
         scheduler.refused,
         scheduler.waiting,
     )
-
-
-def _check_caps(caps: Caps, configs: Iterable[PlayerConfig]) -> None:
-    """Refuse caps where an agent plays, because nobody here sees what it spends."""
-    if caps and (agents := [config.name for config in configs if config.agent is not None]):
-        raise InvalidArgumentError(
-            f"An agent asks its model by itself, so its run has no caps; leave them out for {', '.join(agents)}."
-        )
 
 
 @contextmanager

@@ -262,7 +262,8 @@ class Scheduler:
                 self._acted.add(self._who[task.planned.place])
             self._spent += spent
             self._folder.archive_record(record, keep=bool(spent.replies or spent.unknown_calls))
-            self._expected.attempted(task.planned, spent)
+            if task.player.agent is None or task.player.agent.goes_on:  # otherwise the next attempt starts over
+                self._expected.attempted(task.planned, spent)
         return record
 
     def _settle(self, outcome: EndedAttempt) -> None:
