@@ -18,7 +18,6 @@ from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import STRATEGIES, WORDS, Budget
 
-_PANEL = "Episode options"
 GRID = "The grid: lists separated by commas"
 """The panel of the options that are lists of values."""
 
@@ -31,11 +30,11 @@ def _number(value: str) -> int | str | None:
 
 
 def _limit(text: str, metavar: str = "N") -> Any:
-    return Annotated[Any, typer.Option(parser=_number, metavar=metavar, help=text, rich_help_panel=_PANEL)]
+    return _option(Any, text, parser=_number, metavar=metavar)
 
 
-def _option(kind: Any, text: str, *names: str) -> Any:
-    return Annotated[kind, typer.Option(*names, help=text, rich_help_panel=_PANEL)]
+def _option(kind: Any, text: str, **how: Any) -> Any:
+    return Annotated[kind, typer.Option(help=text, rich_help_panel="Episode options", **how)]
 
 
 BUDGET: Mapping[str, tuple[Any, Any]] = {
@@ -72,13 +71,7 @@ OF_RUNS = ("carry", "chain")
 OTHERS: Mapping[str, tuple[Any, Any]] = {
     "engine": (_option(str | None, "For games with several engines."), None),
     "tokenizer": (_option(str | None, "A tiktoken name, or hf:PATH_OR_NAME; +RULE counts pictures."), None),
-    "option": (
-        Annotated[
-            list[str] | None,
-            typer.Option(metavar="KEY=VALUE", help="A game's own option; repeatable.", rich_help_panel=_PANEL),
-        ],
-        None,
-    ),
+    "option": (_option(list[str] | None, "A game's own option; repeatable.", metavar="KEY=VALUE"), None),
 }
 """The engine, the tokenizer and the game's own options."""
 

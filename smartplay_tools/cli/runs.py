@@ -25,54 +25,35 @@ from smartplay_tools.records.manifest import Until
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import unplayed
 
-_RUN = "The run"
+_option = partial(typer.Option, rich_help_panel="The run")
 
 Out = Annotated[Path, typer.Option(help="The run's folder; if it holds this run already, it is resumed.")]
 Trials = Annotated[
     int | None, typer.Option(min=1, help="Episodes per game, player and budget; the paper's number if not given.")
 ]
-Workers = Annotated[int | None, typer.Option(min=1, help="Episodes at a time.", rich_help_panel=_RUN)]
+Workers = Annotated[int | None, _option(min=1, help="Episodes at a time.")]
 ExecutorName = Annotated[
-    str | None,
-    typer.Option(
-        "--executor", help="inline, processes, async or ray; chosen for each player if not given.", rich_help_panel=_RUN
-    ),
+    str | None, _option("--executor", help="inline, processes, async or ray; chosen for each player if not given.")
 ]
-Shard = Annotated[
-    str | None,
-    typer.Option(metavar="I/N", help="Play only part I of N; `merge` joins the parts.", rich_help_panel=_RUN),
-]
-RunTokens = Annotated[int | None, typer.Option(min=1, help="Cap on the whole run, in tokens.", rich_help_panel=_RUN)]
-RunCost = Annotated[float | None, typer.Option(min=0, help="Cap on the whole run, in USD.", rich_help_panel=_RUN)]
+Shard = Annotated[str | None, _option(metavar="I/N", help="Play only part I of N; `merge` joins the parts.")]
+RunTokens = Annotated[int | None, _option(min=1, help="Cap on the whole run, in tokens.")]
+RunCost = Annotated[float | None, _option(min=0, help="Cap on the whole run, in USD.")]
 Prices = Annotated[
     list[str] | None,
-    typer.Option(
-        "--price",
-        metavar="PLAYER=IN,OUT[,CACHED[,WRITTEN]]",
-        help="USD per million tokens; repeatable.",
-        rich_help_panel=_RUN,
-    ),
+    _option("--price", metavar="PLAYER=IN,OUT[,CACHED[,WRITTEN]]", help="USD per million tokens; repeatable."),
 ]
-Track = Annotated[
-    str | None,
-    typer.Option(metavar="mlflow|wandb", help="Send figures to this tracker as well.", rich_help_panel=_RUN),
-]
-DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.", rich_help_panel=_RUN)
-]
+Track = Annotated[str | None, _option(metavar="mlflow|wandb", help="Send figures to this tracker as well.")]
+DryRun = Annotated[bool, _option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.")]
 Pilot = Annotated[
     int | None,
-    typer.Option(
+    _option(
         min=1,
         metavar="N",
         help="Play N episodes of each cell only, and estimate the whole run from them; without it, the run goes on.",
-        rich_help_panel=_RUN,
     ),
 ]
-AssumeReplyTokens = Annotated[
-    int | None, typer.Option(min=1, help="For --dry-run: assumed tokens of a model's reply.", rich_help_panel=_RUN)
-]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress.", rich_help_panel=_RUN)]
+AssumeReplyTokens = Annotated[int | None, _option(min=1, help="For --dry-run: assumed tokens of a model's reply.")]
+Quiet = Annotated[bool, _option("--quiet", help="Show no progress.")]
 
 
 def player_configs(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import webbrowser
 from collections.abc import Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +18,7 @@ from smartplay_tools.errors import InvalidArgumentError
 if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs import BrowserGames
 
-_PLAY = "Play in the browser"
+_option = partial(typer.Option, rich_help_panel="Play in the browser")
 ANY = "any"
 """In place of a game: the page lets the person choose."""
 
@@ -28,12 +29,11 @@ MISSING = "for --play GAME, which is missing"
 
 Play = Annotated[
     str | None,
-    typer.Option(
-        metavar="GAME",
-        help="Play this game in the browser, as a model would; any: choose; or the link of a challenge.",
-        rich_help_panel=_PLAY,
+    _option(
+        metavar="GAME", help="Play this game in the browser, as a model would; any: choose; or the link of a challenge."
     ),
 ]
+Out = Annotated[Path, _option(help="The folder of the run that you play; continued if it is there.")]
 
 
 @with_episode_options()
@@ -46,13 +46,9 @@ def view(
         ),
     ] = None,
     play: Play = None,
-    out: Annotated[
-        Path, typer.Option(help="The folder of the run that you play; continued if it is there.", rich_help_panel=_PLAY)
-    ] = Path("human"),
-    seed: Annotated[int, typer.Option(help="The seed of the run that you play.", min=0, rich_help_panel=_PLAY)] = 0,
-    pictures: Annotated[
-        bool, typer.Option("--pictures", help="Offer the game's pictures, if it has any.", rich_help_panel=_PLAY)
-    ] = False,
+    out: Out = Path("human"),
+    seed: Annotated[int, _option(help="The seed of the run that you play.", min=0)] = 0,
+    pictures: Annotated[bool, _option("--pictures", help="Offer the game's pictures, if it has any.")] = False,
     host: options.Host = "127.0.0.1",
     port: options.Port = 8010,
     allow_host: options.AllowHost = None,
