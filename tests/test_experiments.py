@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import smartplay_tools as sp
 from smartplay_tools.evaluation.runs.sweeps import sweep
 
 ROOT = Path(__file__).parents[1]
@@ -39,8 +40,8 @@ def claims():
 
 
 def script(name):
-    """The module of a script, which finds those beside it while it is loaded."""
-    before = set(sys.modules)
+    """The module of a script, which finds those beside it while it is loaded; games that it registers go with it."""
+    before, games = set(sys.modules), dict(sp.GAMES._specs)
     spec = importlib.util.spec_from_file_location(f"{name}_experiment", SCRIPT.with_name(f"{name}.py"))
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
@@ -48,6 +49,7 @@ def script(name):
     spec.loader.exec_module(module)
     sys.path.remove(str(SCRIPT.parent))
     yield module
+    sp.GAMES._specs = games
     for loaded in set(sys.modules) - before:
         if Path(getattr(sys.modules[loaded], "__file__", None) or "").parent == SCRIPT.parent:
             del sys.modules[loaded]
