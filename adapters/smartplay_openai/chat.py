@@ -124,7 +124,8 @@ class ChatCompletions(Interface):
             answer["reasoning_content"] = reasoning
         if calls := calls_of(message):
             answer["tool_calls"] = list(calls)
-        choice = {"index": 0, "message": answer, "logprobs": None, "finish_reason": "tool_calls" if calls else "stop"}
+        ended = "length" if usage.cut else "tool_calls" if calls else "stop"
+        choice = {"index": 0, "message": answer, "logprobs": None, "finish_reason": ended}
         return {
             "id": f"chatcmpl-{uuid.uuid4().hex}",
             "object": "chat.completion",

@@ -126,9 +126,9 @@ class Responses(Interface):
             "id": f"resp_{uuid.uuid4().hex}",
             "object": "response",
             "created_at": int(time.time()),
-            "status": "completed",
+            "status": "incomplete" if usage.cut else "completed",
             "error": None,
-            "incomplete_details": None,
+            "incomplete_details": {"reason": "max_output_tokens"} if usage.cut else None,
             "instructions": None,
             "metadata": {},
             "model": model,
@@ -273,7 +273,7 @@ def _events(response: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
             done = {"name": item["name"], "arguments": item["arguments"]}
             yield "response.function_call_arguments.done", {**where, **done}
         yield "response.output_item.done", {"output_index": index, "item": item}
-    yield "response.completed", {"response": response}
+    yield f"response.{response['status']}", {"response": response}
 
 
 def _instructions(body: Mapping[str, Any]) -> Iterator[Message]:

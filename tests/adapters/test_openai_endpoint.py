@@ -32,6 +32,15 @@ class Echo:
         return sp.Reply({"role": "assistant", "content": " ".join(seen)})
 
 
+class Cut:
+    """Replies with the beginning of a sentence, and says so."""
+
+    name = "cut"
+
+    def reply(self, prompt):
+        return sp.Reply({"role": "assistant", "content": "I am"}, sp.Usage(prompt=9, reply=2, cut=1))
+
+
 class Broken:
     name = "broken"
 
@@ -125,6 +134,15 @@ def test_a_stream_of_response_events(endpoint):
     assert [event["sequence_number"] for event in data] == list(range(len(data)))
     assert "".join(event["delta"] for event in data if event["type"] == "response.output_text.delta") == "user"
     assert data[-1]["response"]["output"][0]["content"][0]["text"] == "user"
+
+
+@pytest.mark.parametrize("kind", [so.OpenAIPlayer, so.ResponsesPlayer])
+@pytest.mark.parametrize("stream", [False, True])
+def test_a_reply_that_was_cut_is_told_from_one_that_ended(kind, stream):
+    with so.LocalEndpoint(Cut(), Echo()) as endpoint:
+        where = {"base_url": endpoint.base_url, "stream": stream}
+        with kind("cut", **where) as cut, kind("echo", **where) as ended:
+            assert [player.reply(sp.Prompt([USER], ())).usage.cut for player in (cut, ended)] == [1, 0]
 
 
 def test_the_models_are_the_players(endpoint):
