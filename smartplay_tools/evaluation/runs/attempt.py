@@ -8,6 +8,7 @@ attempt. The return value has only times, which are not part of a result.
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -47,6 +48,8 @@ Opened = TypeVar("Opened", bound="AnyConversation | Held | None")
 
 
 OnRecord = Callable[[], None]
+
+log = logging.getLogger("smartplay_tools.evaluation")
 
 
 @dataclass(frozen=True)
@@ -205,6 +208,8 @@ async def _hand_over(task: Task, agent: Agent, clock: _Clock, limits: RunLimits 
 
 def _held(task: Task, agent: Agent, stop: StopFlag) -> Held:
     key = task.planned.key
+    if task.previous is not None and not agent.goes_on:
+        log.warning("%s starts over, because its agent has a memory of its own; what it has spent is counted.", key)
     if task.previous is not None and agent.goes_on:
         try:
             _load_strategy(task)

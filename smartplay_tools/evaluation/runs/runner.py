@@ -114,7 +114,7 @@ def evaluate(
     Arguments:
         games: ids of settings.
         players: names that `get_player` knows, `PlayerConfig` objects with their own options, or names with
-            functions that make the players, or with agents: functions of `session` or `episode` (`AgentFunction`).
+            functions that make the players, or with agents: functions of `session`, an `AgentSession`, or of `episode`.
         out: the run's folder. If it holds this run already, it is resumed; if it holds another one, that is an error.
         suite: "paper" for the seven settings of the paper's result tables, before those of `games`; "tools-v1" for
             the suite that fixes games, trials, budgets and rules (`evaluation.suites`).
