@@ -115,8 +115,8 @@ class Outcome:
         return "confirmed" if (self.low > 0) == claim.better else "contradicted"
 
 
-def outcomes(rows: Sequence[Row], claims: Sequence[Claim] = CLAIMS) -> list[Outcome]:
-    """Return the outcome of every claim; KeyError if its episodes are not among the rows."""
+def outcomes(rows: Sequence[Row], claims: Sequence[Claim] = CLAIMS) -> list[Outcome | None]:
+    """Return the outcome of every claim; None if its episodes are not among the rows."""
     names = [_curve(claim) for claim in claims]
     curves = areas_of([row for row in rows if row["budget"]["history"] is None], compared=len(claims))
     shown = {(each.game, each.name): Outcome(each.seeds, *each.together) for each in curves if each.together}
@@ -130,10 +130,10 @@ def outcomes(rows: Sequence[Row], claims: Sequence[Claim] = CLAIMS) -> list[Outc
         plain = cells[claim.game, _curve(replace(claim, way={})), claim.cap]
         samples.append(difference_sample(pairs(cells[claim.game, name, claim.cap], plain), MEASURES["score"]))
     estimates = iter(mean_estimates(samples, jointly(len(claims))))
-    result = []
+    result: list[Outcome | None] = []
     for claim, name in zip(claims, names, strict=True):
         if claim.cap is None:
-            result.append(shown[claim.game, name])
+            result.append(shown.get((claim.game, name)))
             continue
         each = next(estimates)
         assert each.low is not None
@@ -155,9 +155,11 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
     yield table_row(["---"] * 6)
     for claim, outcome in zip(CLAIMS, outcomes(rows), strict=True):
         claimed = f"{claim.measure}: {'more' if claim.better else 'less'} than dropping"
-        shown = f"{outcome.difference:+.2f} [{outcome.low:+.2f}, {outcome.high:+.2f}]"
-        facts = (f"`{claim.game}`", _curve(claim), claimed, str(outcome.seeds), shown, outcome.of(claim))
-        yield table_row(facts)
+        facts = ["-", "-", "not played"]
+        if outcome is not None:
+            shown = f"{outcome.difference:+.2f} [{outcome.low:+.2f}, {outcome.high:+.2f}]"
+            facts = [str(outcome.seeds), shown, outcome.of(claim)]
+        yield table_row([f"`{claim.game}`", _curve(claim), claimed, *facts])
 
 
 def main() -> None:

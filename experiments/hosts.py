@@ -1,10 +1,10 @@
 """Context strategies of other frameworks, as their packages have them, on the same worlds: a table of `docs/hosts.md`.
 
     pip install 'smartplay-tools[openai]' langchain langchain-openai deepagents inspect-ai 'pydantic-ai-slim[openai]'
-    pip install openhands-sdk                            # needs Python 3.12; without it, name the other hosts
     python experiments/hosts.py                          # a scripted player as the model: no key, minutes
     python experiments/hosts.py --player openai:MODEL    # the same question to a model
     python experiments/hosts.py --host langchain-summary # one of them alone; repeatable
+    python experiments/hosts.py --host openhands-summary --out runs/openhands  # with openhands-sdk and Python 3.12
 
 Each host is the agent of a framework, which manages its context itself. Its model is an endpoint on this machine, so
 the framework is what its users have: its own client, its own loop, its own strategy. The endpoint counts every prompt,
@@ -207,9 +207,10 @@ HOSTS: dict[str, Callable[[HostedGame], Awaitable[None]]] = {
     "inspect-trim": inspect_trim,
     "inspect-summary": inspect_summary,
     "pydantic-ai-newest": pydantic_ai_newest,
-    "openhands-summary": openhands_summary,
 }
 """The agents by the names that the table gives them."""
+APART = {"openhands-summary": openhands_summary}
+"""Those that are played, and have a table, only if they are named: their framework needs a newer Python."""
 
 
 def play(host: Callable[[HostedGame], Awaitable[None]], player: str, episode: sp.Episode) -> None:
@@ -230,7 +231,7 @@ def agent_of(name: str, player: str) -> Callable[[sp.Episode], None]:
     """Return the agent of a host as `evaluate` takes it."""
 
     def agent(episode: sp.Episode) -> None:
-        play(HOSTS[name], player, episode)
+        play({**HOSTS, **APART}[name], player, episode)
 
     return agent
 
@@ -239,6 +240,7 @@ def main() -> None:
     """Play both runs, print the table, and write it."""
     asked = _arguments()
     os.environ |= {"NO_PROXY": "127.0.0.1", "INSPECT_LOG_LEVEL": "error", "LANGSMITH_TRACING": "false"}
+    os.environ["OPENHANDS_SUPPRESS_BANNER"] = "1"
     # What a result may have is the same for all: its cap follows from that on prompts.
     budget = sp.Budget(prompt_tokens=CAP, history=None)
     run = partial(complete, GAMES, trials=asked.trials, budgets=budget)
@@ -248,7 +250,7 @@ def main() -> None:
     written = "\n".join(table(window.rows, hosted.rows, hosted.folder))
     print(written)
     if asked.publish:
-        publish(PAGE, "hosts", written)
+        publish(PAGE, "-".join(["hosts", *(asked.host or ())]), written)
 
 
 def table(window: Sequence[Row], hosted: Sequence[Row], folder: RunFolder) -> Iterator[str]:
@@ -285,7 +287,7 @@ def _share_over(rows: Sequence[Row], folder: RunFolder) -> str:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Context strategies of other frameworks, on the same worlds.")
     parser.add_argument("--player", default="rule-notes", help="what answers in the place of the frameworks' model")
-    parser.add_argument("--host", action="append", choices=[*HOSTS], help="one of the hosts alone; repeatable")
+    parser.add_argument("--host", action="append", choices=[*HOSTS, *APART], help="one of the hosts alone; repeatable")
     parser.add_argument("--trials", type=int, default=10, help="episodes of every cell")
     parser.add_argument("--out", type=Path, default=Path("runs/hosts"), help="the folder of the runs")
     parser.add_argument("--publish", action="store_true", help="put the table into the documentation")

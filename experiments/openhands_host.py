@@ -15,7 +15,8 @@ from openhands.sdk.context.condenser import LLMSummarizingCondenser
 from openhands.sdk.tool import Action, Observation, ToolDefinition, ToolExecutor, register_tool
 from pydantic import SecretStr
 
-logging.getLogger("openhands").setLevel(logging.ERROR)
+for name in ("openhands", "uvicorn", "uvicorn.access"):  # its SDK has every logger print
+    logging.getLogger(name).setLevel(logging.ERROR)
 
 
 class Look(Action):
