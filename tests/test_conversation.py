@@ -281,6 +281,18 @@ def test_fields_that_client_libraries_add_do_no_harm():
         assert conversation.latest_turn.assistant == acting()
 
 
+def test_a_script_that_has_no_more_replies_ends_an_episode_on_an_event_loop():
+    class Script:
+        name = "script"
+        replies = iter([sp.Reply({"role": "assistant", "content": "One."})])
+
+        def reply(self, prompt: sp.Prompt) -> sp.Reply:
+            return next(self.replies)
+
+    result = asyncio.run(sp.aplay(sp.Episode("Hanoi3Disk-v0", seed=0), Script()))
+    assert (result.end_reason, result.error) == ("player_error", "RuntimeError: The player has no more replies.")
+
+
 def test_aplay_plays_asynchronous_and_ordinary_players():
     class Waiting:
         name = "waiting"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
-
 from pydantic_ai.messages import ModelMessage, ModelResponse
 from pydantic_ai.models.function import AgentInfo, FunctionModel
 from pydantic_ai.usage import RequestUsage
 
 from smartplay_pydantic_ai.messages import from_history, to_response, tool_spec
-from smartplay_tools import AsyncPlayer, Player, Prompt, Reply
+from smartplay_tools import AsyncPlayer, Player
+from smartplay_tools.conversation.event_loop import reply_of
 from smartplay_tools.prompts import received
 
 
@@ -23,13 +22,8 @@ class PlayerModel(FunctionModel):
     async def _answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
         history, cap = from_history(messages), (info.model_settings or {}).get("max_tokens")
         tools = tuple(map(tool_spec, info.function_tools))
-        reply = await self._reply(received(history, tools, cap))
+        reply = await reply_of(self._player, received(history, tools, cap))
         response = to_response(reply.message)
         if reply.usage is not None:
             response.usage = RequestUsage(input_tokens=reply.usage.prompt, output_tokens=reply.usage.reply)
         return response
-
-    async def _reply(self, prompt: Prompt) -> Reply:
-        if isinstance(self._player, AsyncPlayer):
-            return await self._player.areply(prompt)
-        return await asyncio.to_thread(self._player.reply, prompt)

@@ -1,4 +1,4 @@
-"""Code that runs an event loop of its own, called in a thread that already runs one, as a notebook does."""
+"""Code that runs an event loop called where one runs already, and code that blocks one: each in another thread."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import ParamSpec, TypeVar
+
+from smartplay_tools.types import AsyncPlayer, Player, Prompt, Reply
+
+__all__ = ["apart_from_event_loop", "reply_of"]
 
 Given = ParamSpec("Given")
 T = TypeVar("T")
@@ -26,3 +30,17 @@ def apart_from_event_loop(call: Callable[Given, T], /, *args: Given.args, **kwar
         return thread.submit(call, *args, **kwargs).result()
     finally:
         thread.shutdown(wait=False)
+
+
+async def reply_of(player: Player | AsyncPlayer, prompt: Prompt) -> Reply:
+    """Return a player's reply without blocking the event loop: one that cannot be awaited is asked in a thread."""
+    if isinstance(player, AsyncPlayer):
+        return await player.areply(prompt)
+    return await asyncio.to_thread(_blocking, player, prompt)
+
+
+def _blocking(player: Player, prompt: Prompt) -> Reply:
+    try:
+        return player.reply(prompt)
+    except StopIteration as error:  # which no coroutine may raise: whoever awaits it would wait forever
+        raise RuntimeError("The player has no more replies.") from error

@@ -8,7 +8,7 @@ from typing import Protocol, TypeAlias, get_args, runtime_checkable
 
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply
-from smartplay_tools.conversation.event_loop import apart_from_event_loop
+from smartplay_tools.conversation.event_loop import apart_from_event_loop, reply_of
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.config import ProtocolName, check_choice
 from smartplay_tools.episode.episode import Episode
@@ -84,10 +84,7 @@ async def aplay(
     queue = conversation.episode._queue
     while (prompt := await queue.run_to_end(lambda: _next_prompt(conversation, on_prompt))) is not None:
         try:
-            if isinstance(player, AsyncPlayer):
-                reply = _checked(await player.areply(prompt))
-            else:
-                reply = _checked(await asyncio.to_thread(player.reply, prompt))
+            reply = _checked(await reply_of(player, prompt))
         except Exception as error:
             conversation.give_up(error)
             break

@@ -16,7 +16,6 @@ from types import MappingProxyType
 from typing import Any
 
 from smartplay_openai.problems import RequestError
-from smartplay_openai.window.asking import ask
 from smartplay_openai.window.completion_request import CompletionRequest, known_by
 from smartplay_openai.window.from_threads import FromThreads
 from smartplay_openai.window.names import HostTools, tell_apart
@@ -37,6 +36,7 @@ from smartplay_tools import (
 )
 from smartplay_tools.context import Turn
 from smartplay_tools.conversation import AttachedPlayer, HostChat, HostHistory, check_observation
+from smartplay_tools.conversation.event_loop import reply_of
 from smartplay_tools.episode import tool_functions
 from smartplay_tools.errors import PlayerLeftError
 from smartplay_tools.messages import assistant_message
@@ -260,7 +260,7 @@ class WindowEpisode:
     async def _send(self, prompt: Prompt) -> Reply:
         """Ask the model. Where it gives no reply the episode ends, and the host is told so whenever it asks."""
         try:
-            reply = await ask(self.player, prompt)
+            reply = await reply_of(self.player, prompt)
             message = assistant_message(reply.message)
         except Exception as error:
             assert self._chat.session is not None
