@@ -176,3 +176,10 @@ def test_a_claim_is_confirmed_by_an_interval_on_its_side_alone(claims):
     above, around = claims.Outcome(64, 0.1, 0.05, 0.15), claims.Outcome(64, 0.1, -0.05, 0.25)
     assert [above.of(better), above.of(worse)] == ["confirmed", "contradicted"]
     assert [around.of(better), around.of(worse)] == ["undecided", "undecided"]
+
+
+def test_the_outcomes_in_the_page_are_those_of_the_published_rows_of_fresh_worlds(claims):
+    rows = claims.read_rows(claims.PUBLISHED)
+    assert published("arena-claims") == [*claims.table(rows)]
+    old = {(row["game"], row["seed"]) for row in claims.read_rows(claims.PUBLISHED.with_name("rows.jsonl.xz"))}
+    assert not old & {(row["game"], row["seed"]) for row in rows}
