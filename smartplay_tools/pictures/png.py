@@ -58,7 +58,7 @@ def encode(pixels: NDArray[np.uint8], scale: int) -> Picture:
     `pixels` are rows x columns x red, green and blue; `scale` is from 1 to `LARGEST_SCALE`.
     """
     layout = layout_of(1, 1, *pixels.shape[:2], scale)
-    return layout.picture([layout.joined(layout.encoded(pixels.transpose(2, 0, 1)[None]))])
+    return layout.picture(layout.blank, layout.encoded(pixels.transpose(2, 0, 1)[None]))
 
 
 class EncodedTiles(NamedTuple):
@@ -74,15 +74,15 @@ class EncodedTiles(NamedTuple):
         return EncodedTiles(self.lines.take(numbers, 0), self.sums.take(numbers, 0))
 
 
-class Rows(NamedTuple):
-    """Rows of tiles, from the left border to the right one."""
+class Canvas(NamedTuple):
+    """The lines of a picture, some of whose tiles may be missing."""
 
-    lines: NDArray[np.void]
-    """The bytes as they follow each other: rows of tiles x their rows of pixels x tiles of a row."""
+    lines: bytes
+    """The bytes from the beginning of the data to the last row of pixels."""
     first: int
-    """How much they add to the first sum of the picture's Adler-32."""
+    """How much its tiles add to the first sum of the picture's Adler-32."""
     second: int
-    """How much they add to the second sum where they are the uppermost."""
+    """How much they add to the second sum."""
 
 
 class Layout:
@@ -96,7 +96,7 @@ class Layout:
         self._length = self._height * line
         self._tile_row = rows * scale * line
         row, column = np.divmod(np.arange(down * across), across)
-        less = row * self._tile_row + column * 3 * columns * scale
+        less = row * rows * scale * line + column * 3 * columns * scale
         weights = np.ones_like(less), -less, np.zeros_like(less), np.ones_like(less)
         self._weights = np.stack(weights, axis=1).reshape(-1, 2)
         """How often the two sums of each tile from the top left on count in the two sums of the picture."""
@@ -104,34 +104,37 @@ class Layout:
     def _lay_out(self, before: bytes, joint: bytes, wide: int, down: int, rows: int) -> None:
         """Set what is around the pixels: `joint` between their rows, each of whose tiles has `wide` bytes."""
         line = self._across * wide + len(joint)
-        self._template = before + (bytes(self._across * wide) + joint) * (down * rows)
-        self._template = self._template[: len(self._template) - len(joint)]
-        self._place = len(before), (rows * line, line, wide)
+        lines = before + (bytes(self._across * wide) + joint) * (down * rows)
+        self.blank = Canvas(lines[: len(lines) - len(joint)], 0, 0)
+        """A picture without tiles."""
+        self._offset, self._rows, self._strides = len(before), rows, (rows * line, wide, line)
         self._tile_lines = np.dtype((np.void, wide))
 
     def encoded(self, tiles: NDArray[np.uint8]) -> EncodedTiles:
         """Return tiles, encoded; the array is tiles x red, green and blue x rows x columns."""
         raise NotImplementedError
 
-    def joined(self, tiles: EncodedTiles) -> Rows:
-        """Return rows of tiles, which are in order from the top left."""
-        lines = tiles.lines.reshape(-1, self._across, tiles.lines.shape[1]).swapaxes(1, 2)
-        sums = tiles.sums.ravel()
-        first, second = (sums @ self._weights[: len(sums)]).tolist()
-        return Rows(lines, first, second)
+    def begun(self, tiles: EncodedTiles, at: int) -> Canvas:
+        """Return a picture that has tiles from the row of tiles `at` on, and none above."""
+        lines = bytearray(self.blank.lines)
+        first, second = self._lay(lines, tiles, at)
+        return Canvas(bytes(lines), first, second)
 
-    def picture(self, parts: Sequence[Rows]) -> Picture:
-        """Return the picture of all its rows, from above to below."""
-        data = bytearray(self._template)
-        offset, strides = self._place
-        at = first = second = 0
-        for part in parts:
-            place = np.ndarray(part.lines.shape, self._tile_lines, data, offset + at * strides[0], strides)
-            place[...] = part.lines
-            first, second = first + part.first, second + part.second - at * self._tile_row * part.first
-            at += len(part.lines)
-        chunk = _chunk(b"IDAT", self._data(data, first, second))
+    def picture(self, canvas: Canvas, tiles: EncodedTiles) -> Picture:
+        """Return the picture of a canvas and of the tiles that it misses, in order from the top left."""
+        lines = bytearray(canvas.lines)
+        first, second = self._lay(lines, tiles, 0)
+        chunk = _chunk(b"IDAT", self._data(lines, canvas.first + first, canvas.second + second))
         return Picture(b"".join((self._beginning, *chunk, *_IEND)), self._width, self._height)
+
+    def _lay(self, lines: bytearray, tiles: EncodedTiles, at: int) -> tuple[int, int]:
+        """Write whole rows of tiles, the first of them `at`; return how much they add to the sums."""
+        shown = tiles.lines.reshape(-1, self._across, self._rows)
+        place = np.ndarray(shown.shape, self._tile_lines, lines, self._offset + at * self._strides[0], self._strides)
+        place[...] = shown
+        sums, begin = tiles.sums.ravel(), 2 * at * self._across
+        first, second = (sums @ self._weights[begin : begin + len(sums)]).tolist()
+        return first, second
 
     def _data(self, lines: bytearray, first: int, second: int) -> list[bytes | bytearray]:
         """The zlib stream, in parts; `lines` are the bytes from the beginning to the last line, with their sums."""

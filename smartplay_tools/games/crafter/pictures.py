@@ -18,7 +18,7 @@ from smartplay_tools.games.crafter.facts import CARRIED, MATERIALS, MOST, VIEW
 from smartplay_tools.games.crafter.textures import LAYERS, tiles, vignette
 from smartplay_tools.games.crafter.views import Scene
 from smartplay_tools.pictures.picture import Picture
-from smartplay_tools.pictures.png import EncodedTiles, Layout, Rows, layout_of
+from smartplay_tools.pictures.png import Canvas, EncodedTiles, Layout, layout_of
 
 GRID = 9
 """A picture is a square of this many cells: the view, and the inventory below."""
@@ -68,7 +68,7 @@ def encode(scene: Scene, unit: int, scale: int) -> Picture:
         view = layout.encoded(_by_night(scene, unit))
     else:
         view = _seen_by_day(scene.daylight, scene.sleeping, layout).tiles(numbers_seen(scene), scene, unit)
-    return layout.picture([layout.joined(view), _encoded_amounts(layout, unit, *_IN_ORDER(scene.inventory))])
+    return layout.picture(_with_amounts(layout, unit, *_IN_ORDER(scene.inventory)), view)
 
 
 class _Known(NamedTuple):
@@ -114,10 +114,10 @@ def _ever_shown(layout: Layout) -> set[int]:
     return set()
 
 
-@functools.lru_cache(512)
-def _encoded_amounts(layout: Layout, unit: int, *amounts: int) -> Rows:
-    """The rows below the view, which rarely change from step to step."""
-    return layout.joined(layout.encoded(_amounts(unit, amounts)))
+@functools.lru_cache(128)
+def _with_amounts(layout: Layout, unit: int, *amounts: int) -> Canvas:
+    """The picture without the view: what is below it rarely changes from step to step."""
+    return layout.begun(layout.encoded(_amounts(unit, amounts)), VIEW[1])
 
 
 def _amounts(unit: int, amounts: Sequence[int]) -> NDArray[np.uint8]:
