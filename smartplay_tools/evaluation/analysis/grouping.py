@@ -97,8 +97,8 @@ _WRITTEN = (*_COPIED, *RULES, "budget")
 def by_cell(rows: Iterable[Row]) -> list[tuple[PlayedCell, list[Row]]]:
     """Group rows by cell; cells and rows keep the order of the rows."""
     groups: dict[bytes, tuple[PlayedCell, list[Row]]] = {}
+    # The rows of each cell by its facts as they are written: most rows are written as the one before.
     alike: dict[str, list[Row]] = {}
-    """The rows of each cell by its facts as they are written: most rows are written as the one before."""
     for row in rows:
         written = repr([row.get(name) for name in _WRITTEN])
         if written not in alike:

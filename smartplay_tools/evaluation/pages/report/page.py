@@ -296,9 +296,10 @@ def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
 
 def _tables(page: _RunPage) -> Iterator[TextTable]:
     """The tables below the results: the cost of windows, in score and in money, and the differences from the paper."""
-    comparisons = compare_windows([row for row in page.rows if row["game"] in GAMES])
-    if any(not comparison.is_full for comparison in comparisons):
-        yield windows_table(comparisons)
+    if len(page.summary.cells) > 1:
+        comparisons = compare_windows([row for row in page.rows if row["game"] in GAMES])
+        if any(not comparison.is_full for comparison in comparisons):
+            yield windows_table(comparisons)
     yield from page.costs
     if page.summary.cells:
         yield deviations_table(page.summary.cells)
