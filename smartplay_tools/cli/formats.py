@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,7 +11,7 @@ import typer
 
 from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.show import print_table, table_console
-from smartplay_tools.evaluation.analysis.formats import TextTable, to_latex, to_markdown
+from smartplay_tools.evaluation.analysis.formats import TextTable, rows_to_csv, to_latex, to_markdown
 
 FormatOption = Annotated[Format, typer.Option("--format", help="Output format.")]
 
@@ -23,11 +21,7 @@ def print_tables(form: Format, tables: Iterable[TextTable], rows: Sequence[Mappi
     if form is Format.JSON:
         print(json.dumps(data, indent=2))
     elif form is Format.CSV:
-        file = io.StringIO(newline="")
-        writer = csv.DictWriter(file, list(rows[0]) if rows else [], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        print(file.getvalue(), end="")
+        print(rows_to_csv(rows), end="")
     elif form is Format.TEXT:
         console = table_console()
         for table in tables:

@@ -9,9 +9,9 @@ import csv
 import html
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 Align = Literal["left", "right"]
 
@@ -93,6 +93,15 @@ def to_csv(table: TextTable) -> str:
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow([column.heading for column in table.columns])
     writer.writerows(table.full_rows())
+    return file.getvalue()
+
+
+def rows_to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return rows with the same columns as CSV, in full precision; None is an empty field."""
+    file = io.StringIO(newline="")
+    writer = csv.DictWriter(file, list(rows[0]) if rows else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
     return file.getvalue()
 
 

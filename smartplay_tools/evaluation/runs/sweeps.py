@@ -12,7 +12,6 @@ in parallel. In addition to the run's files its folder has
 
 from __future__ import annotations
 
-import csv
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +23,7 @@ from typing import Any, Unpack
 from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.episode.config import CellConfig, Rules
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
-from smartplay_tools.evaluation.analysis.formats import to_html
+from smartplay_tools.evaluation.analysis.formats import rows_to_csv, to_html
 from smartplay_tools.evaluation.analysis.tables import write_csv, write_parquet
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, as_row, compare_windows
@@ -93,7 +92,7 @@ class Sweep(InNotebook):
         folder = self.run.folder.path
         written = [folder / "table.csv", folder / "summary.csv"]
         write_csv(self.rows, written[0])
-        write_summary(self.comparisons, written[1])
+        written[1].write_text(rows_to_csv(self.summary), encoding="utf-8", newline="")
         try:
             write_parquet(self.rows, folder / "table.parquet")
             written.append(folder / "table.parquet")
@@ -229,15 +228,6 @@ def sweep(
     cells = grid(games, configs, vary=vary, budget=budget, **rules)
     run = run_plan(plan_episodes(cells.cells, trials=trials, seed=seed), out, configs, run_options)
     return Sweep(run, cells.left_out)
-
-
-def write_summary(comparisons: Iterable[WindowComparison], path: str | Path) -> None:
-    """Write a row for every cell as CSV; None is an empty field."""
-    rows = [as_row(comparison) for comparison in comparisons]
-    with Path(path).open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]) if rows else [], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _identity(cell: CellConfig) -> str:
