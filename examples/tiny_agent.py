@@ -108,12 +108,23 @@ def new_model(tokenizer: PreTrainedTokenizerFast, seed: int = 0, width: int = 64
     return LlamaForCausalLM(config)
 
 
-def train(model: LlamaForCausalLM, samples: Sequence[Sample], tokens: int, seed: int = 0, at_once: int = 4096) -> float:
-    """Train on batches of conversations of like length until `tokens` were read; return the last batches' mean loss."""
+def train(
+    model: LlamaForCausalLM,
+    samples: Sequence[Sample],
+    tokens: int,
+    seed: int = 0,
+    at_once: int = 4096,
+    conversations: int = 32,
+) -> float:
+    """Train on batches of conversations of like length until `tokens` were read; return the last batches' mean loss.
+
+    A batch is at most `at_once` tokens and `conversations`. With tokens alone, first replies of all episodes are one
+    batch, since nothing is as short: a few steps of training for the reply that everything depends on.
+    """
     optimizer = torch.optim.AdamW(model.parameters(), lr=3e-3, betas=(0.9, 0.98), weight_decay=0.01)
     read, losses = 0, []
     model.train()
-    for batch in _batches(samples, at_once, random.Random(seed)):
+    for batch in _batches(samples, at_once, conversations, random.Random(seed)):
         done = read / tokens
         for group in optimizer.param_groups:
             group["lr"] = 3e-3 * min(1.0, 0.02 + done / 0.03) * max(0.02, 1 - done)
@@ -129,13 +140,16 @@ def train(model: LlamaForCausalLM, samples: Sequence[Sample], tokens: int, seed:
     raise AssertionError("batches never end")
 
 
-def _batches(samples: Sequence[Sample], at_once: int, draw: random.Random) -> Iterator[list[Sample]]:
-    """Yield batches of at most `at_once` tokens without end, in an order and in groups that are drawn at random."""
+def _batches(
+    samples: Sequence[Sample], at_once: int, conversations: int, draw: random.Random
+) -> Iterator[list[Sample]]:
+    """Yield batches without end, in an order and in groups that are drawn at random."""
     while True:
         by_length = sorted(samples, key=lambda sample: (len(sample[0]) // 16, draw.random()))
         batches: list[list[Sample]] = [[]]
         for sample in by_length:
-            if batches[-1] and len(sample[0]) * (len(batches[-1]) + 1) > at_once:
+            most = min(conversations, at_once // len(sample[0]))
+            if batches[-1] and len(batches[-1]) >= most:
                 batches.append([])
             batches[-1].append(sample)
         draw.shuffle(batches)
