@@ -2,7 +2,7 @@
 
     pip install 'smartplay-tools[train,evaluation]'
     python experiments/learned.py play --quick      # a minute, which shows that everything works and teaches nothing
-    python experiments/learned.py play              # trains and plays, and continues where it stopped; takes hours
+    python experiments/learned.py play              # trains and plays, and continues where it stopped: an hour
     python experiments/learned.py table --publish   # the tables and the figure, from the published rows
 
 Tiny transformers (`examples/tiny_agent.py`) learn to reply as a teacher did, each from windows of one kind, and play

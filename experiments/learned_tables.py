@@ -265,7 +265,7 @@ def curves(played: Played) -> Figure:
     axes.set_xticks(range(len(CAPS)), ["none" if cap is None else f"{cap:,}" for cap in CAPS])
     axes.set_xlabel("cap on prompts, in budget tokens")
     axes.set_ylabel("mean score, of 50")
-    axes.legend()
+    axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.07))  # above the line of `random`
     return drawn
 
 
