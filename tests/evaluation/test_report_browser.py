@@ -236,6 +236,7 @@ def test_a_turn_is_copied_as_markdown(show, tmp_path):
 
 def test_a_prompt_is_read_beside_any_other(show, tmp_path):
     page = show(record(tmp_path / "beside.jsonl", BANDIT, history=3), "#episode=beside&turn=20")
+    page.wait_for_function("() => shown.episode?.key === 'beside' && document.getElementById('slider').value === '20'")
     page.keyboard.press("p")
     assert page.get_by_role("spinbutton", name="beside the prompt of turn").input_value() == "19"
     assert page.text_content("#difference") == "2 messages here alone, 2 messages there alone."
