@@ -83,18 +83,20 @@ TEACHERS: Mapping[str, PlayerConfig] = {
     "random": PlayerConfig(name="random"),
     "rule": PlayerConfig(name="rule"),
     "rule-notes": PlayerConfig(name="rule-notes", options={"words": False}),
-    "tally": PlayerConfig(name=f"{Path(__file__).parent / 'learned_teacher.py'}:TallyPlayer", options={"words": False}),
+    "digits": PlayerConfig(
+        name=f"{Path(__file__).parent / 'learned_teacher.py'}:DigitsPlayer", options={"words": False}
+    ),
 }
 """The scripted players."""
-RULE, NOTES, TALLY = TEACHERS["rule"], TEACHERS["rule-notes"], TEACHERS["tally"]
+RULE, NOTES, DIGITS = TEACHERS["rule"], TEACHERS["rule-notes"], TEACHERS["digits"]
 REGIMES: Mapping[str, Regime] = {
     "small": Regime([_budget(SMALL)], RULE, _budget(CAPS[0])),
     "all": Regime([_budget(cap) for cap in CAPS], RULE, _budget(CAPS[0])),
     "full": Regime([_budget(None)], RULE, _budget(CAPS[0])),
     "notes": Regime([_budget(SMALL, "notes")], NOTES, _budget(SMALL, "notes")),
     "summary": Regime([_budget(SMALL, "summary")], NOTES, _budget(SMALL, "summary")),
-    "tally-notes": Regime([_budget(SMALL, "notes")], TALLY, _budget(SMALL, "notes")),
-    "tally-summary": Regime([_budget(SMALL, "summary")], TALLY, _budget(SMALL, "summary")),
+    "digits-notes": Regime([_budget(SMALL, "notes")], DIGITS, _budget(SMALL, "notes")),
+    "digits-summary": Regime([_budget(SMALL, "summary")], DIGITS, _budget(SMALL, "summary")),
 }
 TOKENIZED: Mapping[str, Sequence[str]] = {
     GAME: ("small", "all", "full", "notes", "summary"),
@@ -107,7 +109,7 @@ def cells() -> Iterator[Cell]:
     """All cells, in the order in which they are played: what matters most comes first."""
     for player in ("rule", "random"):
         yield from (Cell(player, cap, game=game) for game in (GAME, BANDIT) for cap in CAPS)
-    for player in ("rule", "rule-notes", "tally"):
+    for player in ("rule", "rule-notes", "digits"):
         yield from (Cell(player, SMALL, way) for way in WAYS)
     models = [f"{regime}-{seed}" for regime in ("full", "small", "all") for seed in SEEDS]
     for player in (*models, *(f"full-{seed}-rewarded" for seed in SEEDS)):
@@ -116,11 +118,11 @@ def cells() -> Iterator[Cell]:
         yield from (Cell(player, cap, manual=manual) for manual in ("none", "swapped") for cap in (CAPS[0], None))
     for player in ("small-0", "full-0", "small-1", "full-1"):
         yield from (Cell(player, cap, game=BANDIT) for cap in CAPS)
-    for player in ("tally-notes-0", "small-1", "full-0", "notes-0", "summary-0", "tally-summary-0"):
+    for player in ("digits-notes-0", "small-1", "full-0", "notes-0", "summary-0", "digits-summary-0"):
         yield from (Cell(player, SMALL, way) for way in WAYS)
-    for player in ("tally-notes-1", "tally-notes-2"):
+    for player in ("digits-notes-1", "digits-notes-2"):
         yield from (Cell(player, SMALL, way) for way in ("drop", "notes"))
-    yield from (Cell("tally-notes-0-rewarded", SMALL, way) for way in WAYS)
+    yield from (Cell("digits-notes-0-rewarded", SMALL, way) for way in WAYS)
     for player in ("small-2", "full-2"):
         yield from (Cell(player, cap, game=BANDIT) for cap in CAPS)
     for player in (f"small-{seed}-rewarded" for seed in SEEDS):

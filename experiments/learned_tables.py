@@ -141,12 +141,12 @@ def _comparisons() -> list[Compared]:
     """What is compared of scripts and of single models."""
     small, full = CAPS[0], None
     wanted = [(Cell("rule", small, game=game), Cell("rule", full, game=game)) for game in (GAME, BANDIT)]
-    for player in ("rule-notes", "tally", *(f"tally-notes-{seed}" for seed in SEEDS), "tally-notes-0-rewarded"):
+    for player in ("rule-notes", "digits", *(f"digits-notes-{seed}" for seed in SEEDS), "digits-notes-0-rewarded"):
         wanted += [(Cell(player, SMALL, "notes"), Cell(player, SMALL))]
-    for player in ("tally", "small-1"):
-        wanted += [(Cell(f"tally-notes-{seed}", SMALL, "notes"), Cell(player, SMALL)) for seed in SEEDS]
-        wanted += [(Cell("tally-summary-0", SMALL, "summary"), Cell(player, SMALL))]
-    wanted += [(Cell("tally-notes-0-rewarded", SMALL, "notes"), Cell("tally-notes-0", SMALL, "notes"))]
+    for player in ("digits", "small-1"):
+        wanted += [(Cell(f"digits-notes-{seed}", SMALL, "notes"), Cell(player, SMALL)) for seed in SEEDS]
+        wanted += [(Cell("digits-summary-0", SMALL, "summary"), Cell(player, SMALL))]
+    wanted += [(Cell("digits-notes-0-rewarded", SMALL, "notes"), Cell("digits-notes-0", SMALL, "notes"))]
     for player in ("small-1", "full-0"):
         wanted += [(Cell(player, SMALL, way), Cell(player, SMALL)) for way in WAYS if way != "drop"]
     return wanted

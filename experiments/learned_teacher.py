@@ -1,6 +1,6 @@
 """A teacher whose notes a tiny model can learn to write: three digits, one for each hand of the opponent.
 
-`rule-notes` writes a line of JSON with a clock and numbers without bound. `tally` counts every hand up to nine, and
+`rule-notes` writes a line of JSON with a clock and numbers without bound. `digits` counts every hand up to nine, and
 halves all three when one would pass it, so that a note is the one before with one digit changed.
 """
 
@@ -19,7 +19,7 @@ from smartplay_tools.players.rules import rock_paper_scissors
 NOTE = re.compile(r"Rock (\d), Paper (\d), Scissor (\d)")
 
 
-class Tally:
+class Digits:
     """Rules for Rock Paper Scissors that remember three digits."""
 
     def plays(self, reading: Reading) -> bool:
@@ -65,9 +65,9 @@ def _counts(text: str) -> dict[str, int]:
     return dict(zip(rock_paper_scissors.BEATS, map(int, note), strict=True))
 
 
-class TallyPlayer(RuleNotesPlayer):
+class DigitsPlayer(RuleNotesPlayer):
     """Plays Rock Paper Scissors as `rule-notes` does, with notes of three digits."""
 
-    name = "tally"
-    remembering: ClassVar[tuple[Remembering, ...]] = (Tally(),)
+    name = "digits"
+    remembering: ClassVar[tuple[Remembering, ...]] = (Digits(),)
     counting: ClassVar[tuple[Remembering, ...]] = ()

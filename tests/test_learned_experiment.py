@@ -61,7 +61,7 @@ def test_every_cell_has_every_world_once(played):
 
 def test_notes_of_three_digits_are_worth_more_than_dropping():
     """The teacher of the models that write notes: it takes them every turn, and counts beyond its window."""
-    player = importlib.import_module("learned_teacher").TallyPlayer
+    player = importlib.import_module("learned_teacher").DigitsPlayer
     budgets = [sp.Budget(prompt_tokens=700), sp.Budget(prompt_tokens=700, notes_tokens=60)]
     scores = []
     for budget in budgets:

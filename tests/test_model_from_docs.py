@@ -7,19 +7,19 @@ from pathlib import Path
 
 import smartplay_tools as sp
 from tests.model_from_docs.carrying import play_chains
-from tests.model_from_docs.play import Tally, play, replay_is_identical
+from tests.model_from_docs.play import Counts, play, replay_is_identical
 
 
 def test_prompts_answers_and_counters_are_those_of_the_model() -> None:
-    tally, seed = Tally(), 10
-    while tally.prompts < 400:
-        record = play(seed, tally)
+    counts, seed = Counts(), 10
+    while counts.prompts < 400:
+        record = play(seed, counts)
         if record and record[0]["config"]["game"] in sp.GAMES and seed % 8 == 0:
             assert replay_is_identical(record)
         seed += 1
-    assert len(tally.strategies) == 9
-    assert tally.requests > 0
-    assert tally.refused > 0
+    assert len(counts.strategies) == 9
+    assert counts.requests > 0
+    assert counts.refused > 0
 
 
 def test_a_trial_begins_with_what_the_one_before_it_left(tmp_path: Path) -> None:

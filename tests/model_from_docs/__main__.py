@@ -9,7 +9,7 @@ from pathlib import Path
 import smartplay_tools as sp
 
 from .carrying import play_chains
-from .play import SMALL, Tally, play, replay_is_identical
+from .play import SMALL, Counts, play, replay_is_identical
 
 GAMES = (*SMALL * 12, *sp.GAMES)
 
@@ -23,9 +23,9 @@ def main() -> None:
     parser.add_argument("--games", nargs="+", default=GAMES)
     parser.add_argument("--chains-every", type=int, default=20, help="play chains of trials once for N episodes")
     given = parser.parse_args()
-    tally, seed, replayed, carried = Tally(), given.seed, 0, 0
-    while tally.prompts < given.prompts:
-        record = play(seed, tally, given.games)
+    counts, seed, replayed, carried = Counts(), given.seed, 0, 0
+    while counts.prompts < given.prompts:
+        record = play(seed, counts, given.games)
         if record and record[0]["config"]["game"] in sp.GAMES and seed % given.replay_every == 0:
             assert replay_is_identical(record), f"the record of seed {seed} does not replay"
             replayed += 1
@@ -34,7 +34,7 @@ def main() -> None:
                 carried += play_chains(seed, Path(out) / "run")
         seed += 1
     print(
-        f"seeds {given.seed} to {seed - 1}: {tally}, {replayed} records replayed, "
+        f"seeds {given.seed} to {seed - 1}: {counts}, {replayed} records replayed, "
         f"{carried} trials that carry, 0 violations"
     )
 

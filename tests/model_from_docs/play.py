@@ -62,7 +62,7 @@ TOKENIZERS: tuple[Any, ...] = ("o200k_base", "o200k_base", "approximate", Words(
 
 
 @dataclass
-class Tally:
+class Counts:
     """What was compared."""
 
     episodes: int = 0
@@ -184,21 +184,21 @@ def _begin(setting: _Setting, seed: int, record: list[Event]) -> tuple[sp.Conver
     return conversation, Model(copy, seed, {**facts, **rules}, n)
 
 
-def play(seed: int, tally: Tally, games: Sequence[str | sp.GameSpec] = SMALL, most_turns: int = 60) -> list[Event]:
+def play(seed: int, counts: Counts, games: Sequence[str | sp.GameSpec] = SMALL, most_turns: int = 60) -> list[Event]:
     """Play one random episode and compare everything; return its record, which is empty where the budget is refused."""
     rng = random.Random(seed)
     setting = _Setting.drawn(rng, seed, games)
     record: list[Event] = []
     begun = _begin(setting, seed, record)
     if begun is None:
-        tally.refused += 1
+        counts.refused += 1
         return []
     conversation, model = begun
     episode = conversation.episode
     where = f"seed {seed}, {setting}"
-    tally.episodes += 1
+    counts.episodes += 1
     for name in sp.Budget(**setting.limits).strategies:
-        tally.strategies[name] += 1
+        counts.strategies[name] += 1
     speaker = Speaker(rng, model.tools, model.game.actions, FOREIGN.name)
     skips = model.budget.summary_tokens is model.budget.strategy is None and rng.random() < 0.1
     for turn in range(most_turns):
@@ -210,24 +210,24 @@ def play(seed: int, tally: Tally, games: Sequence[str | sp.GameSpec] = SMALL, mo
             break
         assert skips or prompt is not None, f"{where}: turn {turn}: {episode.progress}"
         if prompt is not None:
-            tally.prompts += 1
+            counts.prompts += 1
             if skips:  # it compares with the prompt that was taken last
                 expected.prefix_messages = prompt.prefix_messages
             assert not model.window.wrong, f"{where}: turn {turn}: {model.window.wrong}"
             _compare(prompt, conversation, expected, f"{where}: turn {turn}")
         if expected.purpose == "summary":
-            tally.requests += 1
+            counts.requests += 1
             conversation.receive(reply := speaker.summary())
             model.receive(reply, (), {})  # type: ignore[arg-type]
             continue
         results = conversation.receive(speaker.reply())
-        tally.answers += len(results)
+        counts.answers += len(results)
         speaker.heard += [word for result in results for word in result.text.split()]
         wrong = _follow(conversation, model, results, setting.foreign, rng)
         assert not wrong, f"{where}: turn {turn}: " + "; ".join(wrong)
     _compare_totals(episode, model, where)
     episode.close()
-    tally.ends[str(episode.progress.end_reason)] += 1
+    counts.ends[str(episode.progress.end_reason)] += 1
     return record
 
 
