@@ -153,7 +153,7 @@ def extra_named(feature: str, extra: str) -> Iterator[None]:
     """Turn a failed import into a `MissingExtraError` that says which extra the feature needs."""
     try:
         yield
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingExtraError(feature, extra) from error
 
 
