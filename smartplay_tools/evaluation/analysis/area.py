@@ -19,12 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from smartplay_tools.evaluation.analysis.distributions import t_quantile
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS
+from smartplay_tools.evaluation.analysis.headline import CUT, is_much_cut
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Values, mean_estimate
 from smartplay_tools.evaluation.analysis.names import strategy_name
+from smartplay_tools.evaluation.analysis.pairs import cut_share
 from smartplay_tools.evaluation.analysis.windows import family, jointly
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.rows import Row
 
 FEWEST_CAPS = 4
@@ -77,25 +79,23 @@ def areas(rows: Sequence[Row], *, compared: int | None = None) -> list[Area]:
     differences the intervals hold together; by default all those of these rows.
     """
     groups = by_cell(row for row in rows if row["end_reason"] != "run_budget")
-    games: dict[str, dict[str, list[tuple[PlayedCell, list[Row]]]]] = {}
-    for cell, members in groups:
-        games.setdefault(cell.game, {}).setdefault(family(cell, ("prompt_tokens",)), []).append((cell, members))
-    lines: dict[str, list[_Curve]] = {}
-    for game, families in games.items():
-        lines[game] = [
-            _Curve(
-                curve_name(members[0][0]),
-                {cell.budget["prompt_tokens"]: own for cell, own in members},
-            )
-            for members in families.values()
-            if len(members) > 1 and members[0][0].player != RANDOM
-        ]
+    lines: dict[str, list[_Curve]] = {cell.game: [] for cell, _ in groups}
+    for members in grouped(groups, lambda group: family(group[0], ("prompt_tokens",))).values():
+        first = members[0][0]
+        if len(members) > 1 and first.player != RANDOM:
+            curve = _Curve(curve_name(first), {cell.budget["prompt_tokens"]: own for cell, own in members})
+            lines[first.game].append(curve)
     if compared is None:
         compared = sum(len(curves) - 1 for curves in lines.values() if curves)
     confidence = jointly(compared).confidence
     result: list[Area] = []
     for game, curves in lines.items():
-        random = {row["seed"]: row["score"] for cell, members in groups for row in members if _is_random(cell, game)}
+        random = {
+            row["seed"]: row["score"]
+            for cell, members in groups
+            if (cell.game, cell.player) == (game, RANDOM)
+            for row in members
+        }
         if curves:
             result += _areas_of(game, curves, random, confidence)
     return result
@@ -105,10 +105,6 @@ def curve_name(cell: PlayedCell) -> str:
     """Return the name of a curve: the player, the strategy and, if there is any, the slack."""
     slack = cell.budget["slack"]
     return f"{cell.player}, {strategy_name(cell)}" + (f", slack {slack:g}" if slack else "")
-
-
-def _is_random(cell: PlayedCell, game: str) -> bool:
-    return cell.game == game and cell.player == RANDOM
 
 
 def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], confidence: float) -> list[Area]:
@@ -131,7 +127,8 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], con
     first: tuple[Values, Values] | None = None
     for curve in curves:
         infeasible = tuple(cap for cap in caps if cap not in curve.cells)
-        facts = (game, curve.name, grid, infeasible, _is_cut(curve), len(seeds))
+        is_cut = any(map(is_much_cut, map(cut_share, curve.cells.values())))
+        facts = (game, curve.name, grid, infeasible, is_cut, len(seeds))
         reason = "trials carry something over, so seeds are not independent" if curve.carries else lacking
         if reason is not None:
             curve_areas.append(Area(*facts, reason=reason))
@@ -177,14 +174,6 @@ def interval_of(whole: Values, without: Values, confidence: float = CONFIDENCE) 
     return float(whole), float(whole) - half, float(whole) + half
 
 
-def _is_cut(curve: _Curve) -> bool:
-    shares = []
-    for rows in curve.cells.values():
-        calls = sum(row["tool_calls"] for row in rows)
-        shares.append(sum(row["cut_results"] for row in rows) / calls if calls else 0.0)
-    return max(shares) >= MANY_CUTS
-
-
 NOTES = (
     "area under score against log of the cap on prompts: 1 is full context under every cap, 0 is random",
     "[ ]: 95 %, jackknife over seeds; +-: to the game's first line; compare areas over the same caps only",
@@ -193,12 +182,9 @@ NOTES = (
 
 def areas_table(areas: Sequence[Area]) -> TextTable:
     """Return the table of areas, with a section for each game."""
-    rows: list[tuple[str, ...]] = []
-    for game in dict.fromkeys(each.game for each in areas):
-        own = [each for each in areas if each.game == game]
-        rows.append((f"{game}, caps {', '.join('none' if cap is None else f'{cap:,}' for cap in own[0].caps)}",))
-        rows += [_row(each) for each in own]
-    columns = (Column("player and strategy", words=True), *map(Column, ("seeds", "area", "+-")))
+    games = grouped(areas, lambda each: each.game)
+    caps = {game: ["none" if cap is None else f"{cap:,}" for cap in own[0].caps] for game, own in games.items()}
+    rows = sections((f"{game}, caps {', '.join(caps[game])}", map(_row, own)) for game, own in games.items())
     reasons = dict.fromkeys(f"-: {each.reason}" for each in areas if each.reason)
     low = dict.fromkeys(
         f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as random"
@@ -206,7 +192,8 @@ def areas_table(areas: Sequence[Area]) -> TextTable:
         if each.infeasible
     )
     cut = [f"{CUT}: some caps cut tool results"] if any(each.is_cut for each in areas) else []
-    return TextTable("areas under the curve", columns, tuple(rows), (*NOTES, *reasons, *low, *cut))
+    headings = columns("player and strategy", "seeds", "area", "+-")
+    return TextTable("areas under the curve", headings, rows, (*NOTES, *reasons, *low, *cut))
 
 
 def _row(each: Area) -> tuple[str, ...]:

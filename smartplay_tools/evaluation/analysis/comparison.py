@@ -21,7 +21,7 @@ from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, weighted_estimates
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
     difference_samples,
@@ -260,11 +260,8 @@ def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
         row |= {name: getattr(each, name) for name in ("pairs", "unpaired", "wins", "ties", "losses")}
         for measure in MEASURES:
             own, other = each.means.get(measure), means[each.game, each.reference].get(measure)
-            difference = each.differences.get(measure)
             row |= {measure: own and own.mean, f"reference_{measure}": other and other.mean}
-            row[f"{measure}_difference"] = difference and difference.mean
-            row[f"{measure}_difference_low"] = difference and difference.low
-            row[f"{measure}_difference_high"] = difference and difference.high
+            row |= with_ends(f"{measure}_difference", each.differences.get(measure))
         if each.verdict is not None:
             row |= {"verdict": each.verdict.word, "margin": each.verdict.margin, "mde": each.verdict.mde}
         rows.append(row)

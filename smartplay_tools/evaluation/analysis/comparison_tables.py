@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
 from smartplay_tools.evaluation.analysis.decisions import Verdict
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, fixed, interval_notes, with_interval
 from smartplay_tools.quantities import short
@@ -26,15 +26,14 @@ VERDICT_NOTES = (
 def comparison_tables(comparison: Comparison) -> list[TextTable]:
     """Return the table with a section for each game and, if there are several games, the table over all games."""
     names = side_names(comparison)
-    rows: list[tuple[str, ...]] = []
-    for game in dict.fromkeys(each.game for each in comparison.pairings):
-        rows += [(game,), *_game_rows(comparison, game, names)]
+    games = dict.fromkeys(each.game for each in comparison.pairings)
+    rows = sections((game, _game_rows(comparison, game, names)) for game in games)
     judged = any(each.verdict for each in comparison.pairings)
     last = Column("verdict", words=True) if judged else Column("tokens")
-    columns = (Column("", words=True), *map(Column, ("pairs", "score", "+-", "W/T/L")), last)
+    headings = (*columns("", "pairs", "score", "+-", "W/T/L"), last)
     notes = (NOTES[0], *VERDICT_NOTES) if judged else NOTES
-    tables = [TextTable("compared", columns, tuple(rows), (*notes, *_notes(comparison)))]
-    if len({each.game for each in comparison.pairings}) > 1:
+    tables = [TextTable("compared", headings, rows, (*notes, *_notes(comparison)))]
+    if len(games) > 1:
         tables.append(_overall_table(comparison, names))
     return tables
 
@@ -77,9 +76,9 @@ def _tokens(means: Mapping[str, MeanEstimate]) -> str:
 
 def _overall_table(comparison: Comparison, names: Mapping[Side, str]) -> TextTable:
     rows = [_overall_row(each, names) for each in comparison.overall]
-    columns = (Column("", words=True), *map(Column, ("games", "% human, +-", "W/T/L")))
+    headings = columns("", "games", "% human, +-", "W/T/L")
     note = "% human, +-: difference of normalised scores, the mean over the games that have one"
-    return TextTable("over all games", columns, tuple(rows), (note,))
+    return TextTable("over all games", headings, tuple(rows), (note,))
 
 
 def _overall_row(each: Overall, names: Mapping[Side, str]) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.baselines import Baseline, Baselines
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.headline import INTERVALS, PRIVILEGED, by_game, shared, warnings
 from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
@@ -57,9 +57,9 @@ def failures_table(failures: Sequence[Failures]) -> TextTable:
         reasons = ", ".join(f"{reason} {count}" for reason, count in failed.reasons.items())
         rows.append((f"{failed.game or NOTHING}, {failed.player or NOTHING}",))
         rows.append((f"  {reasons}", f"{failed.attempts}", f"{failed.missing}", failed.last_error or ""))
-    columns = (Column("why", words=True), Column("attempts"), Column("missing"), Column("last error", words=True))
+    headings = (*columns("why", "attempts", "missing"), Column("last error", words=True))
     note = "they are in no figure; missing: episodes that no later attempt has finished"
-    return TextTable("attempts without a result", columns, tuple(rows), (note,))
+    return TextTable("attempts without a result", headings, tuple(rows), (note,))
 
 
 def _scores(summary: RunSummary) -> TextTable:
@@ -70,10 +70,9 @@ def _scores(summary: RunSummary) -> TextTable:
         for name, cell in cells:
             shares = (with_interval(share, 0, factor=100) for share in (cell.normalized_score, cell.completion))
             rows.append((f"  {name}", f"{cell.episodes}", with_interval(cell.score, points), *shares))
-    headings = ("n", "score", "% human", "% done")
-    columns = (Column("game and player", words=True), *map(Column, headings))
+    headings = columns("game and player", "n", "score", "% human", "% done")
     notes = interval_notes(each for c in summary.cells for each in (c.score, c.normalized_score, c.completion))
-    return TextTable(_title("scores", summary), columns, tuple(rows), (INTERVALS, *notes, *warnings(summary.cells)))
+    return TextTable(_title("scores", summary), headings, tuple(rows), (INTERVALS, *notes, *warnings(summary.cells)))
 
 
 def _ends(summary: RunSummary) -> TextTable:
@@ -84,19 +83,19 @@ def _ends(summary: RunSummary) -> TextTable:
         for name, cell in cells:
             ends = ", ".join(f"{reason} {count}" for reason, count in cell.end_reasons.items())
             rows.append((f"  {name}", with_interval(cell.reward, decimals), ends))
-    columns = (Column("game and player", words=True), Column("reward"), Column("ends", words=True))
+    headings = (*columns("game and player", "reward"), Column("ends", words=True))
     notes = (INTERVALS, *interval_notes(cell.reward for cell in summary.cells))
-    return TextTable(_title("rewards, and why episodes ended", summary), columns, tuple(rows), notes)
+    return TextTable(_title("rewards, and why episodes ended", summary), headings, tuple(rows), notes)
 
 
 def _cells(summary: RunSummary, title: str, figures: Figures, *notes: str) -> TextTable:
     """A table with a heading for every game and below it a row for every player."""
-    rows: list[tuple[str, ...]] = []
-    for game, cells in by_game(summary):
-        rows.append((game,))
-        rows += [(f"  {name}", *(show(cell) for _, show in figures)) for name, cell in cells]
-    columns = (Column("game and player", words=True), *(Column(heading) for heading, _ in figures))
-    return TextTable(_title(title, summary), columns, tuple(rows), notes)
+    rows = sections(
+        (game, [(f"  {name}", *(show(cell) for _, show in figures)) for name, cell in cells])
+        for game, cells in by_game(summary)
+    )
+    headings = columns("game and player", *(heading for heading, _ in figures))
+    return TextTable(_title(title, summary), headings, rows, notes)
 
 
 def _count(name: str) -> Callable[[CellSummary], str]:
@@ -136,14 +135,13 @@ TOKENS: Figures = (
 
 
 def _baselines(summary: RunSummary) -> Iterator[TextTable]:
-    headings = ("random", "rule", "weakest", "strongest", "human")
-    columns = (Column("game", words=True), *map(Column, headings))
+    headings = columns("game", "random", "rule", "weakest", "strongest", "human")
     for label in dict.fromkeys(each.label for each in summary.baselines):
         baselines = [each for each in summary.baselines if each.label == label]
         rows = tuple((each.game, *_baseline_figures(each)) for each in baselines)
         other_engine = any(each.models and not each.comparable for each in baselines)
         title = f"baselines ({label})" if label else "baselines"
-        yield TextTable(title, columns, rows, (PAPERS, *([OTHER_ENGINE] if other_engine else [])))
+        yield TextTable(title, headings, rows, (PAPERS, *([OTHER_ENGINE] if other_engine else [])))
 
 
 def _baseline_figures(baselines: Baselines) -> Iterator[str]:
@@ -178,8 +176,8 @@ def _capabilities(profiles: Sequence[Profile]) -> TextTable:
     privileged = [PRIVILEGED] if any(profile.privileged for profile in profiles) else []
     equal = interval_notes(score.estimate for p in profiles for score in p.capabilities.scores)
     notes = dict.fromkeys([INTERVALS, *equal, *left_out, *(f"{NOTHING}: {why}" for why in reasons), *privileged])
-    columns = (Column("capability", words=True), *map(Column, names))
-    return TextTable(f"capabilities, {whose}", columns, tuple(rows), tuple(notes))
+    headings = columns("capability", *names)
+    return TextTable(f"capabilities, {whose}", headings, tuple(rows), tuple(notes))
 
 
 def deviations_table(cells: Sequence[CellSummary]) -> TextTable:
@@ -189,8 +187,8 @@ def deviations_table(cells: Sequence[CellSummary]) -> TextTable:
         for name, values in cell.deviations.items():
             where.setdefault((name, _value(values["paper"]), _value(values["played"])), []).append(cell)
     rows = [(*deviation, _place(members, cells)) for deviation, members in where.items()]
-    columns = tuple(Column(heading, words=True) for heading in ("what", "paper", "played", "where"))
-    return TextTable("different from the paper", columns, tuple(rows))
+    headings = tuple(Column(heading, words=True) for heading in ("what", "paper", "played", "where"))
+    return TextTable("different from the paper", headings, tuple(rows))
 
 
 def _place(members: Sequence[CellSummary], cells: Sequence[CellSummary]) -> str:

@@ -9,7 +9,7 @@ import csv
 import html
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -42,6 +42,16 @@ class TextTable:
             else:
                 rows.append((f"{group}, {row[0].strip()}" if group else row[0], *row[1:]))
         return rows
+
+
+def columns(words: str, *numbers: str) -> tuple[Column, ...]:
+    """Return the columns of most tables: one of words, then numbers."""
+    return Column(words, words=True), *map(Column, numbers)
+
+
+def sections(groups: Iterable[tuple[str, Iterable[tuple[str, ...]]]]) -> tuple[tuple[str, ...], ...]:
+    """Return the rows of groups, each group below its heading."""
+    return tuple(row for heading, rows in groups for row in [(heading,), *rows])
 
 
 def to_markdown(table: TextTable) -> str:

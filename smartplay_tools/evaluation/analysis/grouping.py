@@ -79,9 +79,8 @@ class Condition:
 
 def _facts(row: Row) -> dict[str, Any]:
     """The fields of the cell of a row."""
-    facts = {name: row[name] for name in _COPIED}
     return {
-        **facts,
+        **{name: row[name] for name in _COPIED},
         "budget": {**Budget.later, **row["budget"]},
         "rules": {name: row.get(name, USUAL[name]) for name in RULES},
     }
@@ -103,7 +102,7 @@ def by_cell(rows: Iterable[Row]) -> list[tuple[PlayedCell, list[Row]]]:
         written = repr([row.get(name) for name in _WRITTEN])
         if written not in alike:
             facts = _facts(row)
-            alike[written] = groups.setdefault(_key(facts), (PlayedCell(**facts), []))[1]
+            alike[written] = groups.setdefault(canonical_json(facts), (PlayedCell(**facts), []))[1]
         alike[written].append(row)
     return list(groups.values())
 
@@ -116,7 +115,7 @@ def conditions(cells: Sequence[PlayedCell]) -> list[Condition]:
         for values in product(*(asked[word].readings(cell) for word in WORDS)):
             budget = {**dict(zip(WORDS, values, strict=True)), **_caps(cell.budget)}
             common = {name: getattr(cell, name) for name in _COMMON} | {"budget": budget}
-            groups.setdefault(_key(common), (common, []))[1].append(cell)
+            groups.setdefault(canonical_json(common), (common, []))[1].append(cell)
     return [
         Condition(**common, variant=variant, cells=members)
         for common, mixed in groups.values()
@@ -165,7 +164,3 @@ def _variants(cells: Sequence[PlayedCell]) -> list[tuple[str, tuple[PlayedCell, 
 def _variant(cell: PlayedCell) -> str:
     engine = [] if cell.engine is None else [f"engine {cell.engine}"]
     return ", ".join([*engine, *(f"{name}={value}" for name, value in sorted(cell.options.items()))]) or "no options"
-
-
-def _key(facts: Any) -> bytes:
-    return canonical_json(facts)

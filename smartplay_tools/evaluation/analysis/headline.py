@@ -6,9 +6,9 @@ It fits 80 columns. `TERMS` explains its columns, and `details` has all other ta
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
     decimals_of,
@@ -62,30 +62,26 @@ Named = tuple[str, CellSummary]
 
 def headline(summary: RunSummary, title: str = "") -> TextTable:
     """Return the short table of a run: score, share of the human's, tokens and cost for every game and player."""
-    rows: list[tuple[str, ...]] = []
-    for game, cells in by_game(summary):
-        decimals = decimals_of(cell.score for _, cell in cells)
-        rows += [(game,), *((f"  {name}", *_figures(cell, decimals)) for name, cell in cells)]
-    columns = (Column("game and player", words=True), *map(Column, ("n", "score", "% human", "tokens", "USD")))
+    rows = sections((game, _rows(cells)) for game, cells in by_game(summary))
+    headings = columns("game and player", "n", "score", "% human", "tokens", "USD")
     intervals = [INTERVALS, *interval_notes(cell.score for cell in summary.cells)]
-    return TextTable(title or shared(summary), columns, tuple(rows), (*intervals, *warnings(summary.cells)))
+    return TextTable(title or shared(summary), headings, rows, (*intervals, *warnings(summary.cells)))
 
 
 def by_game(summary: RunSummary) -> list[tuple[str, list[Named]]]:
     """Return the cells of each game with their names: the player, and what distinguishes its cells of the game."""
-    labels = [_label(summary, cell) for cell in summary.cells]
     players = Counter((game_name(cell), cell.cell.player) for cell in summary.cells)
     games: dict[str, list[Named]] = {}
-    for cell, given in zip(summary.cells, labels, strict=True):
-        game, player = game_name(cell), cell.cell.player
-        name = f"{player_name(cell)}, {given}" if given and players[game, player] > 1 else player_name(cell)
+    for cell in summary.cells:
+        game, given = game_name(cell), summary.label_of(cell)
+        name = f"{player_name(cell)}, {given}" if given and players[game, cell.cell.player] > 1 else player_name(cell)
         games.setdefault(game, []).append((name, cell))
     return list(games.items())
 
 
 def shared(summary: RunSummary) -> str:
     """Return a short description of the run's condition; empty for the default, or if players' conditions differ."""
-    given = {_label(summary, cell) for cell in summary.cells}
+    given = {summary.label_of(cell) for cell in summary.cells}
     return given.pop() if len(given) == 1 else ""
 
 
@@ -98,7 +94,7 @@ def warnings(cells: Iterable[CellSummary]) -> list[str]:
             f"{UNPLAYED}: {unplayed} without any action, whose scores say nothing of how well the player plays"
         )
     worst = max((cell.cut_share or 0.0 for cell in cells), default=0.0)
-    if worst >= MANY_CUTS:
+    if is_much_cut(worst):
         notes.append(
             f"{CUT}: tool results were cut to fit (up to {percent(worst)} of them), so a low score is not that "
             "of less memory alone; raise --prompt-tokens or --result-tokens"
@@ -106,9 +102,14 @@ def warnings(cells: Iterable[CellSummary]) -> list[str]:
     return notes
 
 
+def is_much_cut(share: float | None) -> bool:
+    """Whether so large a share of tool results was cut that a score does not measure its window alone."""
+    return (share or 0.0) >= MANY_CUTS
+
+
 def player_name(cell: CellSummary) -> str:
     """Return the player's name with its marks."""
-    marks = {"*": cell.privileged, UNPLAYED: cell.unplayed > 0, CUT: (cell.cut_share or 0.0) >= MANY_CUTS}
+    marks = {"*": cell.privileged, UNPLAYED: cell.unplayed > 0, CUT: is_much_cut(cell.cut_share)}
     return cell.cell.player + "".join(mark for mark, holds in marks.items() if holds)
 
 
@@ -119,12 +120,10 @@ def game_name(cell: CellSummary) -> str:
     return f"{cell.cell.game} ({', '.join(made)})" if made else cell.cell.game
 
 
-def _label(summary: RunSummary, cell: CellSummary) -> str:
-    conditions = (profile.condition for profile in summary.profiles)
-    return next((each.label for each in conditions if cell.cell in each.cells), "")
-
-
-def _figures(cell: CellSummary, decimals: int) -> tuple[str, ...]:
-    human = NOTHING if cell.normalized_score is None else f"{100 * cell.normalized_score.mean:.0f}"
-    tokens = (cell.tokens.prompt + cell.tokens.reply) / cell.episodes
-    return f"{cell.episodes}", with_interval(cell.score, decimals), human, short(tokens), dollars(cell.cost)
+def _rows(cells: Sequence[Named]) -> Iterator[tuple[str, ...]]:
+    decimals = decimals_of(cell.score for _, cell in cells)
+    for name, cell in cells:
+        human = NOTHING if cell.normalized_score is None else f"{100 * cell.normalized_score.mean:.0f}"
+        tokens = short((cell.tokens.prompt + cell.tokens.reply) / cell.episodes)
+        score = with_interval(cell.score, decimals)
+        yield f"  {name}", f"{cell.episodes}", score, human, tokens, dollars(cell.cost)

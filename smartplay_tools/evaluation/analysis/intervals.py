@@ -117,6 +117,13 @@ class MeanEstimate:
     """The standard deviation of the episodes; None of a single one and of sums."""
 
 
+def with_ends(name: str, estimate: MeanEstimate | None) -> dict[str, float | None]:
+    """Return a mean and the ends of its interval under the names that flat rows have for them."""
+    if estimate is None:
+        return {name: None, f"{name}_low": None, f"{name}_high": None}
+    return {name: estimate.mean, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+
+
 def equal_share(n: int, confidence: float = CONFIDENCE) -> float:
     """Return how many of all episodes may differ, at most, if `n` of them are equal."""
     return 1.0 - float((1 - confidence) ** (1 / n))

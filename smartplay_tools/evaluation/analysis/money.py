@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from smartplay_tools.evaluation.analysis.names import window_name
@@ -122,7 +122,7 @@ def costs_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTab
     notes = [UNIT, MODEL, f"{LEAST}: the cheapest window of the player at the game"]
     if billed:
         notes.append("bill: USD by the provider's count; modelled: under the rule of the model; +-: their difference")
-    return TextTable("what an episode costs", _columns("window", headings), tuple(rows), (*notes, *_left_out(cells)))
+    return TextTable("what an episode costs", columns("window", *headings), tuple(rows), (*notes, *_left_out(cells)))
 
 
 def rules_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTable:
@@ -141,9 +141,9 @@ def rules_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTab
         if cell.bill is not None:
             bill, modelled, difference = _bill(cell)
             rows.append((f"  bill; {modelled} under the model's rule ({difference})", bill, *[NOTHING] * 4))
-    columns = _columns("rule", ("an episode", "a point", "area", "read", "written"))
+    headings = columns("rule", "an episode", "a point", "area", "read", "written")
     notes = [UNIT, MODEL, AREA, "read, written: of the tokens of prompts"]
-    return TextTable("what an episode and a point of score cost", columns, tuple(rows), (*notes, *_left_out(cells)))
+    return TextTable("what an episode and a point of score cost", headings, tuple(rows), (*notes, *_left_out(cells)))
 
 
 def flip_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[TextTable]:
@@ -193,10 +193,6 @@ def cost_rows(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[dict
 def _families(cells: Sequence[CellCost]) -> list[tuple[str, list[CellCost]]]:
     families = grouped(cells, lambda cell: (cell.title, family(cell.cell)))
     return [(title, members) for (title, _), members in families.items()]
-
-
-def _columns(first: str, headings: Iterable[str]) -> tuple[Column, ...]:
-    return Column(first, words=True), *map(Column, headings)
 
 
 def _amount(cost: float, tariff: Tariff) -> str:

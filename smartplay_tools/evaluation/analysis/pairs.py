@@ -102,6 +102,12 @@ def _of_units(measured: Sequence[tuple[int, float]], bounds: Bounds | None) -> S
     return Sample([math.fsum(members) / len(members) for members in units.values()], bounds)
 
 
+def cut_share(rows: Sequence[Row]) -> float | None:
+    """Return the share of the tool results of a cell that were cut to their cap; None without a tool call."""
+    calls = sum(row["tool_calls"] for row in rows)
+    return sum(row["cut_results"] for row in rows) / calls if calls else None
+
+
 def samples(rows: Sequence[Row]) -> dict[str, Sample]:
     """Return all measures of the episodes of a cell."""
     return {name: sample(rows, measure) for name, measure in MEASURES.items()}

@@ -9,7 +9,8 @@ from typing import Any
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Side
 from smartplay_tools.evaluation.analysis.comparison_tables import side_names
 from smartplay_tools.evaluation.analysis.decisions import POWERS, Margin, Needed, plan_pairs
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
+from smartplay_tools.groups import grouped
 
 NOTES = (
     "a | b: to see a difference in 8 or in 9 of 10 such comparisons (two-sided, 5 %)",
@@ -45,16 +46,10 @@ def plan_comparisons(comparison: Comparison, difference: Margin) -> list[Planned
 
 def planning_table(planned: Sequence[Planned]) -> TextTable:
     """Return the table of trials, with a section for each game."""
-    rows: list[tuple[str, ...]] = []
-    for game in dict.fromkeys(each.game for each in planned):
-        rows.append((game,))
-        rows += [_row(each) for each in planned if each.game == game]
-    columns = (
-        Column("", words=True),
-        *map(Column, ("pairs", "sd", "D", "MDE", "trials", "more", "at most")),
-    )
+    rows = sections((game, map(_row, own)) for game, own in grouped(planned, lambda each: each.game).items())
+    headings = columns("", "pairs", "sd", "D", "MDE", "trials", "more", "at most")
     reasons = dict.fromkeys(f"-: {each.reason}" for each in planned if each.reason)
-    return TextTable("trials to see a difference of D", columns, tuple(rows), (*NOTES, *reasons))
+    return TextTable("trials to see a difference of D", headings, rows, (*NOTES, *reasons))
 
 
 def _row(each: Planned) -> tuple[str, ...]:

@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from smartplay_tools.evaluation.analysis.distributions import t_quantile
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, RESAMPLES, SEED, Values
 from smartplay_tools.evaluation.analysis.numbers import NOTHING
@@ -67,7 +68,7 @@ def _repeats(cell: PlayedCell, rows: Sequence[Row], succeeds: Succeeds | None) -
     played = [sorted(members, key=lambda row: row["trial"])[:repeats] for members in worlds.values()]
     scores = np.array([[row["score"] for row in members] for members in played], dtype=float)
     if succeeds is None and any(row["completed"] for row in rows):
-        succeeds = _completed
+        succeeds = itemgetter("completed")
     within, between = map(float, variances(scores))
     counts = None if succeeds is None else np.array([sum(map(succeeds, members)) for members in played])
     share = float(icc(scores))
@@ -82,10 +83,6 @@ def _repeats(cell: PlayedCell, rows: Sequence[Row], succeeds: Succeeds | None) -
         None if counts is None else flips(counts, repeats),
         () if counts is None else tuple(_passes(counts, repeats)),
     )
-
-
-def _completed(row: Row) -> bool:
-    return bool(row["completed"])
 
 
 def variances(scores: Values) -> tuple[Values, Values]:
@@ -153,15 +150,11 @@ NOTES = (
 
 def repeats_table(figures: Sequence[Repeats]) -> TextTable:
     """Return the table of cells with repeats."""
-    rows: list[tuple[str, ...]] = []
-    for game in dict.fromkeys(each.cell.game for each in figures):
-        rows.append((game,))
-        rows += [_row(each) for each in figures if each.cell.game == game]
-    headings = ("worlds x", "sd within", "between", "ICC", "floor", "flip", "pass@k", "pass^k")
+    rows = sections((game, map(_row, own)) for game, own in grouped(figures, lambda each: each.cell.game).items())
+    numbers = ("worlds x", "sd within", "between", "ICC", "floor", "flip", "pass@k", "pass^k")
     equal = [each.cell.player for each in figures if not each.within]
     notes = [f"{', '.join(dict.fromkeys(equal))}: all repeats are equal, so more trials say more"] if equal else []
-    columns = (Column("game and player", words=True), *map(Column, headings))
-    return TextTable("repeats", columns, tuple(rows), (*NOTES, *notes))
+    return TextTable("repeats", columns("game and player", *numbers), rows, (*NOTES, *notes))
 
 
 def _row(each: Repeats) -> tuple[str, ...]:

@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.intervals import Bounds, Values
 from smartplay_tools.evaluation.analysis.pairs import bounds_of, score
 from smartplay_tools.games.specs import get_spec
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.manifest import Manifest
 from smartplay_tools.records.rows import Row
 
@@ -217,15 +218,17 @@ NOTES = (
 
 def decisions_table(decisions: Sequence[Decision], cells: Sequence[CellConfig]) -> TextTable:
     """Return the table of a run that stops when it is decided."""
-    rows: list[tuple[str, ...]] = []
-    for game in dict.fromkeys(each.game for each in decisions):
-        own = [each for each in decisions if each.game == game]
-        rows.append((f"{game}, against {_name(cells[own[0].reference])}, margin {own[0].margin:g}",))
-        rows += [(f"  {_name(cells[each.place])}", *_figures(each)) for each in own]
-    columns = (Column("", words=True), *map(Column, ("used", "finished", "planned", "+-")), Column("word", words=True))
+    rows = sections(
+        (
+            f"{game}, against {_name(cells[own[0].reference])}, margin {own[0].margin:g}",
+            [(f"  {_name(cells[each.place])}", *_figures(each)) for each in own],
+        )
+        for game, own in grouped(decisions, lambda each: each.game).items()
+    )
+    headings = (*columns("", "used", "finished", "planned", "+-"), Column("word", words=True))
     clipped = sum(each.clipped for each in decisions)
     notes = [f"{clipped} differences were clipped, so +- is the mean of clipped differences"] if clipped else []
-    return TextTable("until decided", columns, tuple(rows), (*NOTES, *notes))
+    return TextTable("until decided", headings, rows, (*NOTES, *notes))
 
 
 def _name(cell: CellConfig) -> str:

@@ -149,6 +149,11 @@ class RunSummary:
     baselines: tuple[Baselines, ...]
     failures: tuple[Failures, ...]
 
+    def label_of(self, cell: CellSummary) -> str:
+        """Return a short description of what a cell's player was given; empty for the default."""
+        conditions = (profile.condition for profile in self.profiles)
+        return next((condition.label for condition in conditions if cell.cell in condition.cells), "")
+
 
 def summarize(
     rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Weights = "paper", method: Method = USUAL
@@ -222,11 +227,9 @@ def _deviations(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, Any]:
             deviation["played"] += [values["played"]] if values["played"] not in deviation["played"] else []
     for values in merged.values():
         values["played"] = values["played"][0] if len(values["played"]) == 1 else values["played"]
-    return {**merged, **_trial_deviation(cell, len(rows))}
-
-
-def _trial_deviation(cell: PlayedCell, trials: int) -> dict[str, Any]:
-    return {} if trials == cell.spec.trials else {"trials": differs(cell.spec.trials, trials)}
+    if len(rows) != cell.spec.trials:
+        merged["trials"] = differs(cell.spec.trials, len(rows))
+    return merged
 
 
 def _profile(

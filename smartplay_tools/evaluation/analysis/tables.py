@@ -17,6 +17,7 @@ from typing import Any
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.errors import extra_named
 from smartplay_tools.evaluation.analysis.grouping import Condition
+from smartplay_tools.evaluation.analysis.intervals import with_ends
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
 from smartplay_tools.records.rows import LATER as ROWS_LATER
 from smartplay_tools.records.rows import Row
@@ -107,13 +108,10 @@ def cell_rows(summary: RunSummary) -> list[dict[str, Any]]:
     """Return a flat row for every cell, with the intervals of its figures."""
     rows = []
     for each in summary.cells:
-        labels = (profile.condition.label for profile in summary.profiles if each.cell in profile.condition.cells)
         row: dict[str, Any] = {"game": each.cell.game, "engine": each.cell.engine, "player": each.cell.player}
-        row |= {"condition": next(labels, ""), "episodes": each.episodes}
+        row |= {"condition": summary.label_of(each), "episodes": each.episodes}
         for name in ("score", "normalized_score", "completion", "reward"):
-            estimate = getattr(each, name)
-            row |= {name: estimate and estimate.mean}
-            row |= {f"{name}_{end}": estimate and getattr(estimate, end) for end in ("low", "high")}
+            row |= with_ends(name, getattr(each, name))
         rows.append({**row, "tokens": each.tokens.prompt + each.tokens.reply, "cost": each.cost, **each.counts})
     return rows
 

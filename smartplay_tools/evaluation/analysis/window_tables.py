@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns
 from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell
-from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS
+from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS, is_much_cut
 from smartplay_tools.evaluation.analysis.names import window_name
 from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
@@ -43,11 +43,10 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
     compared = sum(difference is not None for difference in differences)
     priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
     rows: list[tuple[str, ...]] = []
-    for title, members in _families(comparisons).items():
+    for title, members in grouped(comparisons, lambda comparison: family_title(comparison.cell)).items():
         decimals = decimals_of(c.means["score"] for c in members)
         rows += [(title,), *(_row(comparison, decimals, priced=priced, single=single) for comparison in members)]
-    headings = ["n", "score", "+-", "tokens", "stable", *(["USD"] if priced else []), ""]
-    columns = (Column("window", words=True), *map(Column, headings))
+    headings = columns("window", "n", "score", "+-", "tokens", "stable", *(["USD"] if priced else []), "")
     held = (SINGLE if single else TOGETHER).format(compared=compared)
     notes = [
         *([held] if compared > 1 else []),
@@ -56,17 +55,12 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
         *([COST_NOTE] if priced else []),
         *([CUT_NOTE] if any(map(is_cut, comparisons)) else []),
     ]
-    return TextTable("windows", columns, tuple(rows), tuple(notes))
+    return TextTable("windows", headings, tuple(rows), tuple(notes))
 
 
 def is_cut(comparison: WindowComparison) -> bool:
     """Whether too many results of a cell were cut for its score to measure its window alone."""
-    return (comparison.cut_share or 0.0) >= MANY_CUTS
-
-
-def _families(comparisons: Iterable[WindowComparison]) -> dict[str, list[WindowComparison]]:
-    """The cells that differ only in their window, by what they have in common."""
-    return grouped(comparisons, lambda comparison: family_title(comparison.cell))
+    return is_much_cut(comparison.cut_share)
 
 
 def family_title(cell: PlayedCell) -> str:

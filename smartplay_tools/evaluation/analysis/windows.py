@@ -22,8 +22,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, named_estimates
-from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_samples, pairs, samples
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, named_estimates, with_ends
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, cut_share, difference_samples, pairs, samples
 from smartplay_tools.evaluation.analysis.pareto import pareto_front
 from smartplay_tools.groups import grouped
 from smartplay_tools.records.rows import Row
@@ -89,7 +89,7 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
             means=means[at],
             differences=paired[at],
             together=together[at].get("score"),
-            cut_share=_cut_share(members),
+            cut_share=cut_share(members),
             on_token_front=bool(token_fronts[at]),
             on_cost_front=cost_fronts[at],
         )
@@ -136,11 +136,6 @@ def _full_contexts(groups: Sequence[tuple[PlayedCell, list[Row]]], along: Sequen
     return [widest[name] for name in families]
 
 
-def _cut_share(rows: Sequence[Row]) -> float | None:
-    calls = sum(row["tool_calls"] for row in rows)
-    return sum(row["cut_results"] for row in rows) / calls if calls else None
-
-
 def _fronts(
     groups: Sequence[tuple[PlayedCell, list[Row]]], means: Sequence[Mapping[str, MeanEstimate]], price: str
 ) -> list[bool | None]:
@@ -164,16 +159,10 @@ def as_row(comparison: WindowComparison) -> dict[str, Any]:
     row |= {"episodes": comparison.episodes, "full_context": comparison.is_full}
     row |= {"cut_share": comparison.cut_share}
     for measure in MEASURES:
-        row |= _columns(measure, comparison.means.get(measure))
-        row |= _columns(f"{measure}_difference", comparison.differences.get(measure))
-    joint = _columns("score_difference_together", comparison.together)
+        row |= with_ends(measure, comparison.means.get(measure))
+        row |= with_ends(f"{measure}_difference", comparison.differences.get(measure))
+    joint = with_ends("score_difference_together", comparison.together)
     row |= {name: end for name, end in joint.items() if name != "score_difference_together"}
     compared = comparison.differences.get("score")
     row |= {"pairs": None if compared is None else compared.episodes}
     return row | {"on_token_front": comparison.on_token_front, "on_cost_front": comparison.on_cost_front}
-
-
-def _columns(name: str, estimate: MeanEstimate | None) -> dict[str, float | None]:
-    if estimate is None:
-        return {name: None, f"{name}_low": None, f"{name}_high": None}
-    return {name: estimate.mean, f"{name}_low": estimate.low, f"{name}_high": estimate.high}

@@ -14,6 +14,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     panels,
     sample_note,
 )
+from smartplay_tools.groups import grouped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,9 +33,7 @@ def areas_under_curves(areas: Sequence[Area]) -> Figure:
     there = [each for each in areas if each.area is not None]
     if not there:
         raise InvalidArgumentError("There is nothing to draw: no strategy has an area under its curve.")
-    by_game: dict[str, list[Area]] = {}
-    for each in there:
-        by_game.setdefault(each.game, []).append(each)
+    by_game = grouped(there, lambda each: each.game)
     rows = max(map(len, by_game.values()))
     players = {each.name.partition(", ")[0] for each in there}
     shared = f"{players.pop()}, " if len(players) == 1 else ""

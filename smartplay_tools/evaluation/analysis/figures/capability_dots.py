@@ -13,7 +13,7 @@ from smartplay_tools.evaluation.analysis.capabilities import Weights, capability
 from smartplay_tools.evaluation.analysis.figures.style import (
     GREY,
     Series,
-    bars,
+    draw_dots,
     figure,
     legend_below,
     panels,
@@ -44,10 +44,7 @@ def capability_dots(players: Mapping[str, Scores], *, weights: Weights = "paper"
     for index, (name, scores) in enumerate(players.items()):
         look, beside = Series.number(index), spread(index, len(players))
         profile = _profile({game: scores[game] for game in settings}, weights)
-        rows = [place + beside for place in places]
-        means = [score.mean for score in profile]
-        axes.plot(means, rows, color=look.colour, marker=look.marker, linestyle="", label=name)
-        axes.errorbar(means, rows, xerr=bars(profile), color=look.colour, elinewidth=1.2, capsize=2, fmt="none")
+        draw_dots(axes, profile, [place + beside for place in places], look, name)
     axes.axvline(1, color=GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
     axes.set_yticks(places, CAPABILITIES)
     axes.invert_yaxis()

@@ -18,6 +18,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, sample
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.rows import Row
 
 if TYPE_CHECKING:
@@ -38,11 +39,10 @@ def score_against_trial(rows: Sequence[Row]) -> Figure:
             "There is nothing to draw: the rows need chains of one length (`carry` and `chain`)."
         )
     (length,) = lengths
-    games = list(dict.fromkeys(cell.game for cell, _ in cells))
+    games = grouped(cells, lambda group: group[0].game)
     drawn, axes = panels(len(games), columns=3)
     counts: list[int] = []
-    for panel, game in zip(axes, games, strict=True):
-        own = [(cell, members) for cell, members in cells if cell.game == game]
+    for panel, (game, own) in zip(axes, games.items(), strict=True):
         for index, (cell, members) in enumerate(own):
             places = [[row for row in members if row["trial"] % length == place] for place in range(length)]
             estimates = mean_estimates([sample(each, MEASURES["score"]) for each in places])

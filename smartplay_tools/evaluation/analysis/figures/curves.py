@@ -84,11 +84,10 @@ def _score_against(field: str, label: str, comparisons: Sequence[WindowCompariso
     shown = [c for c in comparisons if is_widest_but(c, field)]
     if not shown:
         raise InvalidArgumentError("There is nothing to draw: the run has no finished episode.")
-    games = list(dict.fromkeys(c.cell.game for c in shown))
+    games = grouped(shown, lambda c: c.cell.game)
     names = list(dict.fromkeys(series_name(c, shown) for c in shown))
     drawn, axes = panels(len(games))
-    for panel, game in zip(axes, games, strict=True):
-        members = [c for c in shown if c.cell.game == game]
+    for panel, (game, members) in zip(axes, games.items(), strict=True):
         steps = sorted({c.cell.budget[field] for c in members}, key=_narrow_first)
         for index, name in enumerate(names):
             line = sorted((c for c in members if series_name(c, shown) == name), key=lambda c: _place(c, field, steps))

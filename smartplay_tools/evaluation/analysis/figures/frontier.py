@@ -21,6 +21,7 @@ from smartplay_tools.evaluation.analysis.headline import CUT
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
 from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, width
+from smartplay_tools.groups import grouped
 from smartplay_tools.quantities import typeset
 
 if TYPE_CHECKING:
@@ -54,11 +55,10 @@ def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens"
     priced = [c for c in comparisons if price in c.means]
     if not priced:
         raise InvalidArgumentError(f"There is nothing to draw: no episode of the run has {price}.")
-    games = list(dict.fromkeys(c.cell.game for c in priced))
+    games = grouped(priced, lambda c: c.cell.game)
     players = list(dict.fromkeys(series_name(c, priced) for c in priced))
     drawn, axes = panels(len(games), size=(5.4, 4.2))
-    for panel, game in zip(axes, games, strict=True):
-        members = [c for c in priced if c.cell.game == game]
+    for panel, (game, members) in zip(axes, games.items(), strict=True):
         for index, player in enumerate(players):
             own = [c for c in members if series_name(c, priced) == player]
             _draw_player(panel, own, price, Series.number(index), player)
@@ -70,8 +70,8 @@ def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens"
     legend_below(drawn, note="; ".join(notes))
     # Labels come last, because their free places depend on everything else.
     drawn.draw_without_rendering()
-    for panel, game in zip(axes, games, strict=True):
-        _label(panel, [c for c in priced if c.cell.game == game], price)
+    for panel, members in zip(axes, games.values(), strict=True):
+        _label(panel, members, price)
     return drawn
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.figures.style import (
     GREY,
     Series,
-    bars,
+    draw_dots,
     figure,
     panels,
     sample_note,
@@ -82,9 +83,7 @@ def _draw(panel: Axes, rows: Sequence[tuple[int, WindowComparison]], measure: st
     there = [(at, estimate) for at, estimate in estimates if estimate is not None]
     if there:
         places, values = zip(*there, strict=True)
-        means = [value.mean for value in values]
-        panel.plot(means, places, color=look.colour, marker=look.marker, linestyle="")
-        panel.errorbar(means, places, xerr=bars(values), color=look.colour, elinewidth=1.2, capsize=2, fmt="none")
+        draw_dots(panel, values, places, look)
 
 
 def _windows(comparisons: Sequence[WindowComparison]) -> dict[str, list[WindowComparison]]:
@@ -93,12 +92,8 @@ def _windows(comparisons: Sequence[WindowComparison]) -> dict[str, list[WindowCo
     rivals = [members for members in families.values() if len(members) > 1]
     facts = [_facts(members[0], comparisons) for members in rivals]
     # A name has what tells its window from the others, and in any case the game.
-    varied = (
-        [place for place in range(len(facts[0])) if not place or len({fact[place] for fact in facts}) > 1]
-        if facts
-        else []
-    )
-    names = ["\n".join(fact[place] for place in varied) for fact in facts]
+    varied = [not place or len(set(column)) > 1 for place, column in enumerate(zip(*facts, strict=True))]
+    names = ["\n".join(compress(fact, varied)) for fact in facts]
     return dict(zip(names, rivals, strict=True))
 
 

@@ -124,6 +124,15 @@ def draw_estimates(
     axes.errorbar(positions, means, yerr=bars(estimates), color=look.colour, capsize=3, elinewidth=1.2, fmt="none")
 
 
+def draw_dots(
+    axes: Axes, estimates: Sequence[MeanEstimate], rows: Sequence[float], look: Series, label: str | None = None
+) -> None:
+    """Draw means as dots in rows, and their intervals, if any, as bars to the left and right."""
+    means = [estimate.mean for estimate in estimates]
+    axes.plot(means, rows, color=look.colour, marker=look.marker, linestyle="", label=label)
+    axes.errorbar(means, rows, xerr=bars(estimates), color=look.colour, elinewidth=1.2, capsize=2, fmt="none")
+
+
 def bars(estimates: Sequence[MeanEstimate]) -> list[list[float]]:
     """The lengths of intervals below and above their means; 0 if there is no interval."""
     below = [0.0 if estimate.low is None else estimate.mean - estimate.low for estimate in estimates]
