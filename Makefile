@@ -49,13 +49,13 @@ demo-model: $(DEMO_MODEL)/.ready  ## the same with a real model of 135 million p
 	$(DEMO_MODEL)/bin/smartplay-tools demo --player local
 
 test: $(VENV)/.ready  ## run all tests but the slow ones
-	$(BIN)/python -m pytest -n auto --dist loadgroup -m 'not slow'
+	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
 
 test-lowest:  ## the adapter tests with the lowest versions that are declared
 	.ci/lowest
 
 coverage: $(VENV)/.ready  ## the same tests, and which lines they run in their own processes
-	$(BIN)/python -m pytest -n auto --dist loadgroup -m 'not slow' --cov --cov-report=term:skip-covered
+	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow' --cov --cov-report=term:skip-covered
 
 constraints: $(VENV)/.ready  ## renew constraints.txt: the newest versions that pyproject.toml allows
 	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --no-annotate --no-header \

@@ -301,7 +301,10 @@ class TestResume:
         with sp.Episode(game, seed=5, budget=budget, transcript=whole) as episode:
             result = sp.play(episode, sp.get_player("random", seed=2), protocol=protocol)
         lines = whole.read_text().splitlines(keepends=True)
-        prompts = [event["sha256"] for event in sp.read_transcript(whole) if event["event"] == "view"]
+        events = [*sp.read_transcript(whole)]
+        prompts = [event["sha256"] for event in events if event["event"] == "view"]
+        replies = [event["message"] for event in events if event["event"] == "message"]
+        answers = [message for message in replies if message["role"] == "assistant"]
         step = max(1, len(lines) // 8)
         for length in range(2, len(lines) - 1, step):
             path = tmp_path / f"{length}.jsonl"
@@ -309,13 +312,12 @@ class TestResume:
             with sp.resume(path) as resumed:
                 turns = resumed.episode.stats.turns
                 player = sp.get_player("random", seed=2)
-                replies = [event["message"] for event in sp.read_transcript(whole) if event["event"] == "message"]
-                answers = [message for message in replies if message["role"] == "assistant"]
                 assert turns <= len(answers)
                 assert sp.play(resumed.conversation, sp.ScriptedPlayer(answers[turns:])) == result, player.name
-            assert sp.replay(path).identical
+            replay = sp.replay(path)
+            assert replay.identical
+            assert len(replay.resumed) == 1
             assert [event["sha256"] for event in sp.read_transcript(path) if event["event"] == "view"] == prompts
-            assert len(sp.replay(path).resumed) == 1
 
     def test_an_attempt_that_was_stopped_goes_on_in_a_new_record(self, tmp_path):
         first, second = tmp_path / "1.jsonl", tmp_path / "2.jsonl"

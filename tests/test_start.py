@@ -84,8 +84,11 @@ class TestGymnasium:
         [
             "import smartplay_tools, gymnasium",
             "import gymnasium, smartplay_tools",
-            "import smartplay_tools.games.hanoi as _, gymnasium",
-            "import smartplay_tools as sp; sp.Episode('Hanoi3Disk-v0', seed=7).close(); import gymnasium",
+            pytest.param("import smartplay_tools.games.hanoi as _, gymnasium", marks=pytest.mark.slow),
+            pytest.param(
+                "import smartplay_tools as sp; sp.Episode('Hanoi3Disk-v0', seed=7).close(); import gymnasium",
+                marks=pytest.mark.slow,
+            ),
         ],
     )
     def test_knows_the_settings_whichever_is_imported_first(self, code):

@@ -30,6 +30,7 @@ def test_the_vocabulary_is_the_one_that_tiktoken_pins():
     assert tokens.VOCABULARY_SHA256 in inspect.getsource(tiktoken_ext.openai_public.o200k_base)
 
 
+@pytest.mark.slow  # building both encodings takes two seconds
 def test_the_encoding_is_tiktokens_own(tmp_path):
     """Give tiktoken our vocabulary through its cache folder, so that it builds its own encoding without a network."""
     url = "https://openaipublic.blob.core.windows.net/encodings/o200k_base.tiktoken"

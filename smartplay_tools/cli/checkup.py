@@ -20,11 +20,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
 from importlib.util import find_spec
+from inspect import getmodulename
 from types import MappingProxyType
 from typing import Literal
 
 from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
 
 from smartplay_tools import tokens
 from smartplay_tools.errors import SmartPlayError
@@ -189,12 +189,15 @@ def _version(need: Requirement) -> str | None:
 
 def _modules(needed: list[Requirement]) -> list[str]:
     """Return the public top-level modules of the distributions, whose names can differ from theirs."""
-    wanted = {canonicalize_name(need.name) for need in needed}
-    return sorted(
-        module
-        for module, distributions in metadata.packages_distributions().items()
-        if not module.startswith("_") and module.isidentifier() and wanted & set(map(canonicalize_name, distributions))
-    )
+    modules: set[str] = set()
+    for name in {need.name for need in needed}:
+        found = metadata.distribution(name)
+        files = (file for file in found.files or () if getmodulename(file.name))
+        declared = (found.read_text("top_level.txt") or "").split()
+        modules |= set(declared) or {
+            file.parts[0] if file.parts[1:] else str(getmodulename(file.name)) for file in files
+        }
+    return sorted(module for module in modules if module.isidentifier() and not module.startswith("_"))
 
 
 def _adapters(extra: str) -> list[str]:

@@ -12,6 +12,7 @@ from smartplay_tools.evaluation.analysis.shares import clopper_pearson, tango, w
 proportion = pytest.importorskip("statsmodels.stats.proportion")
 power = pytest.importorskip("statsmodels.stats.power")
 resampling = pytest.importorskip("evalstats.core.resampling")
+pytestmark = pytest.mark.slow  # importing them takes a second
 
 
 @pytest.mark.parametrize(("successes", "n"), [(0, 20), (3, 7), (20, 20), (99, 100), (5_000, 10_000)])

@@ -16,6 +16,9 @@ from smartplay_tools.players.rules import hanoi
 
 SMALL_GAMES = [name for name, spec in sp.GAMES.items() if spec.family in ("bandit", "rock_paper_scissors", "hanoi")]
 
+OF_EACH = {spec.family: name for name, spec in reversed([*sp.GAMES.items()])}.values()
+"""The first setting of each game."""
+
 
 def mean_score(game: str, player: str, episodes: int = 20, **budget: object) -> float:
     scores = []
@@ -72,7 +75,7 @@ class Blanking:
         return reply
 
 
-@pytest.mark.parametrize("game", sp.GAMES)
+@pytest.mark.parametrize("game", [pytest.param(g, marks=[pytest.mark.slow] * (g not in OF_EACH)) for g in sp.GAMES])
 def test_the_rule_player_keeps_no_state_in_its_replies(game):
     spec = sp.GAMES[game]
     spec = dataclasses.replace(spec, rollout=min(spec.rollout, 60))
