@@ -29,6 +29,7 @@ __all__ = [
     "pictures_of",
     "read_calls",
     "reasoning_of",
+    "text_and_pictures",
     "text_of",
     "whole",
     "words_of",
@@ -76,7 +77,7 @@ def text_of(message: Mapping[str, Any]) -> str:
     content = message.get("content")
     if content is None or isinstance(content, str):
         return content or ""
-    return "".join([_text_of_part(part) for part in content if not is_picture(part)])
+    return text_and_pictures(message)[0]
 
 
 def words_of(content: Any) -> tuple[str, Counter[str]]:
@@ -102,6 +103,15 @@ def pictures_of(message: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     if not isinstance(content, list):
         return ()
     return [part for part in content if is_picture(part)]
+
+
+def text_and_pictures(message: Mapping[str, Any]) -> tuple[str, Sequence[Mapping[str, Any]]]:
+    """Return what `text_of` and `pictures_of` return."""
+    content = message.get("content")
+    if content is None or isinstance(content, str):
+        return content or "", ()
+    pictures = [part for part in content if is_picture(part)]
+    return "".join([_text_of_part(part) for part in content if part not in pictures]), pictures
 
 
 def calls_of(message: Mapping[str, Any]) -> Sequence[MessageToolCall]:

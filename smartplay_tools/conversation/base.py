@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress, count
@@ -24,8 +24,8 @@ from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError
-from smartplay_tools.messages import Call, Message, assistant_message, calls_of, read_calls
-from smartplay_tools.pictures.picture import NO_PICTURES, Picture, is_picture
+from smartplay_tools.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
+from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult, Prompt, SampledTokens, ToolSpec, Usage
 
@@ -84,6 +84,27 @@ def _common_beginning(shown: Sequence[Message], before: Sequence[Message]) -> in
         if shown[place] != before[place]:
             return place
     return min(len(shown), len(before))
+
+
+class _NamedPictures(Mapping[str, Picture]):
+    """The pictures that messages name, by their sha256: they are looked for when the first is asked for."""
+
+    def __init__(self, messages: Sequence[Message], kept: Mapping[str, Picture]) -> None:
+        self._messages, self._kept = messages, kept
+
+    @cached_property
+    def _named(self) -> dict[str, Picture]:
+        named = [part["sha256"] for message in self._messages for part in pictures_of(message)]
+        return {sha256: self._kept[sha256] for sha256 in named}
+
+    def __getitem__(self, sha256: str) -> Picture:
+        return self._named[sha256]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._named)
+
+    def __len__(self) -> int:
+        return len(self._named)
 
 
 class BaseConversation(ABC):
@@ -288,9 +309,7 @@ class BaseConversation(ABC):
         kept = self._pictures
         while not view.asks_for_summary and len(kept) > self._most_pictures:
             del kept[next(iter(kept))]
-        contents = [content for message in view.shown if isinstance(content := message["content"], list)]
-        named = [part["sha256"] for content in contents for part in content if is_picture(part)]
-        return {sha256: kept[sha256] for sha256 in named}
+        return _NamedPictures(view.shown, kept.copy())
 
     def _keep_picture(self, picture: Picture) -> None:
         """Keep a picture for the views that may show it."""

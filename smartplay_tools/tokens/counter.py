@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from smartplay_tools.arguments import as_text, canonical
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.messages import Call, calls_of, pictures_of, reasoning_of, text_of
+from smartplay_tools.messages import Call, calls_of, reasoning_of, text_and_pictures
 from smartplay_tools.pictures.token_rules import DEFAULT_RULE
 from smartplay_tools.tokens.tokenizers import (
     DEFAULT_TOKENIZER,
@@ -143,9 +143,8 @@ class TokenCounter:
 
     def content(self, message: Mapping[str, Any]) -> int:
         """Count the text and the pictures of a message."""
-        pictures = pictures_of(message)
-        count = self.text(text_of(message))
-        return count + sum([self.image(part["width"], part["height"]) for part in pictures]) if pictures else count
+        text, pictures = text_and_pictures(message)
+        return self.text(text) + sum([self.image(part["width"], part["height"]) for part in pictures])
 
     def message(self, message: Mapping[str, Any], arguments: Sequence[str] | None = None) -> int:
         """Count a chat message. Anything in it but text and pictures of the game raises a ValueError.

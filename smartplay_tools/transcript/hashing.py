@@ -14,7 +14,7 @@ from typing import Any
 
 from smartplay_tools.arguments import canonical
 from smartplay_tools.json_text import canonical_text, encoder
-from smartplay_tools.messages import Message, calls_of, pictures_of, text_of
+from smartplay_tools.messages import Message, calls_of, text_and_pictures
 from smartplay_tools.types import ToolSpec
 
 
@@ -40,10 +40,11 @@ def message_bytes(message: Message, call_ids: Sequence[str], arguments: Sequence
     """
     # Put together by hand, key by key in their order: that takes half the time of an encoder for dictionaries.
     role = message["role"]
-    fields = f'"content":{_text(text_of(message))}'
+    text, pictures = text_and_pictures(message)
+    fields = f'"content":{_text(text)}'
     if name := message.get("name"):
         fields += f',"name":{_text(name)}'
-    if not isinstance(message["content"], str) and (pictures := pictures_of(message)):
+    if pictures:
         fields += f',"pictures":[{",".join(_text(part["sha256"]) for part in pictures)}]'
     fields += f',"role":{_text(role)}'
     if role == "tool":

@@ -15,9 +15,9 @@ from smartplay_tools.games.crafter.stream import world_seed
 from smartplay_tools.games.crafter.views import CENTER, Scene, Sight, body_texture, thing_texture
 from smartplay_tools.games.crafter.world import (
     DISTANCE,
+    IN_VIEW,
     RELIST_STEPS,
     World,
-    cell_in_view,
     cells_around,
     position,
 )
@@ -85,7 +85,7 @@ class FastEngine:
         things = [
             (thing_texture(thing.kind, thing.clock, thing.heading), *cell)
             for thing in self.world.near
-            if (cell := cell_in_view(thing.at, at)) is not None
+            if (cell := IN_VIEW.get(thing.at - at)) is not None
         ]
         return Scene(
             ground=cells_around(self.world.ground, at),

@@ -38,7 +38,7 @@ Planes = NDArray[np.uint8]
 """Red, green and blue, each rows by columns; or first by cell."""
 
 
-_FIRST_LAYER = bytes(range(0, len(LAYERS) * (len(MATERIALS) + 1), len(LAYERS)))
+_FIRST_LAYER = bytes(range(0, len(LAYERS) * (len(MATERIALS) + 1), len(LAYERS))).ljust(256)
 """By material (0: outside the map), the number of a cell with nothing on it."""
 _LAYER = {texture: number for number, texture in enumerate(LAYERS)}
 _IN_ORDER = itemgetter(*CARRIED)
@@ -130,7 +130,7 @@ def _amounts(unit: int, amounts: Sequence[int]) -> NDArray[np.uint8]:
 def numbers_seen(scene: Scene) -> bytes:
     """The cells of the view, row by row: `len(LAYERS)` times the material, and the thing on it (its layer)."""
     ground, rows = scene.ground, VIEW[1]
-    numbers = bytearray(ground.translate(_FIRST_LAYER.ljust(256)))
+    numbers = bytearray(ground.translate(_FIRST_LAYER))
     for texture, column, row in scene.things:
         at = column * rows + row
         numbers[at] = _FIRST_LAYER[ground[at]] + _LAYER[texture]

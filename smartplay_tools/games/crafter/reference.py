@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from smartplay_tools.games.crafter.facts import AREA, CHUNK, CHUNKS, NAMES
 from smartplay_tools.games.crafter.stream import twister_bytes
 from smartplay_tools.games.crafter.views import Scene, Sight
-from smartplay_tools.games.crafter.world import COLUMN, MARGIN, cell_in_view, cells_around, place, position
+from smartplay_tools.games.crafter.world import COLUMN, IN_VIEW, MARGIN, cells_around, place, position
 
 _DIRECTIONS = ((-1, 0), (1, 0), (0, -1), (0, 1))
 
@@ -106,7 +106,7 @@ class ReferenceEngine:
         """The part of the state that a picture shows."""
         world, player = self.env._world, self.env._player
         at = place(*player.pos.tolist())
-        placed = [(thing.texture, cell_in_view(place(*thing.pos.tolist()), at)) for thing in world.objects]
+        placed = [(thing.texture, IN_VIEW.get(place(*thing.pos.tolist()) - at)) for thing in world.objects]
         return Scene(
             ground=cells_around(_with_margin(world._mat_map), at),
             things=[(texture, *cell) for texture, cell in placed if cell is not None],

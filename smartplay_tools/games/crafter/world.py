@@ -61,10 +61,8 @@ def cells_around(cells: bytes | bytearray, at: int) -> bytes:
     return b"".join(columns)
 
 
-def cell_in_view(target: int, at: int) -> tuple[int, int] | None:
-    """Column and row of a place in the view of a player at another; None if it does not see it."""
-    column, row = divmod(target - at + CORNER, COLUMN)
-    return (column, row) if 0 <= column < VIEW[0] and row < VIEW[1] else None
+IN_VIEW = {column * COLUMN + row - CORNER: (column, row) for column in range(VIEW[0]) for row in range(VIEW[1])}
+"""Column and row in the view by the difference of a place and the player's; a place that it does not see has none."""
 
 
 def _difference_tables() -> tuple[bytes, list[int], list[int]]:

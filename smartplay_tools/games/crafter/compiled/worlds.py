@@ -23,8 +23,8 @@ from smartplay_tools.games.crafter.world import (
     CHUNK_OF,
     COLUMN,
     DIRECTIONS,
+    IN_VIEW,
     MARGIN,
-    cell_in_view,
     cells_around,
     position,
     without_margin,
@@ -198,7 +198,7 @@ class CompiledWorlds:
         things = [
             (thing_texture(int(thing["kind"]), int(thing["clock"]), int(thing["heading"])), *cell)
             for thing in self._things_of(number)
-            if (cell := cell_in_view(int(thing["at"]), sight.at)) is not None
+            if (cell := IN_VIEW.get(int(thing["at"]) - sight.at)) is not None
         ]
         return Scene(
             ground=cells_around(record["ground"].tobytes(), sight.at),
