@@ -24,27 +24,6 @@ NIGHT_PIXELS = 63 * 49
 """A picture of Crafter's usual size, 64, shows the world in 63 x 49 pixels, and at night each of them costs one draw
 from the world's random stream. The picture is therefore part of the rules, even if it is not used."""
 
-ACTIONS = (
-    "noop",
-    "move_left",
-    "move_right",
-    "move_up",
-    "move_down",
-    "do",
-    "sleep",
-    "place_stone",
-    "place_table",
-    "place_furnace",
-    "place_plant",
-    "make_wood_pickaxe",
-    "make_stone_pickaxe",
-    "make_iron_pickaxe",
-    "make_wood_sword",
-    "make_stone_sword",
-    "make_iron_sword",
-)
-NOOP, SLEEP = ACTIONS.index("noop"), ACTIONS.index("sleep")
-
 MATERIALS = (
     "water",
     "grass",
@@ -70,50 +49,6 @@ HEALTH = {COW: 3, ZOMBIE: 5, SKELETON: 3, ARROW: 0, PLANT: 1}
 WALKABLE = (GRASS, PATH, SAND)
 WALKABLE_FOR_PLAYER = (*WALKABLE, LAVA)
 WALKABLE_FOR_ARROW = (*WALKABLE, WATER, LAVA)
-
-VITALS = ("health", "food", "drink", "energy")
-ITEMS = (
-    "sapling",
-    "wood",
-    "stone",
-    "coal",
-    "iron",
-    "diamond",
-    "wood_pickaxe",
-    "stone_pickaxe",
-    "iron_pickaxe",
-    "wood_sword",
-    "stone_sword",
-    "iron_sword",
-)
-CARRIED = (*VITALS, *ITEMS)
-MOST = 9
-"""The largest amount of any vital or item; vitals start at it, items at 0."""
-
-ACHIEVEMENTS = (
-    "collect_coal",
-    "collect_diamond",
-    "collect_drink",
-    "collect_iron",
-    "collect_sapling",
-    "collect_stone",
-    "collect_wood",
-    "defeat_skeleton",
-    "defeat_zombie",
-    "eat_cow",
-    "eat_plant",
-    "make_iron_pickaxe",
-    "make_iron_sword",
-    "make_stone_pickaxe",
-    "make_stone_sword",
-    "make_wood_pickaxe",
-    "make_wood_sword",
-    "place_furnace",
-    "place_plant",
-    "place_stone",
-    "place_table",
-    "wake_up",
-)
 
 
 class Collecting(NamedTuple):
@@ -165,6 +100,24 @@ MAKE = {
     "stone_sword": Making((("wood", 1), ("stone", 1)), (TABLE,)),
     "iron_sword": Making((("wood", 1), ("coal", 1), ("iron", 1)), (TABLE, FURNACE)),
 }
+
+VITALS = ("health", "food", "drink", "energy")
+ITEMS = ("sapling", "wood", "stone", "coal", "iron", "diamond", *MAKE)
+CARRIED = (*VITALS, *ITEMS)
+MOST = 9
+"""The largest amount of any vital or item; vitals start at it, items at 0."""
+
+ACTIONS = (
+    *("noop", "move_left", "move_right", "move_up", "move_down", "do", "sleep"),
+    *(f"place_{name}" for name in PLACE),
+    *(f"make_{name}" for name in MAKE),
+)
+NOOP, SLEEP = ACTIONS.index("noop"), ACTIONS.index("sleep")
+
+_FEATS = ("defeat_skeleton", "defeat_zombie", "eat_cow", "eat_plant", "wake_up")
+_COLLECTED = (f"collect_{rule.item}" for rule in COLLECT.values())
+ACHIEVEMENTS = tuple(sorted((*_FEATS, *_COLLECTED, *ACTIONS[SLEEP + 1 :])))
+"""In alphabetical order: the five feats, and whatever can be collected, placed or made."""
 
 DAMAGE = (("iron_sword", 5), ("stone_sword", 3), ("wood_sword", 2))
 """The damage of a blow by the best sword; 1 without a sword."""

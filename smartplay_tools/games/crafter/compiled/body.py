@@ -53,21 +53,15 @@ for _material, _rule in COLLECT.items():
     _COLLECTING[_material] = (_ITEM[_rule.item], _tool, _rule.leaves, _reaches, _rule.probability)
 
 _FIRST_PLACE, _FIRST_MAKE = ACTIONS.index("place_stone"), ACTIONS.index("make_wood_pickaxe")
-_PLACES = [name.removeprefix("place_") for name in ACTIONS[_FIRST_PLACE:_FIRST_MAKE]]
-_MAKES = [name.removeprefix("make_") for name in ACTIONS[_FIRST_MAKE:]]
 _USES = np.zeros((len(ACTIONS), len(CARRIED)), np.int64)
-_WHERE = np.zeros((len(_PLACES), len(NAMES)), np.uint8)
-_PLACED = np.array([PLACE[name].what for name in _PLACES], np.int64)
-_NEARBY = np.zeros((len(_MAKES), len(NAMES)), np.uint8)
-_MADE = np.array([_ITEM[name] for name in _MAKES], np.int64)
-for _number, _name in enumerate(_PLACES):
-    for _item, _count in PLACE[_name].uses:
-        _USES[_FIRST_PLACE + _number, _ITEM[_item]] = _count
-    _WHERE[_number, list(PLACE[_name].where)] = 1
-for _number, _name in enumerate(_MAKES):
-    for _item, _count in MAKE[_name].uses:
-        _USES[_FIRST_MAKE + _number, _ITEM[_item]] = _count
-    _NEARBY[_number, list(MAKE[_name].nearby)] = 1
+_PAID = [*(placing.uses for placing in PLACE.values()), *(making.uses for making in MAKE.values())]
+for _number, _uses in enumerate(_PAID, _FIRST_PLACE):
+    for _item, _count in _uses:
+        _USES[_number, _ITEM[_item]] = _count
+_WHERE = np.array([id_table(placing.where) for placing in PLACE.values()])
+_PLACED = np.array([placing.what for placing in PLACE.values()], np.int64)
+_NEARBY = np.array([id_table(making.nearby) for making in MAKE.values()])
+_MADE = np.array([_ITEM[name] for name in MAKE], np.int64)
 _REACHES = np.array([_ACHIEVEMENT.get(name, -1) for name in ACTIONS], np.int64)
 
 
