@@ -33,6 +33,23 @@ RAY_OFFSETS = np.array([(0.0, 0.0), *((pitch, yaw) for pitch in _OFFSETS for yaw
 RAY_RANGES = np.array([CURSOR_RANGE] + [VIEW_RANGE] * VIEW * VIEW, np.float32)
 
 
+_DISPLAYED = {
+    "podzol": "dirt",
+    "snowy grass block": "grass block",
+    "snow block": "snow",
+    "tall grass": "grass",
+    "fern": "grass",
+    **dict.fromkeys(("mushroom block", "brown mushroom", "red mushroom"), "mushroom"),
+    **dict.fromkeys(("dandelion", "oxeye daisy", "poppy", "orange tulip", "black tulip"), "flower"),
+    **dict.fromkeys(("allium", "blue orchid", "green chrysanthemum"), "flower"),
+}
+
+
+def displayed(kind: str) -> str:
+    """The name of a kind of block as the original shows it, which ignores the variety: every tree is "wood"."""
+    return _DISPLAYED.get(kind) or next((word for word in ("wood", "leaves") if kind.endswith(f" {word}")), kind)
+
+
 @dataclass(frozen=True)
 class Observation:
     """The world around the player. Names are the game's display names in lower case."""

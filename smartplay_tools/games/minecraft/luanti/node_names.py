@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from smartplay_tools.games.minecraft.observation import TextMode
+from smartplay_tools.games.minecraft.observation import TextMode, displayed
 from smartplay_tools.games.minecraft.text import LONGEST_NAME
 
 _TREES = {"": "oak", "jungle": "jungle", "pine_": "spruce", "acacia_": "acacia", "aspen_": "birch"}
@@ -71,26 +71,11 @@ _KINDS: Mapping[str, str] = MappingProxyType(
 )
 """Node to name in corrected texts. Other nodes are called by their title."""
 
-_DISPLAYED: Mapping[str, str] = MappingProxyType(
-    {
-        "podzol": "dirt",
-        "snowy grass block": "grass block",
-        "snow block": "snow",
-        "tall grass": "grass",
-        "fern": "grass",
-        "brown mushroom": "mushroom",
-        "red mushroom": "mushroom",
-        **dict.fromkeys(_FLOWERS.values(), "flower"),
-    }
-)
-
 
 def display_name(node: str, title: str, mode: TextMode) -> str:
     """The name of a node; `title` is what Luanti calls it in its inventory."""
     kind = _KINDS.get(node) or _plain(title) or _plain(node)
-    if mode == "corrected":
-        return kind
-    return _DISPLAYED.get(kind) or next((word for word in ("wood", "leaves") if kind.endswith(f" {word}")), kind)
+    return kind if mode == "corrected" else displayed(kind)
 
 
 def _plain(title: str) -> str:

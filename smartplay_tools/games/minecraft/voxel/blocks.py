@@ -6,7 +6,7 @@ from enum import IntEnum, auto
 
 import numpy as np
 
-from smartplay_tools.games.minecraft.observation import TextMode
+from smartplay_tools.games.minecraft.observation import TextMode, displayed
 
 
 class Block(IntEnum):
@@ -61,28 +61,8 @@ def _variety(block: Block) -> str:
     return block.name.lower().replace("_", " ")
 
 
-def _display(block: Block) -> str:
-    """The name as the original shows it: its display name ignores the variety, so every tree is "wood"."""
-    name = _variety(block)
-    for kind in ("wood", "leaves"):
-        if name.endswith(kind):
-            return kind
-    return {
-        Block.PODZOL: "dirt",
-        Block.SNOW_BLOCK: "snow",
-        Block.TALL_GRASS: "grass",
-        Block.FERN: "grass",
-        Block.DANDELION: "flower",
-        Block.POPPY: "flower",
-        Block.BLUE_ORCHID: "flower",
-        Block.MUSHROOM_BLOCK: "mushroom",
-        Block.BROWN_MUSHROOM: "mushroom",
-        Block.RED_MUSHROOM: "mushroom",
-    }.get(block, name)
-
-
 NAMES: dict[TextMode, np.ndarray[tuple[int], np.dtype[np.str_]]] = {
-    "paper": np.array([_display(block) for block in Block]),
+    "paper": np.array([displayed(_variety(block)) for block in Block]),
     "corrected": np.array([_variety(block) for block in Block]),
 }
 """Display names by block. In corrected texts, varieties have their own names."""
