@@ -10,6 +10,8 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import compress, count
+from operator import ne
 from typing import Any
 
 from tests.counting import Count, message_tokens, plain_text, reasoning_text, tools_tokens
@@ -70,7 +72,7 @@ def message_blocks(message: Json) -> int:
 
 
 def common(first: Tokens, second: Tokens) -> int:
-    differing = (at for at, (one, other) in enumerate(zip(first, second, strict=False)) if one != other)
+    differing = compress(count(), map(ne, first, second))
     return next(differing, min(len(first), len(second)))
 
 

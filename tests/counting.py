@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -10,6 +11,7 @@ Json = dict[str, Any]
 Count = Callable[[str], int]
 
 
+@functools.lru_cache(20_000)
 def arguments_text(arguments: str) -> str:
     """A JSON object as `json.dumps(obj, ensure_ascii=False)`; anything else, repeated keys and NaN too, as sent."""
 

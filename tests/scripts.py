@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import random
 import re
@@ -45,7 +46,12 @@ class Words:
     name = "words"
 
     def count(self, text: str) -> int:
-        return len(re.findall(r"\w{1,8}|[^\w\s]", text))
+        return _words(text)
+
+
+@functools.lru_cache(20_000)
+def _words(text: str) -> int:
+    return len(re.findall(r"\w{1,8}|[^\w\s]", text))
 
 
 def call(name: str, arguments: str) -> tuple[str, str]:
@@ -270,12 +276,16 @@ def converse(
     else:
         conversation, chance = sp.AgentSession(episode, summaries=True, **about), random.Random(host_seed)
     sent: list[dict[str, Any]] = []
+    schemas: dict[int, tuple[Any, Any]] = {}
+    """By the identity of the tools of a prompt, which most prompts share: them, so that they stay, and their JSON."""
 
     def prompted() -> bool:
         prompt = conversation.prompt()
         while prompt is not None:
             assert conversation.view is not None
-            tools = [as_json(asdict(tool)) for tool in prompt.tools]
+            if id(prompt.tools) not in schemas:
+                schemas[id(prompt.tools)] = prompt.tools, [as_json(asdict(tool)) for tool in prompt.tools]
+            tools = schemas[id(prompt.tools)][1]
             sent.append({**view_as_json(conversation.view), "tools": tools, "max_tokens": prompt.max_tokens})
             assert as_json(prompt.messages) == sent[-1]["messages"]
             assert prompt.purpose == conversation.view.purpose
