@@ -57,8 +57,9 @@ def check(
 
 def _print(answers: list[tuple[PlayerConfig, Probe | None]]) -> None:
     console = Console()
-    table = compact_table("player", "reached", "tools", "plays", "ids", "parallel", "usage", "reasoning", "price")
-    table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
+    table = compact_table(
+        "player", "reached", "tools", "plays", "ids", "parallel", "usage", "reasoning", "price", folded=1
+    )
     for config, answer in answers:
         if answer is None:
             table.add_row(escape(config.name), "no model", *[""] * 7)

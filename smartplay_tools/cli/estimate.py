@@ -63,9 +63,8 @@ def print_estimate(
 
 def _table(estimates: Sequence[Estimate]) -> Any:
     axes = [axis for axis in AXES if len({axis[1](each.cell) for each in estimates}) > 1] or [AXES[0]]
-    table = compact_table(*(name for name, _ in axes), "episodes", "calls", "prompts", "replies", "USD")
-    for column in table.columns[: len(axes)]:
-        column.no_wrap, column.overflow = False, "fold"
+    names = [name for name, _ in axes]
+    table = compact_table(*names, "episodes", "calls", "prompts", "replies", "USD", folded=len(names))
     for each in estimates:
         named = [escape("none" if value(each.cell) is None else str(value(each.cell))) for _, value in axes]
         table.add_row(*named, *_figures(each.episodes, each.calls, each.prompt_tokens, each.reply_tokens, each.cost))

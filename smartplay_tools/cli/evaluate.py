@@ -124,12 +124,7 @@ class _OptionValues:
     """The value of each option: from the command line, else from the run file, else the default."""
 
     def __init__(self, context: typer.Context, file: RunFile) -> None:
-        self.file, self._values = file, context.params
-        self._given = {
-            name
-            for name in context.params
-            if (source := context.get_parameter_source(name)) is not None and source.name == "COMMANDLINE"
-        }
+        self.file, self._values, self._given = file, context.params, options.on_command_line(context)
 
     def value(self, name: str) -> Any:
         from_file = self.file.rules.get(name) if name in RULES else getattr(self.file, name)

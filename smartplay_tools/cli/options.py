@@ -71,6 +71,12 @@ CachesFile = Annotated[Path | None, typer.Option("--caches", help="A file with f
 TranscriptFile = Annotated[Path | None, typer.Option("--transcript", help="Write the record to this new file.")]
 
 
+def on_command_line(context: typer.Context) -> set[str]:
+    """Return the names of the options that were given on the command line."""
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    return {name for name, source in sources.items() if source is not None and source.name == "COMMANDLINE"}
+
+
 def names(text: str | None) -> list[str]:
     """Return the parts of a list that is separated by commas."""
     return [name.strip() for name in (text or "").split(",") if name.strip()]

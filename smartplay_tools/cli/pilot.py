@@ -61,8 +61,7 @@ def pilot_estimate(run: Run, plan: Plan) -> list[CellUse]:
 def print_pilot(console: Console, run: Run, plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) -> None:
     """Print the estimate, and how the run goes on."""
     uses = pilot_estimate(run, plan)
-    table = compact_table("from the pilot", "played", "planned", "calls", "tokens", "USD")
-    table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
+    table = compact_table("from the pilot", "played", "planned", "calls", "tokens", "USD", folded=1)
     for use in uses:
         cost = "unknown" if use.cost is None else f"{use.cost:,.2f}"
         table.add_row(use.name, str(use.played), str(use.planned), short(use.calls), short(use.tokens), cost)

@@ -57,15 +57,12 @@ def _replay_file(path: Path, tokenizer: str | None, *, as_json: bool) -> bool:
         print(json.dumps({**asdict(replayed), "result": replayed.result and replayed.result.model_dump()}, indent=2))
     elif replayed.identical:
         resumed = f", resumed at event {', '.join(map(str, replayed.resumed))}" if replayed.resumed else ""
-        sentence = f"[green]identical[/]: {replayed.events} events of {path}{resumed}"
-        Console().print(sentence, highlight=False, soft_wrap=True)
+        _say(f"[green]identical[/]: {replayed.events} events of {path}{resumed}")
     elif not replayed.differences:
-        sentence = (
-            f"[yellow]incomplete[/]: the {replayed.events} events of {path} are identical, but its end is missing"
-        )
-        Console(stderr=True).print(sentence, highlight=False, soft_wrap=True)
+        what = f"the {replayed.events} events of {path} are identical, but its end is missing"
+        _say(f"[yellow]incomplete[/]: {what}", stderr=True)
     else:
-        Console(stderr=True).print(f"[red]differs[/]: {replayed.differences[0]}", highlight=False, soft_wrap=True)
+        _say(f"[red]differs[/]: {replayed.differences[0]}", stderr=True)
     return replayed.identical
 
 
@@ -90,18 +87,20 @@ def _print_unfinished(folder: RunFolder) -> None:
     """List the episodes that have no result yet, which are not replayed."""
     for cell in run_snapshot(folder).cells:
         if cell.paused or cell.running:
-            sentence = f"{cell.game}, {cell.player}: {cell.paused} paused, {cell.running} running; not replayed"
-            Console().print(sentence, highlight=False, soft_wrap=True, markup=False)
+            what = f"{cell.paused} paused, {cell.running} running; not replayed"
+            _say(f"{cell.game}, {cell.player}: {what}", markup=False)
 
 
 def _print_findings(path: Path, total: int, differing: list[EpisodeAudit]) -> None:
     if not differing:
-        Console().print(f"[green]identical[/]: all {total} episodes of {path}", highlight=False, soft_wrap=True)
+        _say(f"[green]identical[/]: all {total} episodes of {path}")
         return
-    console = Console(stderr=True)
-    console.print(f"[red]{len(differing)} of {total} episodes differ[/]", highlight=False)
+    _say(f"[red]{len(differing)} of {total} episodes differ[/]", stderr=True)
     for finding in differing:
         for difference in finding.differences[:SHOWN_DIFFERENCES]:
-            console.print(
-                f"{finding.key} ({finding.game}): {difference}", highlight=False, soft_wrap=True, markup=False
-            )
+            _say(f"{finding.key} ({finding.game}): {difference}", stderr=True, markup=False)
+
+
+def _say(sentence: str, *, stderr: bool = False, markup: bool = True) -> None:
+    """Print a sentence on one line, however long it is."""
+    Console(stderr=stderr).print(sentence, highlight=False, soft_wrap=True, markup=markup)

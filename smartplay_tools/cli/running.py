@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 
 import typer
 from rich.console import Console
 
 from smartplay_tools.cli.show import print_table
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.quantities import short
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.snapshot import RunSnapshot, Spending
+from smartplay_tools.records.snapshot import CellSnapshot, RunSnapshot, Spending
 
 SHOWN_EPISODES = 10
 """The most running episodes that are listed; the others are counted."""
@@ -19,16 +20,14 @@ SHOWN_EPISODES = 10
 
 def status_table(snapshot: RunSnapshot) -> TextTable:
     """Return the progress of each cell of a run."""
-    names = [(cell.game, ", ".join(filter(None, (cell.player, cell.asked)))) for cell in snapshot.cells]
-    rows: list[tuple[str, ...]] = []
-    for at, (cell, (game, player)) in enumerate(zip(snapshot.cells, names, strict=True)):
-        if at == 0 or names[at - 1][0] != game:
-            rows.append((game,))
-        numbers = (cell.finished, cell.planned, cell.running, cell.paused, cell.failed_attempts)
-        rows.append((f"  {player}", *map(str, numbers)))
-    headings = ("finished", "planned", "running", "paused", "failed attempts")
-    columns = (Column("game and player", words=True), *map(Column, headings))
-    return TextTable("progress", columns, tuple(rows))
+    rows = sections((game, map(_status, cells)) for game, cells in groupby(snapshot.cells, lambda cell: cell.game))
+    headings = columns("game and player", "finished", "planned", "running", "paused", "failed attempts")
+    return TextTable("progress", headings, rows)
+
+
+def _status(cell: CellSnapshot) -> tuple[str, ...]:
+    numbers = (cell.finished, cell.planned, cell.running, cell.paused, cell.failed_attempts)
+    return f"  {', '.join(filter(None, (cell.player, cell.asked)))}", *map(str, numbers)
 
 
 def live_table(records: Sequence[Record]) -> TextTable:
@@ -45,11 +44,8 @@ def live_table(records: Sequence[Record]) -> TextTable:
         for record in records[:SHOWN_EPISODES]
     )
     left = len(records) - SHOWN_EPISODES
-    columns = (
-        *(Column(heading, words=True) for heading in ("game", "player")),
-        *map(Column, ("step", "calls", "tokens", "silent")),
-    )
-    return TextTable("being played", columns, rows, (f"and {left} more",) if left > 0 else ())
+    headings = (Column("game", words=True), *columns("player", "step", "calls", "tokens", "silent"))
+    return TextTable("being played", headings, rows, (f"and {left} more",) if left > 0 else ())
 
 
 def print_running(console: Console, snapshot: RunSnapshot) -> None:

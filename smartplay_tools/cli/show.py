@@ -90,11 +90,15 @@ def table_console() -> Console:
     return console if console.is_terminal else Console(width=80)
 
 
-def compact_table(*headings: str) -> Table:
-    """Return a table that fits a terminal of 80 columns: no frame, the first column to the left, numbers right."""
+def compact_table(*headings: str, folded: int = 0) -> Table:
+    """Return a table that fits a terminal of 80 columns: no frame, the first column to the left, numbers right.
+
+    The first `folded` columns are broken where they are too wide.
+    """
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
-    for heading in headings:
-        table.add_column(heading, no_wrap=True, justify="left" if heading == headings[0] else "right")
+    for at, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if heading == headings[0] else "right", no_wrap=at >= folded)
+        table.columns[at].overflow = "fold" if at < folded else "ellipsis"
     return table
 
 

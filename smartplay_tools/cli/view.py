@@ -113,7 +113,7 @@ def _playing(
 
 def _check_not_given(context: typer.Context, names: Sequence[str], why: str) -> None:
     """Options that would have no effect are a mistake."""
+    given = options.on_command_line(context)
     for name in names:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
+        if name in given:
             raise InvalidArgumentError(f"--{name.replace('_', '-')} is {why}.")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.context.turns import Item, Turn, TurnBuilder
+from smartplay_tools.context.turns import Turn, TurnBuilder
 from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import schema
@@ -58,15 +58,13 @@ def _with_manual(turn: Turn, read: set[tuple[int, int]]) -> Turn:
     """The turn whose results that read the manual are the manual."""
     if turn.manual is None or not any(number == turn.number for number, _ in read):
         return turn
-    manual = turn.manual
-    items = [_shown(item, manual) if (turn.number, item.position) in read else item for item in turn.items]
+    items = (
+        replace(item, message={**item.message, "content": turn.manual})
+        if (turn.number, item.position) in read
+        else item
+        for item in turn.items
+    )
     return replace(turn, items=tuple(items))
-
-
-def _shown(item: Item, manual: str) -> Item:
-    message = item.message.copy()
-    message["content"] = manual
-    return replace(item, message=message)
 
 
 def _head_of_a_host(record: Record) -> tuple[list[Message], list[dict[str, Any]]]:

@@ -32,7 +32,8 @@ BUDGET_ENDS = ("prompt_tokens", "episode_tokens", "strategy_error")
 """Reasons for which an episode ends when the next prompt is requested."""
 
 EXTERNAL_ENDS = ("player_error", "run_budget", "host", "closed")
-"""End reasons from outside the game and the budgets, which a replay takes from the record."""
+"""End reasons from outside the game and the budgets: a replay takes them from the record, and an episode can be
+continued after them in a new record."""
 
 UNCOMPARED = frozenset(
     {("start", "versions"), ("end", "traceback")}

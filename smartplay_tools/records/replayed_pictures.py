@@ -41,11 +41,8 @@ def recorded_pictures(
         driver.run()
     finally:
         driver.episode.game.close()
-    shown = [event["data"]["picture"]["sha256"] for event in events if event["event"] == "call" and _has_picture(event)]
+    calls = [event["data"] for event in events if event["event"] == "call"]
+    shown = [data["picture"]["sha256"] for data in calls if "picture" in data]
     if missing := [sha256 for sha256 in shown if sha256 not in made]:
         raise TranscriptError(f"The record shows a picture that its game does not make here: {missing[0]}.")
     return {sha256: made[sha256] for sha256 in shown}
-
-
-def _has_picture(call: Event) -> bool:
-    return "picture" in call["data"]

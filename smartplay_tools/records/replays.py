@@ -62,9 +62,8 @@ def replay(source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer |
 
     `tokenizer` is required if the record was counted with a tokenizer object of yours, or with a file that was moved.
     """
-    if isinstance(source, str | Path):
-        return replay_record(Record.read(source), tokenizer=tokenizer)
-    return replay_record(Record(read_events(source)), tokenizer=tokenizer)
+    record = Record.read(source) if isinstance(source, str | Path) else Record(read_events(source))
+    return replay_record(record, tokenizer=tokenizer)
 
 
 def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None) -> Replay:

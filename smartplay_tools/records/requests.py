@@ -90,9 +90,8 @@ class _Units:
 
     def __init__(self, record: Record, counter: TokenCounter) -> None:
         self._record, self._counter = record, counter
-        self._is_paper = _is_paper(record)
         self._units: dict[Hashable, Unit] = {}
-        turns = [] if self._is_paper else [[*map(self._of, turn.messages)] for turn in record.turns]
+        turns = [] if record.is_paper else [[*map(self._of, turn.messages)] for turn in record.turns]
         self._turns = [*chain.from_iterable(turns)]
         """The units of all turns, unmasked."""
         self._starts = [*accumulate(map(len, turns), initial=0)]
@@ -102,7 +101,7 @@ class _Units:
 
     def prompts(self) -> Iterator[list[Unit]]:
         """Yield the units of every prompt of the record."""
-        if self._is_paper:
+        if self._record.is_paper:
             for _, prompt, _ in paper.sent_prompts(self._record.events):
                 yield [self._tools(prompt.tools), *map(self._of, prompt.messages)]
             return
@@ -150,7 +149,7 @@ class _Units:
         sent = {event["turn"]: event for event in record.messages if event["by"] == "player"}
         replies: dict[Key, Unit] = {}
         for number, event in sent.items():
-            if self._is_paper or number in edited:
+            if record.is_paper or number in edited:
                 ids = event.get("ids") or [call["id"] for call in calls_of(event["message"])]
                 replies[number, "play"] = self._of(with_ids(event["message"], ids))
             else:
@@ -184,11 +183,6 @@ def _common(first: list[Unit], second: list[Unit]) -> int:
     if first[:length] == second[:length]:
         return length
     return next(compress(count(), map(is_not, first, second)))
-
-
-def _is_paper(record: Record) -> bool:
-    assert record.start is not None
-    return bool(record.start["config"].get("protocol") == "paper")
 
 
 def blocks_of(message: Message) -> int:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
-from smartplay_tools.records.driver import Driven, Driver, unchained
+from smartplay_tools.records.driver import EXTERNAL_ENDS, Driven, Driver, unchained
 from smartplay_tools.records.replays import read_events
 from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event
@@ -24,9 +24,6 @@ from smartplay_tools.types import EpisodeResult
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
-
-RESUMABLE_ENDS = ("player_error", "run_budget", "host", "closed")
-"""End reasons from outside the game and its budgets, after which an episode can be continued in a new record."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +68,7 @@ def resume(
     if broken := next(broken_links(recorded), None):
         raise TranscriptError(f"The record cannot be continued: event {broken}, or an event before it, was changed.")
     end = recorded[-1]["result"] if recorded[-1]["event"] == "end" else None
-    goes_on = end is None or (transcript is not None and end["end_reason"] in RESUMABLE_ENDS)
+    goes_on = end is None or (transcript is not None and end["end_reason"] in EXTERNAL_ENDS)
     kind: type[Conversation] | type[AgentSession] = AgentSession if session else Conversation
     driver = Driver(recorded, kind=kind, tokenizer=tokenizer, on_step=on_step)
     try:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from operator import add
 from typing import Any
 
 DIGITS = 12
@@ -34,21 +36,12 @@ class Spent:
         return self.prompt_tokens + self.reply_tokens
 
     def __add__(self, other: Spent) -> Spent:
-        mine, theirs = vars(self), vars(other)
-        return Spent(**{name: _sum(mine[name], theirs[name]) for name in mine})
+        return self._with(other, add)
 
     def __sub__(self, other: Spent) -> Spent:
-        costs = (self.cost, other.cost)
-        return Spent(
-            self.replies - other.replies,
-            self.prompt_tokens - other.prompt_tokens,
-            self.reply_tokens - other.reply_tokens,
-            None if costs[0] is None or costs[1] is None else round(costs[0] - costs[1], DIGITS),
-            self.unknown_calls - other.unknown_calls,
-            self.unknown_tokens - other.unknown_tokens,
-            round(self.unknown_cost - other.unknown_cost, DIGITS),
-        )
+        return self._with(other, lambda mine, theirs: round(mine - theirs, DIGITS))
 
-
-def _sum(one: Any, other: Any) -> Any:
-    return None if one is None or other is None else one + other
+    def _with(self, other: Spent, combine: Callable[[Any, Any], Any]) -> Spent:
+        """The figures of both combined; what is not known of one is not known of the result."""
+        pairs: dict[str, Any] = {name: (mine, vars(other)[name]) for name, mine in vars(self).items()}
+        return Spent(**{name: None if None in pair else combine(*pair) for name, pair in pairs.items()})

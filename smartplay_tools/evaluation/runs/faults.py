@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.messages import calls_of, reasoning_of, text_of
@@ -72,7 +72,7 @@ def _of_calls(reply: Reply, conversation: Conversation, cap: int) -> str | None:
 
 def _of_arguments(name: str, arguments: str, result: str) -> str:
     shown = arguments if len(arguments) <= 80 else f"{arguments[:77]}..."
-    if not _is(json.loads, arguments):
+    if not _is_json(arguments):
         return (
             f"has called `{name}` with arguments that are not JSON ({shown}): use another --tool-call-parser, a model "
             "that is trained on tools, or a server with guided decoding."
@@ -84,9 +84,9 @@ def _of_arguments(name: str, arguments: str, result: str) -> str:
     )
 
 
-def _is(read: Callable[[str], object], text: str) -> bool:
+def _is_json(text: str) -> bool:
     try:
-        read(text)
+        json.loads(text)
     except (ValueError, RecursionError):
         return False
     return True

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 from urllib.parse import urlsplit
 
 from smartplay_tools.conversation.agent_session import Conversation
@@ -96,7 +95,8 @@ class Probe:
 def probe(config: PlayerConfig, prices: Mapping[str, Price]) -> Probe | None:
     """Play some turns with a model, without retries; None for a player that is not a model."""
     try:
-        player = get_player(config.name, **_once(config.name, {**config.options, **config.secret_values()}))
+        once = {"retries": 0} if is_model(config.name) else {}
+        player = get_player(config.name, **{**config.options, **config.secret_values(), **once})
         if not isinstance(player, ModelPlayer):
             return None
         player.check_ready()
@@ -105,10 +105,6 @@ def probe(config: PlayerConfig, prices: Mapping[str, Price]) -> Probe | None:
     price = prices.get(config.name) or find_price(config.name, config.options)
     with player:
         return _played(config, player, price)
-
-
-def _once(name: str, options: dict[str, Any]) -> dict[str, Any]:
-    return {**options, "retries": 0} if is_model(name) else options
 
 
 def _played(config: PlayerConfig, player: ModelPlayer, price: Price | None) -> Probe:

@@ -203,9 +203,6 @@ class Scheduler:
         assert self._executor is not None
         return self._capped or bool(self._unpriced) or self.refused is not None or self._executor.stop.is_set()
 
-    def _executor_stops(self) -> bool:
-        return self._executor is not None and self._executor.stop.is_set()
-
     def _tryouts_first(self, episodes: Sequence[PlannedEpisode]) -> list[PlannedEpisode]:
         """Move one episode of every model that has not played an action yet to the front."""
         first: dict[str, PlannedEpisode] = {}
@@ -267,6 +264,7 @@ class Scheduler:
         return record
 
     def _settle(self, outcome: EndedAttempt) -> None:
+        assert self._executor is not None
         task, episode = outcome.task, outcome.task.planned
         record = self._archive(task)
         if outcome.times is not None:
@@ -283,7 +281,7 @@ class Scheduler:
                 self._unpriced.add(row["player"])
         elif record.outcome == "paused":
             self._capped = True
-        elif record.outcome == "failed" or (not record.exists and not self._executor_stops()):
+        elif record.outcome == "failed" or (not record.exists and not self._executor.stop.is_set()):
             self._failed += 1
             self._judge(episode, error)
         why = None if row is not None else error

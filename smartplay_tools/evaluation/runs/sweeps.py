@@ -165,9 +165,8 @@ def grid(
 
 def _axes(vary: Mapping[str, Sequence[Any]], rules: dict[str, Any]) -> dict[str, Sequence[Any]]:
     """Return the axes in their order, those that were given as arguments of their own included."""
-    named = {
-        name: rules.pop(name) for name in AXES if name in rules and not (name in RULE_AXES and _is_word(rules[name]))
-    }
+    one_value = [name for name in RULE_AXES if isinstance(rules.get(name), str)]
+    named = {name: rules.pop(name) for name in AXES if name in rules and name not in one_value}
     if named:
         shown = ", ".join(f'"{name}": {values!r}' for name, values in named.items())
         warnings.warn(f"{', '.join(named)}: write it as vary={{{shown}}}.", DeprecationWarning, stacklevel=4)
@@ -175,13 +174,9 @@ def _axes(vary: Mapping[str, Sequence[Any]], rules: dict[str, Any]) -> dict[str,
     if unknown := ", ".join(name for name in axes if name not in AXES):
         raise InvalidArgumentError(f"A sweep cannot vary {unknown}; its axes are {', '.join(AXES)}.")
     for name, values in axes.items():
-        if _is_word(values) or not isinstance(values, Sequence) or not values:
+        if isinstance(values, str) or not isinstance(values, Sequence) or not values:
             raise InvalidArgumentError(f"{name} must be a list of at least one value, such as [{values!r}].")
     return {name: axes[name] for name in AXES if name in axes}
-
-
-def _is_word(value: Any) -> bool:
-    return isinstance(value, str)
 
 
 def _split_by_reserve(cells: Iterable[CellConfig]) -> tuple[list[CellConfig], list[str]]:

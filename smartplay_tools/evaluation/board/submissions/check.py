@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -74,7 +75,7 @@ class Checked:
     replies: int = 0
     prompts: int = 0
     calls: int = 0
-    attempts: dict[str, int] = field(default_factory=dict)
+    attempts: Counter[str] = field(default_factory=Counter)
     """Attempts without a result, by why they have none."""
 
     @property
@@ -313,8 +314,7 @@ class _Check:
         checked.replies += answer.replies
         checked.prompts += answer.prompts
         checked.calls += answer.calls
-        for reason in answer.attempts:
-            checked.attempts[reason] = checked.attempts.get(reason, 0) + 1
+        checked.attempts.update(answer.attempts)
 
     def _remark_on_records(self, answers: Sequence[CheckedRecord]) -> None:
         versions = {answer.versions.get("smartplay-tools", "unknown") for answer in answers}

@@ -22,6 +22,7 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_
 from smartplay_tools.evaluation.board.submissions.findings import Finding, error, some
 from smartplay_tools.evaluation.suites import SUITES, Suite
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.manifest import Manifest, ManifestEpisode, trial_seed
 from smartplay_tools.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.tokens.tokenizers import split_rule
@@ -120,7 +121,10 @@ def check_plan(plan: SubmittedPlan, allowed: Allowed) -> CheckedPlan:
         checked.findings += faults
         if not faults:
             checked.replayable.add(number)
-    checked.findings += _check_players(plan)
+    players = {(cell.player, repr(cell.player_options)) for cell in plan.cells}
+    if len(players) > 1:
+        text = f"The run has {len(players)} players; a submission has one player, with one set of options."
+        checked.findings.append(error("plan", text))
     checked.findings += _check_episodes(plan, checked.replayable)
     return checked
 
@@ -164,23 +168,13 @@ def _is_plain(name: str, value: Any) -> bool:
     return name in PLAIN_OPTIONS and isinstance(value, str) and len(value) <= 22
 
 
-def _check_players(plan: SubmittedPlan) -> Iterator[Finding]:
-    players = {(cell.player, repr(cell.player_options)) for cell in plan.cells}
-    if len(players) > 1:
-        yield error(
-            "plan", f"The run has {len(players)} players; a submission has one player, with one set of options."
-        )
-
-
 def _check_episodes(plan: SubmittedPlan, replayable: set[int]) -> Iterator[Finding]:
     keys = Counter(episode.key for episode in plan.episodes)
     if doubled := [key for key, count in keys.items() if count > 1]:
         yield error("plan", f"The manifest lists episodes twice: {some(doubled)}.")
-    episodes: dict[int, list[ManifestEpisode]] = {number: [] for number in range(len(plan.cells))}
-    for episode in plan.episodes:
-        episodes[episode.cell].append(episode)
-    for number, members in episodes.items():
-        cell = plan.cells[number]
+    episodes = grouped(plan.episodes, lambda episode: episode.cell)
+    for number, cell in enumerate(plan.cells):
+        members = episodes.get(number, [])
         for episode in members:
             if episode.seed != trial_seed(plan.seed, cell.game, episode.trial):
                 text = f"Trial {episode.trial} of {cell.game} has a seed that does not follow from the run's."

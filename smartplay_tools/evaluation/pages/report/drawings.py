@@ -9,8 +9,8 @@ A drawing lists changes: a value that does not change is not repeated.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from smartplay_tools.arguments import read
 from smartplay_tools.episode.config import EpisodeConfig, Setting
@@ -41,6 +41,9 @@ LARGEST_PICTURE = 512
 """Pixels of the longer side: a record of a stranger could ask for pictures of any size."""
 
 
+Drawn = TypeVar("Drawn", dict[str, Any], dict[str, str])
+
+
 class _NoDrawingError(Exception):
     """There is no drawing; the message is a sentence that says why."""
 
@@ -62,20 +65,8 @@ class Drawings:
 
         Without a drawing `kind` is None and `source` says why.
         """
-        try:
-            if GAMES[record.game].family == "minecraft":
-                from smartplay_tools.evaluation.pages.report.walks import (
-                    draw_walk,  # the voxel world takes half a second
-                )
-
-                return draw_walk(record)
-            return self._replay(record)
-        except _NoDrawingError as error:
-            why = str(error)
-        except (SmartPlayError, KeyError, TypeError, ValueError) as error:
-            why = f"the game cannot be played again here. {error}"
-        self._close()
-        return {"kind": None, "source": f"No drawing: {why}"}
+        drawing = self._made_of(record, self._drawing)
+        return {"kind": None, "source": f"No drawing: {drawing}"} if isinstance(drawing, str) else drawing
 
     def pictures(self, record: Record) -> dict[str, Any] | None:
         """Return the pictures that the player was shown, in base64 by their sha256; None if it was shown words.
@@ -84,14 +75,28 @@ class Drawings:
         """
         if record.config.observation == "text":
             return None
+        files = self._made_of(record, self._pictures)
+        if isinstance(files, str):
+            return {"files": {}, "missing": f"It is not here: {files}"}
+        return {"files": files, "missing": None}
+
+    def _made_of(self, record: Record, make: Callable[[Record], Drawn]) -> Drawn | str:
+        """What is made of a record, or why nothing is."""
         try:
-            return {"files": self._pictures(record), "missing": None}
+            return make(record)
         except _NoDrawingError as error:
             why = str(error)
         except (SmartPlayError, KeyError, TypeError, ValueError) as error:
             why = f"the game cannot be played again here. {error}"
         self._close()
-        return {"files": {}, "missing": f"It is not here: {why}"}
+        return why
+
+    def _drawing(self, record: Record) -> dict[str, Any]:
+        if GAMES[record.game].family == "minecraft":
+            from smartplay_tools.evaluation.pages.report.walks import draw_walk  # its world takes half a second
+
+            return draw_walk(record)
+        return self._replay(record)
 
     def _pictures(self, record: Record) -> dict[str, str]:
         config = record.config

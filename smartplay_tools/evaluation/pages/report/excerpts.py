@@ -17,7 +17,7 @@ def excerpt(data: dict[str, Any], first: int, last: int) -> dict[str, Any]:
     if not first <= last < count:
         raise InvalidArgumentError(f"The episode has turns 0 to {count - 1}; there is no range {first}-{last} of them.")
     turns = data["turns"][: last + 1]
-    calls = (item["call"] for turn in turns for item in turn["items"] if "call" in item)
+    calls = [item["call"] for turn in turns for item in turn["items"] if "call" in item]
     steps = max((call["step"] for call in calls if call.get("legal")), default=0)
     drawing = dict(data["drawing"])
     for name, length in (("changes", steps + 1), ("walk", steps + 1), ("actions", steps), ("rewards", steps)):
@@ -25,7 +25,6 @@ def excerpt(data: dict[str, Any], first: int, last: int) -> dict[str, Any]:
             drawing[name] = drawing[name][:length]
     pictures = data["pictures"]
     if pictures is not None:
-        calls = (item["call"] for turn in turns for item in turn["items"] if "call" in item)
         named = {call["picture"]["sha256"] for call in calls if "picture" in call}
         pictures = {**pictures, "files": {name: file for name, file in pictures["files"].items() if name in named}}
     departures = data["departures"]

@@ -14,11 +14,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata, resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-from smartplay_tools.errors import (
-    InvalidArgumentError,
-)
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.details import deviations_table
@@ -50,9 +48,6 @@ from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.records.tariffs import Tariff, charge_records
 from smartplay_tools.types import MISTAKES, Budget
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
 
 SCRIPTS = (
     *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "worlds.js", "drawings.js"),
@@ -163,7 +158,13 @@ def render_runs(
 
     `site` is what the page knows of the site that serves it (`served`).
     """
-    environment = _environment()
+    environment = templates.environment(__package__, "The replay page")
+    environment.filters |= {
+        "number": number,
+        "interval": interval,
+        "typeset": typeset,
+        "mistakes": lambda result: sum(result[name] for name in MISTAKES),
+    }
     pages = [
         # The figures are of all.
         _page_of_run(run, runs if run is runs[0] else (), tariffs, workers=workers, plugins=plugins)
@@ -178,15 +179,6 @@ def render_runs(
     contents["follows"] = bool(site and site.get("updates"))
     contents["alone"] = opened == "alone"
     return environment.get_template("page.html.j2").render(contents)
-
-
-def _environment() -> Environment:
-    environment = templates.environment(__package__, "The replay page")
-    environment.filters["number"] = number
-    environment.filters["interval"] = interval
-    environment.filters["typeset"] = typeset
-    environment.filters["mistakes"] = lambda result: sum(result[name] for name in MISTAKES)
-    return environment
 
 
 def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:

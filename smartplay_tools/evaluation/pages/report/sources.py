@@ -18,8 +18,6 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
 
-LETTERS = ascii_uppercase
-
 
 @dataclass(frozen=True)
 class Source:
@@ -69,12 +67,12 @@ def find_runs(paths: Sequence[str | Path]) -> list[ShownRun]:
     if len({Path(path).resolve() for path in paths}) < len(paths):
         raise InvalidArgumentError("The same run is named twice; name every run once.")
     runs = []
-    for letter, path in zip(LETTERS, map(Path, paths), strict=False):
+    for letter, path in zip(ascii_uppercase, map(Path, paths), strict=False):
         sources = find_sources(path)
         lettered = [replace(source, key=f"{letter}.{source.key}") for source in sources.episodes]
         runs.append(ShownRun(path, letter, replace(sources, episodes=lettered)))
     if len(runs) < len(paths):
-        raise InvalidArgumentError(f"A page shows at most {len(LETTERS)} runs, not {len(paths)}.")
+        raise InvalidArgumentError(f"A page shows at most {len(ascii_uppercase)} runs, not {len(paths)}.")
     return runs
 
 

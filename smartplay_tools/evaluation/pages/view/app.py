@@ -165,10 +165,8 @@ class _Site:
 
     async def runs(self, request: Request) -> Response:
         """Answer with every run."""
-        return JSONResponse(await run_in_threadpool(self._summaries), headers=HEADERS)
-
-    def _summaries(self) -> list[dict[str, Any]]:
-        return [run.summary() for run in self._runs.current()]
+        summaries = await run_in_threadpool(lambda: [run.summary() for run in self._runs.current()])
+        return JSONResponse(summaries, headers=HEADERS)
 
     async def episodes(self, request: Request) -> Response:
         """Answer with every episode of a run."""
@@ -244,7 +242,7 @@ class _Site:
     async def _events(self, request: Request) -> AsyncIterator[str]:
         last = None
         while not await request.is_disconnected():
-            now = json.dumps(await run_in_threadpool(self._state))
+            now = json.dumps(await run_in_threadpool(lambda: list(map(_now, self._runs.current()))))
             # A comment now and then lets the server notice that nobody listens any more.
             yield f"data: {now}\n\n" if now != last else ": nothing new\n\n"
             last = now
@@ -252,9 +250,6 @@ class _Site:
                 if self._is_stopping():
                     return
                 await asyncio.sleep(PERIOD / STEPS)
-
-    def _state(self) -> list[dict[str, Any]]:
-        return list(map(_now, self._runs.current()))
 
     def _named(self, name: str) -> ViewedRun:
         run = self._runs.named(name)

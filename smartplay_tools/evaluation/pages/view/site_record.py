@@ -66,17 +66,8 @@ class SiteRecord:
         if record.result_data is None:
             return [[FINISHED, record.outcome, *shown, *[None] * 7, record.error, None, None, self._date]]
         status = "failed" if record.outcome == "failed" else "finished"
-        return [
-            [
-                FINISHED,
-                status,
-                *shown,
-                *figures(Result.of({**record.result_data, "cost": None})),
-                None,
-                len(read_notes(self.path)) or None,
-                self._date,
-            ]
-        ]
+        result, notes = Result.of({**record.result_data, "cost": None}), len(read_notes(self.path)) or None
+        return [[FINISHED, status, *shown, *figures(result), None, notes, self._date]]
 
     @property
     def _date(self) -> int:

@@ -138,7 +138,7 @@ class SiteRun:
     def episodes(self) -> list[list[Any]]:
         """Return every episode and attempt as an array, in the order of the plan (`COLUMNS`)."""
         with self._lock:
-            version = self._version()
+            version = self.version()
             if self._read is None or self._read[0] != version:
                 with damage_named(self.folder.path):
                     self._read = version, self._list()
@@ -168,26 +168,19 @@ class SiteRun:
         """Return whether the episode of one of its files is being played, which its place says."""
         return record.parent.name == "running"
 
-    def version(self) -> Any:
-        """Return something that changes when its report does."""
-        return self._version()
-
     def _notes(self) -> list[Path]:
         """The files with notes about episodes and attempts."""
         return [path for kind in ("episodes", "attempts") for path in notes_in(self.folder.path / kind)]
 
-    def _attempts(self) -> list[Path]:
-        return self.folder.attempts()
-
-    def _version(self) -> Any:
-        """What changes when the list does."""
+    def version(self) -> Any:
+        """Return something that changes when the list of episodes, or the report, does."""
         running = [record.name for record in self.folder.running()]
         notes = [(str(path), _stamp(path)) for path in self._notes()]
         return [
             notes,
             *(_stamp(self.folder.path / name) for name in ("manifest.json", "results.jsonl", "timings.jsonl")),
             running,
-        ] + [record.name for record in self._attempts()]
+        ] + [record.name for record in self.folder.attempts()]
 
     def _list(self) -> list[list[Any]]:
         manifest = self.folder.manifest()
@@ -195,7 +188,7 @@ class SiteRun:
         self._follower.count()
         results = self._follower.results
         others: dict[str, list[list[Any]]] = {}
-        for lost in self.folder.failures() if self._attempts() else []:
+        for lost in self.folder.failures():
             record = f"attempts/{lost['key']}.{lost['attempt']}"
             others.setdefault(lost["key"], []).append([record, _kind(lost["end_reason"]), lost["error"]])
         for running in self.folder.running():
