@@ -191,9 +191,9 @@ def _modules(needed: list[Requirement]) -> list[str]:
     """Return the public top-level modules of the distributions, whose names can differ from theirs."""
     modules: set[str] = set()
     for name in {need.name for need in needed}:
-        found = metadata.distribution(name)
-        files = (file for file in found.files or () if getmodulename(file.name))
-        declared = (found.read_text("top_level.txt") or "").split()
+        distribution = metadata.distribution(name)
+        files = (file for file in distribution.files or () if getmodulename(file.name))
+        declared = (distribution.read_text("top_level.txt") or "").split()
         modules |= set(declared) or {
             file.parts[0] if file.parts[1:] else str(getmodulename(file.name)) for file in files
         }
