@@ -23,7 +23,7 @@ BUDGET = sp.Budget(prompt_tokens=700)
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "run"
     games = ["Hanoi3Disk-v0", "RockPaperScissorBasic-v0"]
-    sp.evaluate(games, ["rule", "random"], budgets=[BUDGET], trials=3, out=folder, workers=1)
+    sp.evaluate(games, ["rule", "random"], budgets=[BUDGET], trials=3, out=folder, executor="inline")
     return folder
 
 

@@ -96,7 +96,7 @@ class TestGymnasium:
         done = subprocess.run([sys.executable, "-c", f"{code}\n{show}"], capture_output=True, text=True, check=True)
         assert done.stdout.startswith("30 <_frozen_importlib_external.SourceFileLoader")
 
-    @pytest.mark.parametrize("before", ["", "import smartplay_tools; "])
+    @pytest.mark.parametrize("before", ["", pytest.param("import smartplay_tools; ", marks=pytest.mark.slow)])
     def test_can_be_told_in_the_name_which_package_to_import(self, before):
         script = f"{before}import gymnasium; gymnasium.make('smartplay_tools:smartplay/Hanoi3Disk-v0')"
         subprocess.run([sys.executable, "-c", script], check=True)

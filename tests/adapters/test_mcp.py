@@ -123,7 +123,7 @@ class TestServer:
         assert [event["turn"] for event in events if event["event"] == "call"] == list(range(20))
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", ["auto", pytest.param("legacy", marks=pytest.mark.slow)])
 async def test_stdio_is_one_process_and_one_game(mode, tmp_path):
     record = tmp_path / "stdio.jsonl"
     command = ["-m", "smartplay_tools", "serve", "mcp", GAME, "--seed", "7", "--transcript", str(record)]

@@ -26,7 +26,8 @@ def spent(run: Run) -> int:
 @pytest.fixture(scope="module")
 def one_episode(tmp_path_factory) -> int:
     """Tokens that an episode of the random player takes at the bandit."""
-    run = sp.evaluate([BANDIT], ["random"], out=tmp_path_factory.mktemp("run"), trials=1, budgets=BUDGET)
+    out = tmp_path_factory.mktemp("run")
+    run = sp.evaluate([BANDIT], ["random"], out=out, trials=1, budgets=BUDGET, executor="inline")
     return run.spending.results.tokens
 
 

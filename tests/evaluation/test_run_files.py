@@ -61,7 +61,7 @@ def test_a_run_file_says_everything_and_the_command_line_overrides(tmp_path, wri
     reply = completion(calling("act", action="1"), prompt_tokens=100, completion_tokens=10)
     with serving(lambda body, number: reply) as (url, bodies):
         file = written(FILE.format(url=url))
-        code, _, stderr = run("eval", file, "--trials", 1, "--out", tmp_path / "run")
+        code, _, stderr = run("eval", file, "--trials", 1, "--executor", "inline", "--out", tmp_path / "run")
     assert code == 0, stderr
     folder = RunFolder(tmp_path / "run")
     model, rule = folder.rows()

@@ -265,6 +265,7 @@ def test_two_processes_see_the_same_bit_for_bit():
 
 
 @needs_server
+@pytest.mark.slow
 def test_every_server_decorates_alike():
     """The engine assigns new numbers to decorations without a name at every start."""
     seen = set()
@@ -292,6 +293,7 @@ def test_a_recorded_episode_can_be_replayed(tmp_path, folders):
 
 
 @needs_server
+@pytest.mark.slow
 def test_the_paper_texts_can_be_played_too():
     engine = LuantiEngine(text="paper")
     seen = engine.reset(5, PAPER_GOALS[7])

@@ -38,7 +38,7 @@ def test_players_are_found_by_name():
 @pytest.mark.parametrize(
     ("game", "least"),
     [
-        ("BanditTwoArmedDeterministicFixed-v0", 48),
+        pytest.param("BanditTwoArmedDeterministicFixed-v0", 48, marks=pytest.mark.slow),
         ("BanditTwoArmedHighLowFixed-v0", 44),
         ("RockPaperScissorBasic-v0", 36),
         ("Hanoi3Disk-v0", 3),
