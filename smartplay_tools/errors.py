@@ -23,6 +23,7 @@ import difflib
 import errno
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import Literal
 
 __all__ = [
     "DiskFullError",
@@ -38,6 +39,7 @@ __all__ = [
     "UnknownNameError",
     "damage_named",
     "extra_named",
+    "file_named",
     "in_one_line",
     "is_disk_full",
     "similar",
@@ -146,6 +148,15 @@ def damage_named(what: object) -> Iterator[None]:
     except (AttributeError, LookupError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
         reason = f"{type(error).__name__}: {in_one_line(error)[:200]}"
         raise InvalidArgumentError(f"{what} is damaged: {reason}.") from error
+
+
+@contextmanager
+def file_named(path: object, what: Literal["read", "written"]) -> Iterator[None]:
+    """Turn the system's error about a file into an `InvalidArgumentError` that names it."""
+    try:
+        yield
+    except OSError as error:
+        raise InvalidArgumentError(f"{path} cannot be {what}: {error.strerror}.") from None
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.running import print_running, spending_sentences
 from smartplay_tools.cli.show import print_table, table_console
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import file_named
 from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
@@ -136,13 +136,10 @@ def _read(folder: Path, weights: str, *, exact: bool) -> _Shown:
 def _write_files(shown: Sequence[_Shown], csv: Path | None, parquet: Path | None) -> None:
     several = len(shown) > 1
     rows = [{"run": str(run.folder), **row} if several else row for run in shown for row in run.rows]
-    try:
-        if csv is not None:
-            write_csv(rows, csv)
-        if parquet is not None:
-            write_parquet(rows, parquet)
-    except OSError as error:
-        raise InvalidArgumentError(f"{error.filename or csv or parquet} cannot be written: {error.strerror}.") from None
+    for path, write in ((csv, write_csv), (parquet, write_parquet)):
+        if path is not None:
+            with file_named(path, "written"):
+                write(rows, path)
 
 
 def _counts(run: _Shown) -> dict[str, Any]:

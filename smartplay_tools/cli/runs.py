@@ -28,22 +28,12 @@ from smartplay_tools.records.rows import unplayed
 _option = partial(typer.Option, rich_help_panel="The run")
 
 Out = Annotated[Path, typer.Option(help="The run's folder; if it holds this run already, it is resumed.")]
-Trials = Annotated[
-    int | None, typer.Option(min=1, help="Episodes per game, player and budget; the paper's number if not given.")
-]
-Workers = Annotated[int | None, _option(min=1, help="Episodes at a time.")]
-ExecutorName = Annotated[
-    str | None, _option("--executor", help="inline, processes, async or ray; chosen for each player if not given.")
-]
-Shard = Annotated[str | None, _option(metavar="I/N", help="Play only part I of N; `merge` joins the parts.")]
 RunTokens = Annotated[int | None, _option(min=1, help="Cap on the whole run, in tokens.")]
 RunCost = Annotated[float | None, _option(min=0, help="Cap on the whole run, in USD.")]
 Prices = Annotated[
     list[str] | None,
     _option("--price", metavar="PLAYER=IN,OUT[,CACHED[,WRITTEN]]", help="USD per million tokens; repeatable."),
 ]
-Track = Annotated[str | None, _option(metavar="mlflow|wandb", help="Send figures to this tracker as well.")]
-DryRun = Annotated[bool, _option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.")]
 Pilot = Annotated[
     int | None,
     _option(
@@ -52,8 +42,6 @@ Pilot = Annotated[
         help="Play N episodes of each cell only, and estimate the whole run from them; without it, the run goes on.",
     ),
 ]
-AssumeReplyTokens = Annotated[int | None, _option(min=1, help="For --dry-run: assumed tokens of a model's reply.")]
-Quiet = Annotated[bool, _option("--quiet", help="Show no progress.")]
 
 
 def player_configs(
@@ -111,23 +99,29 @@ class RunCommand:
     """The options that `eval` and `sweep` have in common, as they were given."""
 
     out: Out
-    trials: Trials = None
+    trials: Annotated[
+        int | None, typer.Option(min=1, help="Episodes per game, player and budget; the paper's number if not given.")
+    ] = None
     seed: options.Seed = 0
     base_url: options.BaseUrls = None
     player_option: options.PlayerOptions = None
     parse_calls: options.ParseCalls = None
     tool_choice: options.ToolChoice = None
-    workers: Workers = None
-    executor: ExecutorName = None
-    shard: Shard = None
+    workers: Annotated[int | None, _option(min=1, help="Episodes at a time.")] = None
+    executor: Annotated[
+        str | None, _option("--executor", help="inline, processes, async or ray; chosen for each player if not given.")
+    ] = None
+    shard: Annotated[str | None, _option(metavar="I/N", help="Play only part I of N; `merge` joins the parts.")] = None
     run_tokens: RunTokens = None
     run_cost: RunCost = None
     price: Prices = None
-    track: Track = None
-    dry_run: DryRun = False
+    track: Annotated[str | None, _option(metavar="mlflow|wandb", help="Send figures to this tracker as well.")] = None
+    dry_run: Annotated[bool, _option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.")] = False
     pilot: Pilot = None
-    assume_reply_tokens: AssumeReplyTokens = None
-    quiet: Quiet = False
+    assume_reply_tokens: Annotated[
+        int | None, _option(min=1, help="For --dry-run: assumed tokens of a model's reply.")
+    ] = None
+    quiet: Annotated[bool, _option("--quiet", help="Show no progress.")] = False
     as_json: options.Json = False
 
     def players(self, names: Sequence[str], configs: Sequence[PlayerConfig] = ()) -> list[PlayerConfig]:

@@ -11,11 +11,9 @@ from typing import Annotated, Any, Literal
 import typer
 
 from smartplay_tools.cli import options
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, file_named
 
 app = typer.Typer(help="Submit a run to a leaderboard, or check a submission.", no_args_is_help=True)
-
-Seconds = Annotated[float, typer.Option(min=1, help="The most that the check of one record may take.")]
 
 
 @app.command(no_args_is_help=True)
@@ -81,7 +79,7 @@ def check(
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Write the report as JSON into this file, too.")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one for each processor.")] = None,
-    seconds: Seconds = 120,
+    seconds: Annotated[float, typer.Option(min=1, help="The most that the check of one record may take.")] = 120,
     memory: Annotated[int, typer.Option(min=256, help="The most memory of a process in MB (not on Windows).")] = 4096,
     engine: Annotated[
         list[str] | None, typer.Option(help="An engine that may be started, such as luanti; repeatable.")
@@ -108,10 +106,8 @@ def check(
     )
     text = json.dumps(report_json(checked), indent=2)
     if report is not None:
-        try:
+        with file_named(report, "written"):
             report.write_text(text + "\n", encoding="ascii", newline="\n")
-        except OSError as error:
-            raise InvalidArgumentError(f"{report} cannot be written: {error.strerror}.") from None
     typer.echo(text if as_json else report_text(checked), nl=as_json)
     if not checked.verified:
         raise typer.Exit(1)

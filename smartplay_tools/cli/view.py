@@ -27,14 +27,6 @@ FOR_PLAY = (*BUDGET, *RULES, *OTHERS, "seed", "pictures")
 
 MISSING = "for --play GAME, which is missing"
 
-Play = Annotated[
-    str | None,
-    _option(
-        metavar="GAME", help="Play this game in the browser, as a model would; any: choose; or the link of a challenge."
-    ),
-]
-Out = Annotated[Path, _option(help="The folder of the run that you play; continued if it is there.")]
-
 
 @with_episode_options()
 def view(
@@ -45,8 +37,16 @@ def view(
             metavar="[FOLDER]...", help="Run folders, or folders that hold some; this one.", show_default=False
         ),
     ] = None,
-    play: Play = None,
-    out: Out = Path("human"),
+    play: Annotated[
+        str | None,
+        _option(
+            metavar="GAME",
+            help="Play this game in the browser, as a model would; any: choose; or the link of a challenge.",
+        ),
+    ] = None,
+    out: Annotated[Path, _option(help="The folder of the run that you play; continued if it is there.")] = Path(
+        "human"
+    ),
     seed: Annotated[int, _option(help="The seed of the run that you play.", min=0)] = 0,
     pictures: Annotated[bool, _option("--pictures", help="Offer the game's pictures, if it has any.")] = False,
     host: options.Host = "127.0.0.1",

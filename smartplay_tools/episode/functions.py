@@ -11,12 +11,7 @@ if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
 
 
-class GameTools:
-    """An object whose methods are the tools, for frameworks that take an object's public methods.
-
-    `done` says whether the episode is over.
-    """
-
+class _OfEpisode:
     def __init__(self, episode: Episode) -> None:
         episode.refuse_pictures("A function")
         self._episode = episode
@@ -25,6 +20,13 @@ class GameTools:
     def done(self) -> bool:
         """Whether the episode is over."""
         return self._episode.done
+
+
+class GameTools(_OfEpisode):
+    """An object whose methods are the tools, for frameworks that take an object's public methods.
+
+    `done` says whether the episode is over.
+    """
 
     def observe(self) -> str:
         """Show the current observation again, without playing."""
@@ -43,17 +45,8 @@ class GameTools:
         return self._episode.call("read_manual", {}).text
 
 
-class AsyncGameTools:
+class AsyncGameTools(_OfEpisode):
     """`GameTools` whose methods are awaited; the game's steps run in threads."""
-
-    def __init__(self, episode: Episode) -> None:
-        episode.refuse_pictures("A function")
-        self._episode = episode
-
-    @property
-    def done(self) -> bool:
-        """Whether the episode is over."""
-        return self._episode.done
 
     async def observe(self) -> str:
         """Show the current observation again, without playing."""

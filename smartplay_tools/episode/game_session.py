@@ -117,12 +117,10 @@ class GameSession:
 
     def refuse(self, reason: str, kind: str = "refused") -> Answer:
         """Return the answer to a call that was not played."""
-        answer = self._show(f"Error: {reason}", mistake=kind, legal=False)
-        answer.is_error = True
-        return answer
+        return self.say(f"Error: {reason}", kind)
 
     def say(self, text: str, kind: str) -> Answer:
-        """Return the host's text as the answer to a call that the host refused, cut to its cap as any other."""
+        """Return a text as the answer to a call that was not played, such as the host's; it is cut as any other."""
         answer = self._show(text, mistake=kind, legal=False)
         answer.is_error = True
         return answer

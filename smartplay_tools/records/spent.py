@@ -43,5 +43,6 @@ class Spent:
 
     def _with(self, other: Spent, combine: Callable[[Any, Any], Any]) -> Spent:
         """The figures of both combined; what is not known of one is not known of the result."""
-        pairs: dict[str, Any] = {name: (mine, vars(other)[name]) for name, mine in vars(self).items()}
-        return Spent(**{name: None if None in pair else combine(*pair) for name, pair in pairs.items()})
+        pairs = {name: (mine, vars(other)[name]) for name, mine in vars(self).items()}
+        both: dict[str, Any] = {name: None if None in pair else combine(*pair) for name, pair in pairs.items()}
+        return Spent(**both)

@@ -106,10 +106,13 @@ def to_csv(table: TextTable) -> str:
     return file.getvalue()
 
 
-def rows_to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return rows with the same columns as CSV, in full precision; None is an empty field."""
+def rows_to_csv(rows: Sequence[Mapping[str, Any]], columns: Iterable[str] = ()) -> str:
+    """Return rows as CSV, in full precision; None is an empty field.
+
+    The columns are those of the first row, unless they are given because there may be none.
+    """
     file = io.StringIO(newline="")
-    writer = csv.DictWriter(file, list(rows[0]) if rows else [], lineterminator="\n")
+    writer = csv.DictWriter(file, list(columns or (rows[0] if rows else ())), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return file.getvalue()

@@ -145,8 +145,7 @@ def mean_estimates(samples: Sequence[Sample], method: Method = USUAL) -> list[Me
     open_ones = [each for each, estimate in estimates.items() if estimate.low is None and estimate.note is None]
     for alike in grouped(open_ones, lambda each: len(each[0])).values():
         for each, interval in zip(alike, _intervals([values for values, _ in alike], method), strict=True):
-            low, high = _within(interval, *each)
-            estimates[each] = replace(estimates[each], low=low, high=high)
+            estimates[each] = _with(estimates[each], _within(interval, *each))
     return [estimates[each] for each in ordered]
 
 
@@ -260,8 +259,8 @@ def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[
         )
 
     intervals = _remembered([_digest(row, *data) for row in weights], compute)
-    for at, (low, high) in zip(regular, intervals, strict=True):
-        estimates[at] = replace(estimates[at], low=low, high=high)
+    for at, interval in zip(regular, intervals, strict=True):
+        estimates[at] = _with(estimates[at], interval)
     return estimates
 
 

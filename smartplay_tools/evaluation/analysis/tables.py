@@ -7,7 +7,6 @@ order and of the same types, even if there are few rows.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
@@ -16,6 +15,7 @@ from typing import Any
 
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.errors import extra_named
+from smartplay_tools.evaluation.analysis.formats import rows_to_csv
 from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.intervals import with_ends
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
@@ -87,10 +87,7 @@ def flat(row: Row) -> dict[str, Any]:
 
 def write_csv(rows: Iterable[Row], path: str | Path) -> None:
     """Write rows as CSV; None is an empty field."""
-    with Path(path).open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(map(flat, rows))
+    Path(path).write_text(rows_to_csv(list(map(flat, rows)), COLUMNS), encoding="utf-8", newline="")
 
 
 def write_parquet(rows: Iterable[Row], path: str | Path) -> None:

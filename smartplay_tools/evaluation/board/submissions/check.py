@@ -19,7 +19,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, file_named
 from smartplay_tools.evaluation.board.submissions import rollout_cards as card
 from smartplay_tools.evaluation.board.submissions.bundle import BundleError, Limits, unpacked
 from smartplay_tools.evaluation.board.submissions.findings import Finding, error, remark, some
@@ -146,11 +146,8 @@ def checking(
 
 
 def _sha256(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as fault:
-        raise InvalidArgumentError(f"{path} cannot be read: {fault.strerror}.") from None
+    with file_named(path, "read"), path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _number(text: str) -> float:

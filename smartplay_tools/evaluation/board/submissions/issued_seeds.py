@@ -14,7 +14,7 @@ from pathlib import Path
 from filelock import FileLock
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, file_named
 from smartplay_tools.evaluation.board.submissions.metadata import Name
 
 LARGEST = 2**31
@@ -57,10 +57,8 @@ def issue_seed(path: str | Path, name: str, *, suite: str | None = None) -> Issu
 
 def read_seeds(path: str | Path) -> list[IssuedSeed]:
     """Return the seeds of a board's file; a line that is none is an `InvalidArgumentError`."""
-    try:
+    with file_named(f"The seeds in {path}", "read"):
         lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InvalidArgumentError(f"The seeds in {path} cannot be read: {error.strerror}.") from None
     seeds = []
     for number, line in enumerate(lines, start=1):
         try:
