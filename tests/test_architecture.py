@@ -30,6 +30,7 @@ LAYERS = (
     "pictures",
     "arguments",
     "messages",
+    "message_forms",
     "models",
     "tokens",
     "types",

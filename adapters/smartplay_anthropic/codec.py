@@ -15,6 +15,7 @@ from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.json_text import object_in
+from smartplay_tools.message_forms import SYSTEM, function_call, kept_item, reply_message, system_text
 from smartplay_tools.messages import pictures_of, text_of
 from smartplay_tools.pictures import Picture
 from smartplay_tools.players import BrokenAnswerError
@@ -42,7 +43,6 @@ def request(
     `cache` says what is marked for the provider's cache: the end of the prompt, and of the part that is unchanged since
     the previous prompt. "stable" marks that part alone, so that no write is paid for what changes at every call.
     """
-    system = [text_of(message) for message in prompt.messages if message["role"] in ("system", "developer")]
     messages: list[dict[str, Any]] = []
     stable = 0
     """Blocks that come from the stable beginning of the prompt."""
@@ -59,13 +59,13 @@ def request(
         if number + 1 == prompt.prefix_messages:
             stable = sum(len(sent["content"]) for sent in messages)
     arguments: dict[str, Any] = {"messages": messages, "max_tokens": limit}
-    if system:
-        arguments["system"] = "\n\n".join(system)
+    if (system := system_text(prompt.messages)) is not None:
+        arguments["system"] = system
     if prompt.tools:
         arguments["tools"] = [schema(tool, "anthropic") for tool in prompt.tools]
     arguments |= prompt.settings(own, no_tools={"type": "none"})
     # The system text comes first in a request; if a part of it is new, nothing after it is stable.
-    if cache and not any(m["role"] in ("system", "developer") for m in prompt.messages[prompt.prefix_messages :]):
+    if cache and not any(m["role"] in SYSTEM for m in prompt.messages[prompt.prefix_messages :]):
         _mark(messages, stable)
     if cache is True:
         _mark(messages, sum(len(sent["content"]) for sent in messages))
@@ -90,22 +90,16 @@ def reply(answer: Any) -> Reply:
     blocks = sent.get("content")
     if not isinstance(blocks, list) or not all(isinstance(block, Mapping) and "type" in block for block in blocks):
         raise BrokenAnswerError("The answer has no content blocks.", usage)
-    message: Message = {"role": "assistant", "content": _joined(blocks, "text") or None}
-    calls = [block for block in blocks if block["type"] == "tool_use"]
-    if calls:
-        message["tool_calls"] = [
-            {
-                "id": call["id"],
-                "type": "function",
-                "function": {"name": call["name"], "arguments": json.dumps(call["input"], ensure_ascii=False)},
-            }
-            for call in calls
-        ]
-    if any(block["type"] not in ("text", "tool_use") for block in blocks):
-        message["provider_items"] = [{"type": ITEM, "blocks": [dict(block) for block in blocks]}]
-        if thinking := _joined(blocks, "thinking"):
-            message["reasoning_content"] = thinking
-    return Reply(message, usage)
+    calls = [
+        function_call(block["id"], block["name"], json.dumps(block["input"], ensure_ascii=False))
+        for block in blocks
+        if block["type"] == "tool_use"
+    ]
+    text = _joined(blocks, "text")
+    if all(block["type"] in ("text", "tool_use") for block in blocks):
+        return Reply(reply_message(text, calls), usage)
+    item = {"type": ITEM, "blocks": [dict(block) for block in blocks]}
+    return Reply(reply_message(text, calls, item, _joined(blocks, "thinking")), usage)
 
 
 def _result(message: Message, pictures: Mapping[str, Picture]) -> str | list[dict[str, Any]]:
@@ -131,8 +125,7 @@ def _assistant(message: Message) -> list[dict[str, Any]]:
         }
         for call in message.get("tool_calls", ())
     ]
-    kept = next((item for item in message.get("provider_items", ()) if item.get("type") == ITEM), None)
-    if kept is not None:
+    if (kept := kept_item(message, ITEM)) is not None:
         again = iter(calls)
         return [next(again) if block["type"] == "tool_use" else block for block in kept["blocks"]]
     text = text_of(message)

@@ -29,8 +29,9 @@ from inspect_ai.tool import ToolCall, ToolInfo, ToolParams
 
 from smartplay_tools import InvalidArgumentError, Message, Reply, ToolSpec, Usage
 from smartplay_tools.json_text import object_in
-from smartplay_tools.messages import calls_of, pictures_of, text_of
-from smartplay_tools.pictures import NO_PICTURES, Picture, is_picture
+from smartplay_tools.message_forms import function_call, kept_item, reply_message, shown
+from smartplay_tools.messages import calls_of, text_of
+from smartplay_tools.pictures import NO_PICTURES, Picture
 
 ITEM = "inspect_content"
 """The type of the provider item that holds the parts of a reply, where it is more than text."""
@@ -75,28 +76,23 @@ class InspectChat:
             case "system" | "developer":
                 return ChatMessageSystem(content=text)
             case "user":
-                return ChatMessageUser(content=_shown(message, pictures))
+                return ChatMessageUser(content=shown(message, pictures, _text, _picture))
             case "tool":
                 call_id = message["tool_call_id"]
-                content = _shown(message, pictures)
+                content = shown(message, pictures, _text, _picture)
                 return ChatMessageTool(content=content, tool_call_id=call_id, function=self._functions.get(call_id))
         calls = [_written_call(call["id"], **call["function"]) for call in calls_of(message)]
-        items = [i for i in message.get("provider_items", ()) if isinstance(i, dict) and i.get("type") == ITEM]
-        content = items[0]["parts"] if items else text
+        item = kept_item(message, ITEM)
+        content = text if item is None else item["parts"]
         return ChatMessageAssistant(content=content, tool_calls=calls or None, source="generate", model=self._model)
 
 
-def _shown(message: Message, pictures: Mapping[str, Picture]) -> str | list[Content]:
-    """The text of a message; with pictures, its parts."""
-    if not pictures_of(message):
-        return text_of(message)
-    return [_part(part, pictures) for part in message["content"] or ()]
+def _text(text: str) -> Content:
+    return ContentText(text=text)
 
 
-def _part(part: Any, pictures: Mapping[str, Picture]) -> Content:
-    if is_picture(part):
-        return ContentImage(image=pictures[part["sha256"]].data_url)
-    return ContentText(text=part["text"])
+def _picture(picture: Picture) -> Content:
+    return ContentImage(image=picture.data_url)
 
 
 def from_inspect(message: ChatMessage) -> Message:
@@ -164,19 +160,13 @@ def _written_call(call_id: str, name: str, arguments: str) -> ToolCall:
 
 
 def _read_reply(message: ChatMessageAssistant) -> Message:
-    canonical: Message = {"role": "assistant", "content": message.text or None}
-    if message.tool_calls:
-        canonical["tool_calls"] = [
-            {"id": call.id, "type": "function", "function": {"name": call.function, "arguments": _sent(call)}}
-            for call in message.tool_calls
-        ]
-    if not isinstance(message.content, str):
-        parts: Sequence[Any] = message.content
-        dumped = [part.model_dump(mode="json", exclude_none=True) for part in parts]
-        canonical["provider_items"] = [{"type": ITEM, "parts": dumped}]
-        if reasoning := "".join(_visible(part) for part in parts if isinstance(part, ContentReasoning)):
-            canonical["reasoning_content"] = reasoning
-    return canonical
+    calls = [function_call(call.id, call.function, _sent(call)) for call in message.tool_calls or ()]
+    if isinstance(message.content, str):
+        return reply_message(message.text, calls)
+    parts: Sequence[Any] = message.content
+    dumped = [part.model_dump(mode="json", exclude_none=True) for part in parts]
+    reasoning = "".join(_visible(part) for part in parts if isinstance(part, ContentReasoning))
+    return reply_message(message.text, calls, {"type": ITEM, "parts": dumped}, reasoning)
 
 
 def _visible(part: ContentReasoning) -> str:

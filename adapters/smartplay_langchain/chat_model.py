@@ -17,6 +17,7 @@ from pydantic import ConfigDict, Field
 
 from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, ToolSpec
+from smartplay_tools.message_forms import arguments_text, halves
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.prompts import received
 
@@ -159,16 +160,14 @@ def _result(message: AIMessage) -> ChatResult:
 def _pieces(message: AIMessage) -> Iterator[ChatGenerationChunk]:
     """Yield a reply in chunks: its text and the arguments of its calls in two pieces each, then its usage."""
     if isinstance(message.content, str):
-        for piece in _halves(message.content):
+        for piece in halves(message.content):
             yield ChatGenerationChunk(message=AIMessageChunk(content=piece))
     else:
         yield ChatGenerationChunk(message=AIMessageChunk(content=message.content))
-    calls = [(call["id"], call["name"], call["args"]) for call in (*message.tool_calls, *message.invalid_tool_calls)]
-    for index, (call_id, name, sent) in enumerate(calls):
-        arguments = sent if isinstance(sent, str) else _json(sent)
-        first = tool_call_chunk(name=name, args="", id=call_id, index=index)
+    for index, call in enumerate((*message.tool_calls, *message.invalid_tool_calls)):
+        first = tool_call_chunk(name=call["name"], args="", id=call["id"], index=index)
         yield ChatGenerationChunk(message=AIMessageChunk(content="", tool_call_chunks=[first]))
-        for piece in _halves(arguments):
+        for piece in halves(arguments_text(call["args"])):
             chunk = tool_call_chunk(name=None, args=piece, id=None, index=index)
             yield ChatGenerationChunk(message=AIMessageChunk(content="", tool_call_chunks=[chunk]))
     last = AIMessageChunk(
@@ -179,14 +178,3 @@ def _pieces(message: AIMessage) -> Iterator[ChatGenerationChunk]:
         chunk_position="last",
     )
     yield ChatGenerationChunk(message=last)
-
-
-def _halves(text: str) -> Iterator[str]:
-    middle = (len(text) + 1) // 2
-    yield from filter(None, (text[:middle], text[middle:]))
-
-
-def _json(arguments: Any) -> str:
-    import json
-
-    return json.dumps(arguments, ensure_ascii=False)

@@ -7,7 +7,6 @@ recorded and sent back to the model with their turn.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -24,8 +23,9 @@ from langchain_core.messages import (
 
 from smartplay_tools import Message, Usage
 from smartplay_tools.json_text import object_in
-from smartplay_tools.messages import pictures_of, text_of
-from smartplay_tools.pictures import NO_PICTURES, Picture, is_picture
+from smartplay_tools.message_forms import SYSTEM, function_call, kept_item, reply_message, shown, system_text
+from smartplay_tools.messages import text_of
+from smartplay_tools.pictures import NO_PICTURES, Picture
 
 ITEM = "langchain_message"
 """The type of the provider item that holds the parts of a reply other than text and calls."""
@@ -41,9 +41,9 @@ def to_langchain(messages: Iterable[Message], pictures: Mapping[str, Picture] = 
     those that the messages name, which become image blocks.
     """
     messages = list(messages)
-    system = [text_of(message) for message in messages if message["role"] in ("system", "developer")]
-    head: list[AnyMessage] = [SystemMessage("\n\n".join(system))] if system else []
-    others = [message for message in messages if message["role"] not in ("system", "developer")]
+    system = system_text(messages)
+    head: list[AnyMessage] = [] if system is None else [SystemMessage(system)]
+    others = [message for message in messages if message["role"] not in SYSTEM]
     return head + [_to_langchain(message, pictures) for message in others]
 
 
@@ -81,9 +81,10 @@ def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessa
     text = text_of(message)
     match message["role"]:
         case "user":
-            return HumanMessage(_shown(message, pictures))
+            return HumanMessage(shown(message, pictures, _text_block, image_block))
         case "tool":
-            return ToolMessage(_shown(message, pictures), tool_call_id=message.get("tool_call_id", ""))
+            content = shown(message, pictures, _text_block, image_block)
+            return ToolMessage(content, tool_call_id=message.get("tool_call_id", ""))
     valid: list[ToolCall] = []
     invalid: list[InvalidToolCall] = []
     for call in message.get("tool_calls", ()):
@@ -93,23 +94,15 @@ def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessa
             invalid.append(InvalidToolCall(name=name, args=sent, id=call["id"], error=None, type="invalid_tool_call"))
         else:
             valid.append(ToolCall(name=name, args=arguments, id=call["id"], type="tool_call"))
-    items = message.get("provider_items", ())
-    item: dict[str, Any] = next((i for i in items if isinstance(i, dict) and i.get("type") == ITEM), {})
+    item = kept_item(message, ITEM) or {}
     kept = {"content": text, **item.get("message", {})}
     new = [call["id"] for call in message.get("tool_calls", ())]
     kept["content"] = with_call_ids(kept["content"], zip(item.get("calls", ()), new, strict=False))
     return AIMessage(**kept, tool_calls=valid, invalid_tool_calls=invalid)
 
 
-def _shown(message: Message, pictures: Mapping[str, Picture]) -> str | list[str | dict[Any, Any]]:
-    """The text of a message; with pictures, its content blocks."""
-    if not pictures_of(message):
-        return text_of(message)
-    return [_block(part, pictures) for part in message["content"] or ()]
-
-
-def _block(part: Any, pictures: Mapping[str, Picture]) -> dict[str, Any]:
-    return image_block(pictures[part["sha256"]]) if is_picture(part) else {"type": "text", "text": part["text"]}
+def _text_block(text: str) -> str | dict[Any, Any]:
+    return {"type": "text", "text": text}
 
 
 def image_block(picture: Picture) -> dict[str, Any]:
@@ -138,25 +131,15 @@ def with_call_ids(content: Any, renamed: Iterable[tuple[str, str]]) -> Any:
 
 def _from_reply(reply: AIMessage) -> Message:
     calls: Sequence[ToolCall | InvalidToolCall] = [*reply.tool_calls, *reply.invalid_tool_calls]
-    message: Message = {"role": "assistant", "content": _words(reply) or None}
-    if calls:
-        message["tool_calls"] = [
-            {
-                "id": call["id"] or "",
-                "type": "function",
-                "function": {"name": call["name"] or "", "arguments": _arguments(call["args"])},
-            }
-            for call in calls
-        ]
-    if not isinstance(reply.content, str) or reply.additional_kwargs:
-        kept = reply.model_dump(mode="json", include={"content", "additional_kwargs"})
-        kept["response_metadata"] = {k: v for k, v in reply.response_metadata.items() if k == "model_provider"}
-        sent = [call["id"] or "" for call in calls]
-        message["provider_items"] = [{"type": ITEM, "message": kept, **({"calls": sent} if sent else {})}]
-        blocks = [block for block in reply.content_blocks if block["type"] == "reasoning"]
-        if reasoning := "".join(str(block.get("reasoning", "")) for block in blocks):
-            message["reasoning_content"] = reasoning
-    return message
+    listed = [function_call(call["id"] or "", call["name"] or "", call["args"]) for call in calls]
+    if isinstance(reply.content, str) and not reply.additional_kwargs:
+        return reply_message(_words(reply), listed)
+    kept = reply.model_dump(mode="json", include={"content", "additional_kwargs"})
+    kept["response_metadata"] = {k: v for k, v in reply.response_metadata.items() if k == "model_provider"}
+    sent = {"calls": [call["id"] or "" for call in calls]} if calls else {}
+    blocks = [block for block in reply.content_blocks if block["type"] == "reasoning"]
+    reasoning = "".join(str(block.get("reasoning", "")) for block in blocks)
+    return reply_message(_words(reply), listed, {"type": ITEM, "message": kept, **sent}, reasoning)
 
 
 def _words(reply: AIMessage) -> str:
@@ -168,10 +151,6 @@ def _words(reply: AIMessage) -> str:
 
 def _text_of_part(part: dict[Any, Any]) -> str:
     return next((str(part[kind]) for kind in ("text", "refusal") if part.get("type") == kind and part.get(kind)), "")
-
-
-def _arguments(sent: Any) -> str:
-    return sent if isinstance(sent, str) else json.dumps(sent or {}, ensure_ascii=False)
 
 
 def _content(message: BaseMessage) -> str | list[dict[str, Any]]:

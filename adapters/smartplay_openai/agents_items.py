@@ -63,7 +63,7 @@ def input_of(prompt: Prompt, *, mark: bool) -> list[Any]:
         {"role": item["role"], "content": _text(item["content"])}
         if item.get("type") == "message" and item.get("role") == "assistant" and "id" not in item
         else item
-        for item in RESPONSES.request(prompt, mark=mark)["input"]
+        for item in RESPONSES.conversation(prompt, mark=mark)["input"]
     ]
 
 

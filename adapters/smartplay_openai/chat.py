@@ -9,17 +9,17 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from types import MappingProxyType
 from typing import Any
 
 from openai.resources.chat.completions import Completions
 
-from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of, halves
+from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of
 from smartplay_openai.parsing import plain, read_usage, sampled_tokens
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
-from smartplay_tools import Message, Prompt, Reply, Usage, schema
+from smartplay_tools import Message, Prompt, Reply, Usage
+from smartplay_tools.message_forms import halves
 from smartplay_tools.messages import assistant_message, calls_of, pictures_of, text_of
 from smartplay_tools.pictures import Picture, is_picture
 from smartplay_tools.players import BrokenAnswerError
@@ -36,28 +36,19 @@ class ChatCompletions(Interface):
 
     path = "/v1/chat/completions"
     limit_field = "max_completion_tokens"
+    tool_format = "openai"
     arguments = arguments_of(Completions.create)
     required = {"messages": ()}  # noqa: RUF012 - read only
     stream_options = {"stream": True, "stream_options": {"include_usage": True}}  # noqa: RUF012 - read only
 
-    def request(
-        self,
-        prompt: Prompt,
-        *,
-        limit_field: str | None = None,
-        own: Mapping[str, Any] = MappingProxyType({}),
-        mark: bool = False,
-    ) -> dict[str, Any]:
-        """Return the arguments of `client.chat.completions.create`; older servers know `max_tokens` only."""
+    def conversation(self, prompt: Prompt, *, mark: bool) -> dict[str, Any]:
+        """Return the messages."""
         prompt = with_pictures_below(prompt)
         messages = [_sent(message, prompt.pictures) for message in acceptable(prompt.messages)]
         if mark and (at := stable_end(prompt)) is not None:
             marked = {"type": "text", "text": text_of(messages[at]), **BREAKPOINT}
             messages[at] = {**messages[at], "content": [marked]}
-        arguments: dict[str, Any] = {"messages": messages}
-        if prompt.tools:
-            arguments["tools"] = [schema(tool, "openai") for tool in prompt.tools]
-        return arguments | prompt.settings(own, cap=limit_field or self.limit_field)
+        return {"messages": messages}
 
     def create(self, client: Any) -> Callable[..., Any]:
         """Return `client.chat.completions.create`."""

@@ -11,10 +11,10 @@ import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from smartplay_openai.tool_choice import ToolChoice
-from smartplay_tools import Message, Prompt, Reply, Usage
+from smartplay_tools import Message, Prompt, Reply, Usage, schema
 
 Event = tuple[str | None, dict[str, Any] | str]
 """A server-sent event: its name, if it has one, and its data."""
@@ -33,6 +33,13 @@ class Interface(ABC):
     limit_field: ClassVar[str]
     """The name of the cap on the reply."""
 
+    least_limit: ClassVar[int | None] = None
+    """The least cap on a reply that is not refused, where there is one; a reply that uses more than the budget's is
+    recorded as an overrun."""
+
+    tool_format: ClassVar[Literal["openai", "responses"]]
+    """The form in which the interface takes tools."""
+
     arguments: ClassVar[frozenset[str]]
     """The fields of a request for which the client's `create` has an argument."""
 
@@ -44,7 +51,6 @@ class Interface(ABC):
 
     # The client's side.
 
-    @abstractmethod
     def request(
         self,
         prompt: Prompt,
@@ -59,6 +65,17 @@ class Interface(ABC):
         which a cap applies where it is smaller than the prompt's. `mark` marks the end of what is unchanged since the
         previous prompt for the provider's cache.
         """
+        arguments, cap = self.conversation(prompt, mark=mark), limit_field or self.limit_field
+        if prompt.tools:
+            arguments["tools"] = [schema(tool, self.tool_format) for tool in prompt.tools]
+        arguments |= prompt.settings(own, cap=cap)
+        if prompt.max_tokens is not None and self.least_limit is not None:
+            arguments[cap] = max(arguments[cap], self.least_limit)
+        return arguments
+
+    @abstractmethod
+    def conversation(self, prompt: Prompt, *, mark: bool) -> dict[str, Any]:
+        """Return the arguments that hold a prompt's messages; `mark` as for `request`."""
 
     @abstractmethod
     def create(self, client: Any) -> Callable[..., Any]:
@@ -95,9 +112,3 @@ def arguments_of(method: Callable[..., Any]) -> frozenset[str]:
     """Return the names of the arguments that a client's method has for fields of a request."""
     names = inspect.signature(method).parameters
     return frozenset(name for name in names if not name.startswith("extra_") and name not in ("self", "timeout"))
-
-
-def halves(text: str) -> Iterator[str]:
-    """Yield a text in two pieces that are not empty."""
-    middle = (len(text) + 1) // 2
-    yield from filter(None, (text[:middle], text[middle:]))

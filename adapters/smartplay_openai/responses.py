@@ -11,27 +11,24 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 from openai.resources.responses import Responses as ClientResponses
 
-from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of, halves
+from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of
 from smartplay_openai.parsing import plain, read_usage
 from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
-from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage, schema
-from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, pictures_of, text_of
-from smartplay_tools.pictures import Picture, is_picture
+from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
+from smartplay_tools.message_forms import halves, shown
+from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, text_of
+from smartplay_tools.pictures import Picture
 from smartplay_tools.players import BrokenAnswerError
 from smartplay_tools.prompts import received, stable_end
 
 A = TypeVar("A")
 T = TypeVar("T")
-
-LEAST_LIMIT = 16
-"""The interface refuses a smaller cap on the reply; a reply that uses the difference is recorded as an overrun."""
 
 ROLES = ("system", "developer", "user", "assistant")
 ID_PREFIXES = {"message": "msg", "function_call": "fc", "reasoning": "rs"}
@@ -42,32 +39,20 @@ class Responses(Interface):
 
     path = "/v1/responses"
     limit_field = "max_output_tokens"
+    least_limit = 16
+    tool_format = "responses"
     arguments = arguments_of(ClientResponses.create)
     stream_options = {"stream": True}  # noqa: RUF012 - read only
 
-    def request(
-        self,
-        prompt: Prompt,
-        *,
-        limit_field: str | None = None,
-        own: Mapping[str, Any] = MappingProxyType({}),
-        mark: bool = False,
-    ) -> dict[str, Any]:
-        """Return the arguments of `client.responses.create`."""
+    def conversation(self, prompt: Prompt, *, mark: bool) -> dict[str, Any]:
+        """Return the input items, and that nothing is stored."""
         at = stable_end(prompt) if mark else None
         items = [
             _marked(item) if number == at else item
             for number, message in enumerate(acceptable(prompt.messages))
             for item in _items(message, prompt.pictures)
         ]
-        arguments: dict[str, Any] = {"input": items, "store": False, "include": ["reasoning.encrypted_content"]}
-        if prompt.tools:
-            arguments["tools"] = [schema(tool, "responses") for tool in prompt.tools]
-        field = limit_field or self.limit_field
-        arguments |= prompt.settings(own, cap=field)
-        if prompt.max_tokens is not None:
-            arguments[field] = max(arguments[field], LEAST_LIMIT)
-        return arguments
+        return {"input": items, "store": False, "include": ["reasoning.encrypted_content"]}
 
     def create(self, client: Any) -> Callable[..., Any]:
         """Return `client.responses.create`."""
@@ -198,22 +183,17 @@ def _items(message: Message, pictures: Mapping[str, Picture]) -> Iterator[dict[s
 
 
 def _content_sent(message: Message, pictures: Mapping[str, Picture]) -> str | list[dict[str, Any]]:
-    """The text of a message; with pictures, its parts."""
-    if not pictures_of(message):
-        return text_of(message)
-    return [_part_sent(part, pictures) for part in message["content"] or ()]
+    return shown(message, pictures, _text_sent, lambda picture: {"type": "input_image", "image_url": picture.data_url})
 
 
-def _part_sent(part: Any, pictures: Mapping[str, Picture]) -> dict[str, Any]:
-    if is_picture(part):
-        return {"type": "input_image", "image_url": pictures[part["sha256"]].data_url}
-    return {"type": "input_text", "text": part["text"]}
+def _text_sent(text: str) -> dict[str, Any]:
+    return {"type": "input_text", "text": text}
 
 
 def _marked(item: dict[str, Any]) -> dict[str, Any]:
     """An input item, which is not the assistant's, with a mark for the cache."""
     field = "output" if item.get("type") == "function_call_output" else "content"
-    parts = item[field] if isinstance(item[field], list) else [{"type": "input_text", "text": item[field]}]
+    parts = item[field] if isinstance(item[field], list) else [_text_sent(item[field])]
     return {**item, field: [*parts[:-1], {**parts[-1], **BREAKPOINT}]}
 
 

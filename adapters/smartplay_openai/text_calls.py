@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from smartplay_tools import InvalidArgumentError, Message
+from smartplay_tools.message_forms import function_call
 
 WordsAndCalls = tuple[str, list[tuple[str, str]]]
 """The words around the calls, and each call's name and arguments as JSON."""
@@ -70,11 +71,8 @@ def with_calls(message: Message, parser: str) -> Message:
     if message.get("tool_calls") or not isinstance(text, str) or (read := PARSERS[parser](text)) is None:
         return message
     words, calls = read
-    listed = [
-        {"id": f"text_{at}", "type": "function", "function": {"name": name, "arguments": arguments}}
-        for at, (name, arguments) in enumerate(calls)
-    ]
-    return {**message, "content": words.strip() or None, "tool_calls": listed}  # type: ignore[typeddict-item]
+    listed = [function_call(f"text_{at}", name, arguments) for at, (name, arguments) in enumerate(calls)]
+    return {**message, "content": words.strip() or None, "tool_calls": listed}
 
 
 def _named(value: Any) -> tuple[str, str] | None:

@@ -34,10 +34,9 @@ from pydantic_ai.tools import ToolDefinition
 from pydantic_ai.usage import RequestUsage
 
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec, Usage
-from smartplay_tools.messages import calls_of, pictures_of, text_of
-from smartplay_tools.pictures import NO_PICTURES, Picture, is_picture
-
-SYSTEM = ("system", "developer")
+from smartplay_tools.message_forms import SYSTEM, function_call, kept_item, reply_message, shown, system_text
+from smartplay_tools.messages import calls_of, text_of
+from smartplay_tools.pictures import NO_PICTURES, Picture
 
 ITEM = "pydantic_ai_response"
 """The type of the provider item that holds a response with more than text and calls."""
@@ -68,10 +67,10 @@ class PydanticAIChat:
         `pictures` are those that the messages name.
         """
         messages = list(messages)
-        system = [text_of(message) for message in messages if message["role"] in SYSTEM]
+        system = system_text(messages)
         written: list[ModelMessage] = []
         names: dict[str, str] = {}
-        parts: list[ModelRequestPart] = [SystemPromptPart("\n\n".join(system))] if system else []
+        parts: list[ModelRequestPart] = [] if system is None else [SystemPromptPart(system)]
         for at, message in enumerate(messages):
             if message["role"] in SYSTEM:
                 continue
@@ -91,11 +90,10 @@ class PydanticAIChat:
 
 def to_response(message: Message) -> ModelResponse:
     """Return a reply as a response of Pydantic AI's."""
-    for item in message.get("provider_items", ()):
-        if isinstance(item, dict) and item.get("type") == ITEM:
-            (kept,) = ModelMessagesTypeAdapter.validate_python([item["response"]])
-            assert isinstance(kept, ModelResponse)
-            return with_ids(kept, [call["id"] for call in calls_of(message)])
+    if (item := kept_item(message, ITEM)) is not None:
+        (kept,) = ModelMessagesTypeAdapter.validate_python([item["response"]])
+        assert isinstance(kept, ModelResponse)
+        return with_ids(kept, [call["id"] for call in calls_of(message)])
     text = text_of(message)
     parts: list[ModelResponsePart] = [TextPart(text)] if text else []
     for call in calls_of(message):
@@ -107,25 +105,15 @@ def to_response(message: Message) -> ModelResponse:
 def from_response(response: ModelResponse) -> Message:
     """Return a response as a reply in canonical form."""
     text = "".join(part.content for part in response.parts if isinstance(part, TextPart))
-    message: Message = {"role": "assistant", "content": text or None}
-    if calls := [part for part in response.parts if isinstance(part, ToolCallPart)]:
-        message["tool_calls"] = [
-            {
-                "id": call.tool_call_id,
-                "type": "function",
-                "function": {"name": call.tool_name, "arguments": _arguments(call)},
-            }
-            for call in calls
-        ]
-    if any(not isinstance(part, TextPart | ToolCallPart) for part in response.parts):
-        (dumped,) = ModelMessagesTypeAdapter.dump_python([response], mode="json")
-        # The clock does not belong into a record.
-        kept = {name: dumped[name] for name in ("kind", "parts", "model_name", "provider_name") if dumped.get(name)}
-        message["provider_items"] = [{"type": ITEM, "response": kept}]
-        thoughts = (part.content for part in response.parts if isinstance(part, ThinkingPart))
-        if reasoning := "".join(thoughts):
-            message["reasoning_content"] = reasoning
-    return message
+    sent = [part for part in response.parts if isinstance(part, ToolCallPart)]
+    calls = [function_call(call.tool_call_id, call.tool_name, call.args) for call in sent]
+    if all(isinstance(part, TextPart | ToolCallPart) for part in response.parts):
+        return reply_message(text, calls)
+    (dumped,) = ModelMessagesTypeAdapter.dump_python([response], mode="json")
+    # The clock does not belong into a record.
+    kept = {name: dumped[name] for name in ("kind", "parts", "model_name", "provider_name") if dumped.get(name)}
+    thoughts = "".join(part.content for part in response.parts if isinstance(part, ThinkingPart))
+    return reply_message(text, calls, {"type": ITEM, "response": kept}, thoughts)
 
 
 def from_history(messages: Iterable[ModelMessage]) -> list[Message]:
@@ -185,19 +173,15 @@ def _request(parts: list[ModelRequestPart]) -> list[ModelRequest]:
 
 
 def _request_part(message: Message, names: Mapping[str, str], pictures: Mapping[str, Picture]) -> ModelRequestPart:
-    content: str | list[UserContent] = text_of(message)
-    if pictures_of(message):
-        content = [_user_content(part, pictures) for part in message["content"] or ()]
+    content: str | list[UserContent] = shown(message, pictures, str, _picture)
     if message["role"] == "user":
         return UserPromptPart(content)
     call_id = message["tool_call_id"]
     return ToolReturnPart(tool_name=names.get(call_id, ""), content=content, tool_call_id=call_id)
 
 
-def _user_content(part: Any, pictures: Mapping[str, Picture]) -> UserContent:
-    if is_picture(part):
-        return BinaryContent(pictures[part["sha256"]].png, media_type="image/png")
-    return str(part["text"])
+def _picture(picture: Picture) -> UserContent:
+    return BinaryContent(picture.png, media_type="image/png")
 
 
 def takes_pictures_in_results(model: Model) -> bool:
@@ -226,9 +210,3 @@ def _from_part(part: ModelRequestPart) -> list[Message]:
                 raise InvalidArgumentError("Prompts are text only here: anything else cannot be counted.")
             return [{"role": "user", "content": "".join(map(str, texts))}] if any(texts) else []
     raise InvalidArgumentError(f"A {part.part_kind} part of the history cannot be shown in the window.")
-
-
-def _arguments(call: ToolCallPart) -> str:
-    if isinstance(call.args, str):
-        return call.args
-    return json.dumps(call.args or {}, ensure_ascii=False)

@@ -13,11 +13,12 @@ import uuid
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from smartplay_openai.interface import Event, halves
+from smartplay_openai.interface import Event
 from smartplay_openai.problems import RequestError, bad
 from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects
 from smartplay_openai.window.formats import SUB_AGENT_HEADERS, HostFormat, fields_of
 from smartplay_tools import Message, ToolSpec, Usage
+from smartplay_tools.message_forms import halves
 from smartplay_tools.messages import calls_of, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"

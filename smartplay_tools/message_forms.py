@@ -1,0 +1,81 @@
+"""The steps that adapters share when they convert messages between the canonical form and that of their framework."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, TypeVar
+
+from smartplay_tools.messages import Message, MessageToolCall, pictures_of, text_of
+from smartplay_tools.pictures.picture import Picture, is_picture
+
+__all__ = [
+    "SYSTEM",
+    "arguments_text",
+    "function_call",
+    "halves",
+    "kept_item",
+    "reply_message",
+    "shown",
+    "system_text",
+]
+
+SYSTEM = ("system", "developer")
+"""The roles of a message that gives instructions."""
+
+P = TypeVar("P")
+
+
+def reply_message(
+    text: str, calls: Iterable[MessageToolCall], item: dict[str, Any] | None = None, reasoning: str = ""
+) -> Message:
+    """Return a reply in canonical form.
+
+    `item` is what the provider wants back unchanged, for `kept_item`; `reasoning` is its visible text.
+    """
+    message: Message = {"role": "assistant", "content": text or None}
+    if listed := list(calls):
+        message["tool_calls"] = listed
+    if item is not None:
+        message["provider_items"] = [item]
+    if reasoning:
+        message["reasoning_content"] = reasoning
+    return message
+
+
+def function_call(call_id: str, name: str, arguments: Any) -> MessageToolCall:
+    """Return a call of a reply; arguments that a framework has parsed become JSON text again."""
+    return {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments_text(arguments)}}
+
+
+def arguments_text(arguments: Any) -> str:
+    """Return the arguments of a call as JSON text, which is left as it is."""
+    return arguments if isinstance(arguments, str) else json.dumps(arguments or {}, ensure_ascii=False)
+
+
+def kept_item(message: Message, kind: str) -> dict[str, Any] | None:
+    """Return the first provider item of a type; None if the message has none."""
+    items = message.get("provider_items", ())
+    return next((item for item in items if isinstance(item, dict) and item.get("type") == kind), None)
+
+
+def system_text(messages: Iterable[Message]) -> str | None:
+    """Return all instructions as one text, for providers that accept only one; None without any."""
+    texts = [text_of(message) for message in messages if message["role"] in SYSTEM]
+    return "\n\n".join(texts) if texts else None
+
+
+def shown(
+    message: Message, pictures: Mapping[str, Picture], text: Callable[[str], P], picture: Callable[[Picture], P]
+) -> str | list[P]:
+    """Return the text of a message; where it names pictures, its parts, which `text` and `picture` make."""
+    if not pictures_of(message):
+        return text_of(message)
+    parts: list[Any] = message["content"]  # type: ignore[assignment]  # only a list has pictures
+    return [picture(pictures[part["sha256"]]) if is_picture(part) else text(part["text"]) for part in parts]
+
+
+def halves(text: str) -> Iterator[str]:
+    """Yield a text in two pieces that are not empty, as a stream of a reply."""
+    middle = (len(text) + 1) // 2
+    yield from filter(None, (text[:middle], text[middle:]))
