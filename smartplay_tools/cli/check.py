@@ -42,8 +42,7 @@ def check(
     if not names:
         raise InvalidArgumentError("Name players (--players openai:MODEL) or a run file.")
     configs = runs.player_configs(list(dict.fromkeys(names)), base_url, player_option, file.configs())
-    if parse_calls is not None or tool_choice is not None:
-        configs = runs.with_tool_options(configs, parse_calls, tool_choice)
+    configs = runs.with_tool_options(configs, parse_calls, tool_choice)
     prices = given_prices(configs) | runs.prices(price)
     answers = [(config, probe(config, prices)) for config in configs]
     probes = [answer for _, answer in answers if answer is not None]

@@ -9,6 +9,7 @@ of several the one with the lowest seed. When its actions are used up, they begi
 from __future__ import annotations
 
 import json
+from operator import itemgetter
 from pathlib import Path
 
 from smartplay_tools.conversation.base import BaseConversation
@@ -55,14 +56,10 @@ class BlindPlayer:
 
 def best_record(source: Path, game: str, seed: int) -> Record:
     """Return the finished record of a game with the highest score that was played with another seed."""
-    best: tuple[float, int, Path] | None = None
-    for path in records_in(source):
-        head = Record.head(path)
-        if head.start is None or head.outcome != "finished" or head.game != game:
-            continue
-        result = head.result
-        if result.seed != seed and (best is None or (result.score, -result.seed) > best[:2]):
-            best = (result.score, -result.seed, path)
+    heads = ((path, Record.head(path)) for path in records_in(source))
+    results = ((path, head.result) for path, head in heads if head.outcome == "finished" and head.game == game)
+    others = ((result.score, -result.seed, path) for path, result in results if result.seed != seed)
+    best = max(others, key=itemgetter(0, 1), default=None)
     if best is None:
         raise InvalidArgumentError(f"{source} has no finished episode of {game} with another seed than {seed}.")
     return Record.read(best[2])

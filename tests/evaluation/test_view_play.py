@@ -116,7 +116,7 @@ def test_another_episode_is_another_trial_of_the_run(playing):
 def test_an_episode_that_was_left_goes_on(playing, tmp_path):
     with BrowserPlay(human_cell(HANOI), tmp_path / "human") as first:
         wait_for(lambda: first.player.asked)
-        first.player.answer({"number": first.number, "tool": "read_manual"})
+        first.player.answer({"number": first.player.number, "tool": "read_manual"})
         wait_for(lambda: first.player.asked)
     _, page = playing()
     asked = page.state()["asked"]

@@ -50,16 +50,11 @@ def audit(
     name of their strategy, if that is in a file. Rows are read from the folder unless they are given.
     """
     rows = folder.rows() if rows is None else rows
-    before = folder.manifest().predecessors
-    paths = [(folder.transcript(row["key"]), before.get(row["key"])) for row in rows]
-    records = [
-        (record, None if key is None else folder.transcript(key), row)
-        for (record, key), row in zip(paths, rows, strict=True)
-    ]
-    processes = worth(workers, (record for record, _ in paths), WORTH_A_PROCESS)
-    with parallel_map(
-        functools.partial(_audit_all, tokenizer=tokenizer, strategy=strategy), records, processes
-    ) as results:
+    before = {key: folder.transcript(earlier) for key, earlier in folder.manifest().predecessors.items()}
+    records = [(folder.transcript(row["key"]), before.get(row["key"]), row) for row in rows]
+    processes = worth(workers, (record for record, _, _ in records), WORTH_A_PROCESS)
+    work = functools.partial(_audit_all, tokenizer=tokenizer, strategy=strategy)
+    with parallel_map(work, records, processes) as results:
         for _, findings in results:
             yield from findings
 

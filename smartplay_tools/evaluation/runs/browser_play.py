@@ -99,18 +99,13 @@ class BrowserPlay:
         self.player.leave()
         self._thread.join()
 
-    @property
-    def number(self) -> int:
-        """Changes when something else is to be shown."""
-        return self.player.number
-
     def state(self) -> dict[str, Any]:
         """Return what the page shows, as JSON: a prompt, the result of an episode, or why there is none."""
         with self.player.changed:
             asked = self.player.asked
             over = None if self._row is None or asked is not None else self._row
             state = "asking" if asked else "failed" if self._error else "over" if over else "waiting"
-            shown = {"number": self.number, "state": state, "asked": asked, "over": over, "error": self._error}
+            shown = {"number": self.player.number, "state": state, "asked": asked, "over": over, "error": self._error}
             return {**shown, "beat": self._to_beat()}
 
     def _to_beat(self) -> float | None:

@@ -18,7 +18,7 @@ from smartplay_tools.conversation.loop import check_observation, check_player
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
-from smartplay_tools.evaluation.runs.executors import default_workers, get_executor
+from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
 from smartplay_tools.evaluation.runs.notebooks import InNotebook, is_notebook
 from smartplay_tools.evaluation.runs.plan import (
     Plan,
@@ -35,8 +35,8 @@ from smartplay_tools.evaluation.runs.run_progress import Display, following, not
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, Scheduler, Setup
 from smartplay_tools.evaluation.runs.sending import ELSEWHERE, is_known_only_here, why_only_here
-from smartplay_tools.evaluation.runs.signals import stopping
-from smartplay_tools.evaluation.runs.tracking import Tracking, with_tracking
+from smartplay_tools.evaluation.runs.signals import Signals
+from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import ModelPlayer, is_model
 from smartplay_tools.records.manifest import Manifest, Until
@@ -161,12 +161,12 @@ def run_plan(
     part = plan if options.shard is None else plan.shard(*options.shard)
     configs = _configs(plan, read_players(players))
     by_executor, remote = _by_executor(part, configs, options.executor)
-    executors = {name: get_executor(name) for name in by_executor}
+    executors = {name: EXECUTORS[name] for name in by_executor}
     folder, caps = RunWriter(out), options.caps
     with (
         _disk(folder, part),
         folder.writing(),
-        stopping() as signals,
+        Signals() as signals,
         (display or _display(part, options.on_progress))() as show,
     ):
         before = folder.manifest() if (folder.path / "manifest.json").exists() else None
@@ -176,8 +176,8 @@ def run_plan(
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
         setup = Setup(configs, manifest.prices, caps, remote, repriced, comparisons)
-        tracking = Tracking(options.track, folder.path.name, manifest)
-        scheduler = Scheduler(folder, part, setup, with_tracking(tracking, options.on_progress))
+        tracking = Tracking(options.track, folder.path.name, manifest, options.on_progress)
+        scheduler = Scheduler(folder, part, setup, tracking.heard)
         with following(folder, show):
             try:
                 # Where a comparison is to be decided early, what costs nothing is played before a model begins.

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from types import FrameType
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 CAUGHT = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
 """Windows has SIGBREAK, Ctrl-Break, by which one program asks another to end; SIGTERM cannot be caught there."""
@@ -26,7 +24,7 @@ class StopFlag(Protocol):
 
 
 class Signals:
-    """The signal that was received, and the stop flags to set."""
+    """The signal that was received, and the stop flag to set; `with` handles those that stop a run."""
 
     def __init__(self) -> None:
         self.received: str | None = None
@@ -40,12 +38,16 @@ class Signals:
         if self.received is not None:
             stop.set()
 
-    def catch(self) -> None:
-        """Install the signal handlers; this is possible only in the main thread."""
+    def __enter__(self) -> Self:
+        # Signal handlers can be installed only in the main thread.
         if threading.current_thread() is threading.main_thread():
             self._usual = {number: signal.signal(number, self._receive) for number in CAUGHT}
+        return self
 
-    def release(self) -> None:
+    def __exit__(self, *_: object) -> None:
+        self._release()
+
+    def _release(self) -> None:
         """Restore the previous signal handlers."""
         for number, usual in self._usual.items():
             signal.signal(number, usual)
@@ -53,17 +55,6 @@ class Signals:
 
     def _receive(self, number: int, frame: FrameType | None) -> None:
         self.received = signal.Signals(number).name
-        self.release()
+        self._release()
         if self._stop is not None:
             self._stop.set()
-
-
-@contextmanager
-def stopping() -> Iterator[Signals]:
-    """Handle the signals that stop a run, as long as it is played."""
-    signals = Signals()
-    signals.catch()
-    try:
-        yield signals
-    finally:
-        signals.release()

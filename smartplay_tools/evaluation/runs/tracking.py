@@ -43,11 +43,12 @@ TRACKERS = Registry(
 
 
 class Tracking:
-    """Sends a run to a tracker; without a name, to none."""
+    """Sends a run to a tracker; without a name, to none. `on_progress` hears of every attempt after it."""
 
-    def __init__(self, name: str | None, run: str, manifest: Manifest) -> None:
+    def __init__(self, name: str | None, run: str, manifest: Manifest, on_progress: OnProgress | None = None) -> None:
         """Begin the run in the tracker; a client that is missing or refuses is an `InvalidArgumentError`."""
         self._tracker: Tracker | None = None
+        self._on_progress = on_progress
         self._rows: list[Row] = []
         self._played: Counter[str] = Counter()
         if name is None:
@@ -69,6 +70,8 @@ class Tracking:
             figures = {"score": row["score"], "tokens": row["tokens"]["prompt"] + row["tokens"]["reply"]}
             figures |= {} if row["cost"] is None else {"cost": row["cost"]}
             self._send("log", {f"{cell}/{key}": float(value) for key, value in figures.items()}, self._played[cell])
+        if self._on_progress is not None:
+            self._on_progress(progress)
 
     def close(self, *, complete: bool) -> None:
         """Send every cell's mean with its interval, and end the run in the tracker."""
@@ -94,17 +97,6 @@ class Tracking:
         except Exception as error:  # whatever a client does without its server
             self._tracker = None
             warnings.warn(f"The tracker gets nothing more of this run, which goes on: {error}", stacklevel=2)
-
-
-def with_tracking(tracking: Tracking, on_progress: OnProgress | None) -> OnProgress:
-    """Return what is called after every attempt."""
-
-    def both(progress: RunProgress) -> None:
-        tracking.heard(progress)
-        if on_progress is not None:
-            on_progress(progress)
-
-    return both
 
 
 def _name(row: Row) -> str:

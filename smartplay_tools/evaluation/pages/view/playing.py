@@ -57,12 +57,8 @@ class PlayedRun(Protocol):
 
     game: str
     player: BrowserPlayer
+    """Its `number` is the version of the displayed state; clients poll for a new value."""
     folder: RunFolder
-
-    @property
-    def number(self) -> int:
-        """Version of the displayed state; clients poll for a new value."""
-        ...
 
     def state(self) -> dict[str, Any]:
         """Return what the page shows, as JSON."""
@@ -191,7 +187,7 @@ class _Playing:
     async def state(self, request: Request, run: PlayedRun) -> Response:
         """Answer with what is to be shown, when it has changed."""
         shown, waited = request.query_params.get("after", ""), 0.0
-        while shown == str(run.number) and waited < LONGEST_WAIT and not self._is_stopping():
+        while shown == str(run.player.number) and waited < LONGEST_WAIT and not self._is_stopping():
             await asyncio.sleep(LOOK_SECONDS)
             waited += LOOK_SECONDS
         state = await run_in_threadpool(run.state)

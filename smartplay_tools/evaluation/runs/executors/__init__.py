@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 from smartplay_tools.evaluation.runs.attempt import Task, Times
 from smartplay_tools.evaluation.runs.limits import RunLimits
@@ -70,12 +70,6 @@ EXECUTORS = Registry(
 
 WAITING_AT_ONCE = 64
 """The default of concurrent episodes: about as many as providers accept, and few enough for any machine."""
-
-
-def get_executor(name: str) -> Callable[..., Any]:
-    """Return the class of an executor by its name."""
-    executor: Callable[..., Any] = EXECUTORS[name]
-    return executor
 
 
 def default_workers(name: str) -> int:
