@@ -10,7 +10,6 @@ import asyncio
 import shutil
 import subprocess
 import sys
-import venv
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +105,7 @@ def test_dspy(episode):
 
 @pytest.mark.slow
 def test_in_an_environment_of_their_own(tmp_path):
-    if not (ROOT / "pyproject.toml").exists():
+    if not (ROOT / ".ci" / "install").exists():
         pytest.skip("not in a checkout")
 
     def run(*command: str | Path) -> str:
@@ -117,12 +116,11 @@ def test_in_an_environment_of_their_own(tmp_path):
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
-    venv.create(tmp_path / "venv", with_pip=True)
-    python = tmp_path / "venv" / "bin" / "python"
-    pip = [python, "-m", "pip", "--quiet", "--disable-pip-version-check", "install", "--no-compile"]
+    install = ["env", f"PYTHON={sys.executable}", ROOT / ".ci" / "install", tmp_path / "venv"]
     # Of our own dependencies, those that a game of Rock Paper Scissors needs.
-    run(*pip, *ISOLATED.values(), "gymnasium", "numpy", "pydantic", "tiktoken", "pytest")
-    run(*pip, "--no-deps", wheel)
+    run(*install, *ISOLATED.values(), "gymnasium", "numpy", "pydantic", "tiktoken", "pytest")
+    run(*install, "--no-deps", wheel)
+    python = tmp_path / "venv" / "bin" / "python"
     shutil.copy(__file__, tmp_path)
     shown = run(python, "-m", "pytest", "-rA", "-m", "not slow", "-p", "no:cacheprovider", Path(__file__).name)
     for test in ISOLATED:

@@ -6,7 +6,7 @@ What play hardly ever meets - borders, ores, stations, ripe plants, arrows - is 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -186,14 +186,16 @@ class Compiled:
         return self.worlds.fingerprint(0)
 
 
-# --- Both in the same world -------------------------------------------------------------------------------------------
+# --- All in the same world --------------------------------------------------------------------------------------------
 
 
 class Pair:
-    """A world in one of our engines and in the package."""
+    """A world in some of our engines and in the package."""
 
-    def __init__(self, engine: type[Edited], seed: int, episode: int = 1) -> None:
-        self.ours, self.package = engine(seed, episode), Package(seed, episode)
+    def __init__(self, engines: Sequence[type[Edited]], seed: int, episode: int = 1) -> None:
+        self.all_ours, self.package = [engine(seed, episode) for engine in engines], Package(seed, episode)
+        self.ours = self.all_ours[0]
+        self.everywhere: list[Edited] = [*self.all_ours, self.package]
         self.steps = 0
 
     @property
@@ -205,45 +207,51 @@ class Pair:
         return inside and self.ours.sight().surface[place(x, y)] < facts.PLAYER
 
     def give(self, **amounts: int) -> None:
-        for engine in (self.ours, self.package):
+        for engine in self.everywhere:
             engine.give(amounts)
 
     def material(self, x: int, y: int, material: int) -> None:
         if 0 <= x < facts.AREA and 0 <= y < facts.AREA:
-            for engine in (self.ours, self.package):
+            for engine in self.everywhere:
                 engine.set_ground(x, y, material)
 
     def teleport(self, x: int, y: int) -> None:
         if self._is_free(x, y):
             self.material(x, y, facts.GRASS)
-            for engine in (self.ours, self.package):
+            for engine in self.everywhere:
                 engine.move_player(x, y)
 
     def thing(self, kind: int, x: int, y: int, *, clock: int = 0, heading: int = 0) -> None:
         if self._is_free(x, y):
-            for engine in (self.ours, self.package):
+            for engine in self.everywhere:
                 engine.add(kind, x, y, clock, heading)
 
     def step(self, action: int) -> bool:
-        """Step both and compare everything that is visible; return whether the player is dead."""
-        assert self.ours.step(action) == self.package.step(action), "reward"
-        ours, package = self.ours.sight(), self.package.sight()
-        assert bytes(ours.surface) == package.surface, "map"
-        assert (ours.at, ours.facing, ours.sleeping) == (package.at, package.facing, package.sleeping)
-        assert ours.inventory == package.inventory
-        dead = self.package.health <= 0
-        assert describe(ours, action, dead=dead) == plain_description(self.package.env, action)
+        """Step all and compare everything that is visible; return whether the player is dead."""
+        reward, package = self.package.step(action), self.package.sight()
+        dead, text = self.package.health <= 0, plain_description(self.package.env, action)
+        for engine in self.all_ours:
+            name = type(engine).__name__
+            assert engine.step(action) == reward, f"{name}: reward"
+            ours = engine.sight()
+            assert bytes(ours.surface) == package.surface, f"{name}: map"
+            assert (ours.at, ours.facing, ours.sleeping) == (package.at, package.facing, package.sleeping), name
+            assert ours.inventory == package.inventory, name
+            assert describe(ours, action, dead=dead) == text, name
         self.steps += 1
         if self.steps % 10 == 0 or dead:
             self.compare_everything()
         return dead
 
     def compare_everything(self) -> None:
-        assert canonical(self.ours.state()) == canonical(self.package.state()), "state"
-        assert self.ours.fingerprint() == self.package.fingerprint(), "random stream"
-        assert np.array_equal(draw(self.ours.scene()), self.package.picture), "picture"
-        if isinstance(self.ours, Compiled):
-            assert np.array_equal(self.ours.picture(), self.package.picture), "compiled picture"
+        state, stream, picture = canonical(self.package.state()), self.package.fingerprint(), self.package.picture
+        for engine in self.all_ours:
+            name = type(engine).__name__
+            assert canonical(engine.state()) == state, f"{name}: state"
+            assert engine.fingerprint() == stream, f"{name}: random stream"
+            assert np.array_equal(draw(engine.scene()), picture), f"{name}: picture"
+            if isinstance(engine, Compiled):
+                assert np.array_equal(engine.picture(), picture), f"{name}: compiled picture"
 
 
 def canonical(state: object) -> str:
@@ -388,10 +396,10 @@ EVERYTHING = frozenset({*facts.ACTIONS, *facts.ACHIEVEMENTS, "death", "lava", "a
 """What a comparison of the rules has to meet."""
 
 
-def play(engine: type[Edited], policies: Iterable[Policy], seed: int, steps: int) -> set[str]:
+def play(engines: Sequence[type[Edited]], policies: Iterable[Policy], seed: int, steps: int) -> set[str]:
     """Run policies, each for some steps; after a death the next episode begins. Returns what was met."""
     rng = np.random.default_rng([seed, steps])
-    pair, episode, met = Pair(engine, seed), 1, set[str]()
+    pair, episode, met = Pair(engines, seed), 1, set[str]()
     pair.compare_everything()
     for policy in policies:
         for _ in range(steps):
@@ -400,7 +408,7 @@ def play(engine: type[Edited], policies: Iterable[Policy], seed: int, steps: int
             met |= {facts.ACTIONS[action], *seen(pair.package)}
             if dead:
                 episode += 1
-                pair = Pair(engine, seed, episode)
+                pair = Pair(engines, seed, episode)
         pair.compare_everything()
     return met
 

@@ -42,20 +42,25 @@ def engine(request: pytest.FixtureRequest) -> type[Edited]:
     ],
 )
 def test_both_engines_agree(engine: type[Edited], policy: Policy, seed: int) -> None:
-    play(engine, [policy], seed, 200)
+    play([engine], [policy], seed, 200)
 
 
-@pytest.mark.slow
-def test_the_comparison_meets_the_whole_game(engine: type[Edited]) -> None:
-    assert EVERYTHING - play(engine, POLICIES * 4, 10, 250) == set()
+@pytest.fixture(params=[pytest.param([Fast, Compiled], marks=COMPILED, id="both")])
+def engines(request: pytest.FixtureRequest) -> list[type[Edited]]:
+    """Both beside one run of the package, which takes most of the time."""
+    pytest.importorskip("numba", reason="the compiled engine is the extra rl")
+    return request.param
 
 
-@pytest.mark.slow
-def test_both_engines_agree_to_the_last_step(engine: type[Edited]) -> None:
-    play(engine, [live_long], 20, facts.LENGTH)
+def test_the_comparison_meets_the_whole_game(engines: list[type[Edited]]) -> None:
+    assert EVERYTHING - play(engines, POLICIES * 4, 10, 250) == set()
+
+
+def test_both_engines_agree_to_the_last_step(engines: list[type[Edited]]) -> None:
+    play(engines, [live_long], 20, facts.LENGTH)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(1000, 1020))
 def test_worlds_are_equal(engine: type[Edited], seed: int) -> None:
-    Pair(engine, seed, episode=seed % 7 + 1).compare_everything()
+    Pair([engine], seed, episode=seed % 7 + 1).compare_everything()

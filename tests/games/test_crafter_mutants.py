@@ -71,7 +71,7 @@ def test_every_wrong_rule_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             super().__init__(seed, episode)
             self._world["mutant"] = self.follows
 
-    play(Mutant, POLICIES, 10, 20)
+    play([Mutant], POLICIES, 10, 20)
     for number, name in enumerate(MUTANTS, start=1):
         Mutant.follows = number
         assert is_noticed(Mutant), f"Nobody notices that {name}."
@@ -79,7 +79,7 @@ def test_every_wrong_rule_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def is_noticed(engine: type[Compiled]) -> bool:
     try:
-        play(engine, POLICIES * 4, 10, 250)
+        play([engine], POLICIES * 4, 10, 250)
     except AssertionError:
         return True
     return False
