@@ -1,6 +1,6 @@
-"""Marks of tests that share something dear."""
+"""Marks of tests that need something dear."""
 
 import pytest
 
-COMPILED = [pytest.mark.slow, pytest.mark.xdist_group("compiled")]
-"""Tests of Crafter's compiled engine: its first use takes half a minute, so one process makes all of them."""
+COMPILED = pytest.mark.slow
+"""Tests of Crafter's compiled engine: compiling it takes half a minute, after which other processes find it on disk."""
