@@ -21,7 +21,7 @@ from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.players import check_no_credentials
-from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players import get_player, is_model
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.records.rows import warnings
@@ -60,16 +60,16 @@ def play(
     Example: smartplay-tools play Hanoi3Disk-v0 --player rule --seed 7 --prompt-tokens 700
     """
     given = _player_options(player, base_url, player_option, parse_calls, tool_choice)
-    who, paid = get_player(player, seed=seed, **given), _price(player, given, price)
+    who, paid = get_player(player, seed=seed, **given), runs.prices(price).get(player) or find_price(player, given)
     settings = {**episode.conditions, **episode.options, **(picture_options(game) if frames else {})}
-    protocol = settings.pop("protocol")
+    protocol, spec = settings.pop("protocol"), get_spec(game)
     # A person has a screen, and would see here what has left the window.
     silent = quiet or as_json or getattr(who, "interactive", False)
     printer = None if silent else TurnPrinter(Console())
     with ExitStack() as stack:
         page = stack.enter_context(live_page(transcript, open_browser=open_browser)) if watch else None
         new_episode = Episode(
-            _spec(game, steps),
+            spec if steps is None else replace(spec, rollout=steps),
             seed=seed,
             transcript=transcript if page is None else page.path,
             player_options={name: value for name, value in given.items() if name != "base_url"},
@@ -104,10 +104,6 @@ def _player_options(
     return config.options
 
 
-def _price(name: str, given: dict[str, Any], pairs: list[str] | None) -> Price | None:
-    return runs.prices(pairs).get(name) or (find_price(name, given) if is_model(name) else None)
-
-
 def _print(result: EpisodeResult, price: Price | None, *, as_json: bool) -> None:
     if as_json:
         print(result.model_dump_json(indent=2))
@@ -133,9 +129,3 @@ def _run(episode: Episode, player: Any, protocol: Any, printer: TurnPrinter | No
     except KeyboardInterrupt:
         return True
     return False
-
-
-def _spec(game: str, steps: int | None) -> GameSpec:
-    """Return the setting, with another number of steps if one is given."""
-    spec = get_spec(game)
-    return spec if steps is None else replace(spec, rollout=steps)

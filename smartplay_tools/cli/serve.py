@@ -50,14 +50,9 @@ def openai(
 
     Example: smartplay-tools serve openai --player rule --port 8000
     """
-    _serve(
-        player or ["rule"],
-        player_option,
-        name,
-        seed,
-        {"context_tokens": context_tokens, "busy_every": busy_every},
-        {"host": host, "port": port, "api_key": api_key, "hosts": allow_host or (), "origins": allow_origin or ()},
-    )
+    limits = {"context_tokens": context_tokens, "busy_every": busy_every}
+    where = {"host": host, "port": port, "api_key": api_key, "hosts": allow_host or (), "origins": allow_origin or ()}
+    _serve(player or ["rule"], player_option, name, seed, limits, where)
 
 
 @app.command("local")

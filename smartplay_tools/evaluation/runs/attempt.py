@@ -11,7 +11,7 @@ import asyncio
 import logging
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, AsyncExitStack, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -116,10 +116,7 @@ def _episode(task: Task) -> Episode:
 
 
 def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
-    assert task.previous is not None
-    _load_strategy(task)
-    events = read_transcript(task.previous)
-    _check_carried(task, events)
+    events = _earlier(task)
     if not remembers_nothing(player):
         _ask_again(player, events)
     resumed = resume(events, transcript=task.record)
@@ -130,16 +127,18 @@ def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
     return conversation
 
 
-def _check_carried(task: Task, events: Sequence[Event]) -> None:
-    """Refuse an earlier attempt that began with something else than what the trial before has left."""
-    if Carried.of(events[0]) != task.carried:
-        raise TranscriptError("The earlier attempt was played after another record of the trial before it.")
+def _earlier(task: Task) -> list[Event]:
+    """The record of an earlier attempt, unless that began with something else than what the trial before has left.
 
-
-def _load_strategy(task: Task) -> None:
-    """Import the strategy of an episode's plan, which the record of an earlier attempt may not do by itself."""
+    The strategy of the episode's plan is imported, which a record may not do by itself.
+    """
+    assert task.previous is not None
     if (strategy := task.planned.cell.budget.strategy) is not None:
         load_strategy(strategy)
+    events = read_transcript(task.previous)
+    if Carried.of(events[0]) != task.carried:
+        raise TranscriptError("The earlier attempt was played after another record of the trial before it.")
+    return events
 
 
 def remembers_nothing(player: Player | AsyncPlayer) -> bool:
@@ -212,9 +211,7 @@ def _held(task: Task, agent: Agent, stop: StopFlag) -> Held:
         log.warning("%s starts over, because its agent has a memory of its own; what it has spent is counted.", key)
     if task.previous is not None and agent.goes_on:
         try:
-            _load_strategy(task)
-            _check_carried(task, read_transcript(task.previous))
-            resumed = resume(task.previous, transcript=task.record, session=True)
+            resumed = resume(_earlier(task), transcript=task.record, session=True)
             session = resumed.conversation if isinstance(resumed.conversation, AgentSession) else None
             return Held(key, resumed.episode, session, stop)
         except SmartPlayError:

@@ -114,11 +114,9 @@ class Account:
         if now.provider is not None and now.provider != before.provider:
             earlier = before.provider or Usage(requests=0)
             usage = Usage(**{name: getattr(now.provider, name) - getattr(earlier, name) for name in Usage.model_fields})
-        self._limits.settle(self._reserved, (tokens, self._cost(usage)))
+        cost = 0.0 if self._price is None else self._price.cost(usage)
+        self._limits.settle(self._reserved, (tokens, cost))
         self._reserved, self._settled = (0, 0.0), now
-
-    def _cost(self, usage: Usage) -> float:
-        return 0.0 if self._price is None else self._price.cost(usage)
 
     def __enter__(self) -> Self:
         return self

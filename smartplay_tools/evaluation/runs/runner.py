@@ -39,7 +39,7 @@ from smartplay_tools.evaluation.runs.signals import Signals
 from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import ModelPlayer, is_model
-from smartplay_tools.records.manifest import Manifest, Until
+from smartplay_tools.records.manifest import Manifest
 from smartplay_tools.records.prices import Price, check_known, find_price
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
@@ -304,8 +304,9 @@ def _manifest(
     if before is not None:
         _check_same_run(folder, before, plan, options.shard)
         if before.until != options.until:
+            end = "another end" if before.until is None else f"--until decided --margin {before.until.margin}"
             raise InvalidArgumentError(
-                f"{folder.path} holds a run with {_declared(before.until)}, which was declared before its first pair; "
+                f"{folder.path} holds a run with {end}, which was declared before its first pair; "
                 "ask for the same, or name another folder."
             )
         prices, run_file = dict(before.prices), before.run_file if run_file is None else run_file
@@ -339,10 +340,6 @@ def _comparisons(manifest: Manifest) -> Comparisons | None:
     from smartplay_tools.evaluation.analysis.stopping import Comparisons
 
     return Comparisons(manifest)
-
-
-def _declared(until: Until | None) -> str:
-    return "another end" if until is None else f"--until decided --margin {until.margin}"
 
 
 def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan, shard: tuple[int, int] | None) -> None:

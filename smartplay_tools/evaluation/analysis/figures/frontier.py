@@ -64,7 +64,8 @@ def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens"
             _draw_player(panel, own, price, Series.number(index), player)
         panel.set(title=game, xlabel=LABELS[price], ylabel="mean score (points)")
         _scale(panel, members, price)
-        _draw_front(panel, [c for c in members if _on_front(c, price)], price)
+        front = sorted(_point(c, price) for c in members if _on_front(c, price))
+        panel.step(*zip(*front, strict=True), where="post", color=GREY, linewidth=1.2, zorder=2, label=FRONT)
         mark_cut(panel, [_point(c, price) for c in members if is_cut(c)])
     notes = [sample_note(c.episodes for c in priced), *([CUT_NOTE] if any(map(is_cut, priced)) else [])]
     legend_below(drawn, note="; ".join(notes))
@@ -121,11 +122,6 @@ def _tick(price: float) -> str:
         if abs(price) >= size:
             return f"{price / size:.6g}{unit}"
     return f"{price:.6g}"
-
-
-def _draw_front(axes: Axes, front: Sequence[WindowComparison], price: Price) -> None:
-    points = sorted(_point(c, price) for c in front)
-    axes.step(*zip(*points, strict=True), where="post", color=GREY, linewidth=1.2, zorder=2, label=FRONT)
 
 
 def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> None:

@@ -135,7 +135,8 @@ def checking(
     """
     path, limits = Path(bundle), limits or Limits()
     issued = None if seeds is None else read_seeds(seeds)
-    checked = Checked(path.name, _sha256(path))
+    with file_named(path, "read"), path.open("rb") as file:
+        checked = Checked(path.name, hashlib.file_digest(file, "sha256").hexdigest())
     try:
         with unpacked(path, limits) as folder:
             _Check(checked, folder, issued, allowed or Allowed(), workers, limits).run()
@@ -143,11 +144,6 @@ def checking(
     except BundleError as refused:
         checked.findings.append(error("bundle", str(refused)))
         yield checked, None
-
-
-def _sha256(path: Path) -> str:
-    with file_named(path, "read"), path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _number(text: str) -> float:

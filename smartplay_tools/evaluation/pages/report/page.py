@@ -68,6 +68,9 @@ SCRIPTS = (
 
 STYLES = ("page.css", "compare.css")
 
+LISTED = ("key", "run", "game", "player", "seed", "status")
+"""The facts about an episode that the page needs before it is unpacked."""
+
 
 def write_report(
     run: str | Path | Sequence[str | Path],
@@ -191,7 +194,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "mistakes": MISTAKES,
         "partWords": PARTS,
         "usual": Budget().words(),
-        "episodes": [_listed(episode) for episode in episodes],
+        "episodes": [{name: episode[name] for name in LISTED} for episode in episodes],
     }
     if any(episode["family"] == "crafter" for episode in episodes):
         index["textures"] = sheet()
@@ -295,11 +298,6 @@ def _tables(page: _RunPage) -> Iterator[TextTable]:
     yield from page.costs
     if page.summary.cells:
         yield deviations_table(page.summary.cells)
-
-
-def _listed(episode: dict[str, Any]) -> dict[str, Any]:
-    """Return the facts about an episode that the page needs before it is unpacked."""
-    return {name: episode[name] for name in ("key", "run", "game", "player", "seed", "status")}
 
 
 def _static(name: str) -> str:
