@@ -21,6 +21,11 @@ import smartplay_tools as sp
 from tests.adapters.conformance import fresh
 
 
+@pytest.fixture
+def vcr() -> None:
+    """What would record network traffic, of which there is none."""
+
+
 class Obliging:
     """Calls the first tool with the plainest arguments, once, and else says something."""
 
