@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import difflib
 import errno
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Literal
 
@@ -37,6 +37,7 @@ __all__ = [
     "StrategyError",
     "TranscriptError",
     "UnknownNameError",
+    "check_choice",
     "damage_named",
     "extra_named",
     "file_named",
@@ -103,6 +104,12 @@ class TranscriptError(SmartPlayError, ValueError):
 
 MOST_NAMES = 12
 """Names that are listed where none is similar; of more, the first are."""
+
+
+def check_choice(name: str, value: object, choices: Collection[str]) -> None:
+    """Raise an `InvalidArgumentError` unless a value is one of the choices."""
+    if value not in choices:
+        raise InvalidArgumentError(f"{name} must be one of {', '.join(choices)}, not {value!r}.")
 
 
 def similar(name: object, registered: Iterable[str]) -> str:

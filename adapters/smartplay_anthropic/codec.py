@@ -18,7 +18,7 @@ from smartplay_tools.json_text import object_in
 from smartplay_tools.message_forms import SYSTEM, function_call, kept_item, reply_message, system_text
 from smartplay_tools.messages import pictures_of, text_of
 from smartplay_tools.pictures import Picture
-from smartplay_tools.players import BrokenAnswerError
+from smartplay_tools.players import BrokenAnswerError, plain_answer
 from smartplay_tools.prompts import CacheMarks
 
 ITEM = "anthropic_blocks"
@@ -83,7 +83,7 @@ def _mark(messages: Sequence[dict[str, Any]], stable: int) -> None:
 
 def reply(answer: Any) -> Reply:
     """Return the reply in an answer of the client; raise `BrokenAnswerError` if it has no content."""
-    sent = _plain(answer)
+    sent = plain_answer(answer)
     usage = _usage(sent.get("usage"))
     if usage is not None and sent.get("stop_reason") == "max_tokens":
         usage = usage.model_copy(update={"cut": 1})
@@ -153,16 +153,6 @@ def _input(arguments: str) -> dict[str, Any]:
 
 def _joined(blocks: Iterable[Mapping[str, Any]], kind: str) -> str:
     return "".join(block[kind] for block in blocks if block["type"] == kind)
-
-
-def _plain(answer: Any) -> Mapping[str, Any]:
-    """The data that was sent, from the client's object; the client does not check it, and invalid JSON is text."""
-    if isinstance(answer, Mapping):
-        return answer
-    if not hasattr(answer, "model_dump"):
-        raise BrokenAnswerError(f"The server sent {str(answer)[:80]!r}, which is not JSON.")
-    sent: Mapping[str, Any] = answer.model_dump(exclude_unset=True, warnings=False)
-    return sent
 
 
 def _usage(usage: Any) -> Usage | None:

@@ -14,7 +14,7 @@ from typing import Any
 from openai.resources.chat.completions import Completions
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of
-from smartplay_openai.parsing import plain, read_usage, sampled_tokens
+from smartplay_openai.parsing import read_usage, sampled_tokens
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
@@ -22,7 +22,7 @@ from smartplay_tools import Message, Prompt, Reply, Usage
 from smartplay_tools.message_forms import halves
 from smartplay_tools.messages import assistant_message, calls_of, pictures_of, text_of
 from smartplay_tools.pictures import Picture, is_picture
-from smartplay_tools.players import BrokenAnswerError
+from smartplay_tools.players import BrokenAnswerError, plain_answer
 from smartplay_tools.prompts import received, stable_end, with_pictures_below
 
 NOT_SENT_BACK = {"annotations", "audio", "function_call"}
@@ -57,7 +57,7 @@ class ChatCompletions(Interface):
 
     def reply(self, answer: Any) -> Reply:
         """Return the reply in a completion."""
-        sent = plain(answer)
+        sent = plain_answer(answer)
         usage = read_usage(sent.get("usage"), "prompt", "completion")
         choices = sent.get("choices")
         choice = choices[0] if isinstance(choices, list) and choices else None
@@ -74,7 +74,7 @@ class ChatCompletions(Interface):
         message: dict[str, Any] = {"role": "assistant", "content": None}
         calls: dict[int, dict[str, Any]] = {}
         usage, finished = None, None
-        for chunk in map(plain, parts):
+        for chunk in map(plain_answer, parts):
             usage = chunk.get("usage") or usage
             # The chunk with the usage has no choices.
             for choice in chunk.get("choices") or ():

@@ -11,19 +11,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from smartplay_tools import SampledTokens, Usage
-from smartplay_tools.players import BrokenAnswerError
-
-
-def plain(answer: Any) -> dict[str, Any]:
-    """Return the client's object as a dictionary of only the fields that were sent; a dictionary unchanged."""
-    if isinstance(answer, Mapping):
-        return dict(answer)
-    dump = getattr(answer, "model_dump", None)
-    if dump is None:
-        raise BrokenAnswerError(f"The server sent {str(answer)[:80]!r}, which is not JSON.")
-    # The client's objects may have values that their fields do not allow; its warnings are not needed.
-    sent: dict[str, Any] = dump(exclude_unset=True, warnings=False)
-    return sent
 
 
 def read_usage(usage: Any, prompt: str, reply: str) -> Usage | None:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from openai.resources.responses import Responses as ClientResponses
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of
-from smartplay_openai.parsing import plain, read_usage
+from smartplay_openai.parsing import read_usage
 from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
@@ -24,7 +24,7 @@ from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.message_forms import halves, shown
 from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.pictures import Picture
-from smartplay_tools.players import BrokenAnswerError
+from smartplay_tools.players import BrokenAnswerError, plain_answer
 from smartplay_tools.prompts import received, stable_end
 
 A = TypeVar("A")
@@ -61,7 +61,7 @@ class Responses(Interface):
 
     def reply(self, answer: Any) -> Reply:
         """Return the reply in a response."""
-        sent = plain(answer)
+        sent = plain_answer(answer)
         usage = read_usage(sent.get("usage"), "input", "output")
         output = sent.get("output")
         if sent.get("status") in ("failed", "cancelled") or not isinstance(output, list):
@@ -77,7 +77,7 @@ class Responses(Interface):
         """Return the response that ends a stream of events."""
         for event in parts:
             if event.type in ("response.completed", "response.incomplete", "response.failed"):
-                return plain(event.response)
+                return plain_answer(event.response)
             if event.type == "error":
                 raise BrokenAnswerError(f"The stream failed: {event.message}.")
         raise BrokenAnswerError("The stream ended before the reply did.")

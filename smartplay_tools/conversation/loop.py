@@ -10,9 +10,9 @@ from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply
 from smartplay_tools.conversation.event_loop import apart_from_event_loop, reply_of
 from smartplay_tools.conversation.paper import PaperConversation
-from smartplay_tools.episode.config import ProtocolName, check_choice
+from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.types import AsyncPlayer, EpisodeResult, ObservationForm, Player, Prompt, Reply
 
 AnyConversation: TypeAlias = Conversation | PaperConversation

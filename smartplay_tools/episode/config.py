@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_a
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from smartplay_tools import prompts
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one_line
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError, check_choice, in_one_line
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget, Cap, CarriedStore, ObservationForm, Recorded, RecordedBudget
@@ -199,9 +199,3 @@ def recorded_facts(start: Mapping[str, Any], config: EpisodeConfig | None = None
     config = config or EpisodeConfig.from_event(start)
     asked = config.budget.model_dump(exclude_defaults=True)
     return {**vars(config), "setting": vars(config.setting).copy(), "budget": start["budget"], "asked": asked}
-
-
-def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
-    """Raise an `InvalidArgumentError` unless a value is one of the choices."""
-    if value not in choices:
-        raise InvalidArgumentError(f"{name} must be one of {', '.join(choices)}, not {value!r}.")

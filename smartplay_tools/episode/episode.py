@@ -27,7 +27,6 @@ from smartplay_tools.episode.config import (
     EpisodeConfig,
     ManualMode,
     ProtocolName,
-    check_choice,
 )
 from smartplay_tools.episode.deviations import deviations, differs
 from smartplay_tools.episode.functions import tool_functions
@@ -36,7 +35,7 @@ from smartplay_tools.episode.listeners import listeners_of
 from smartplay_tools.episode.stalls import Stalls
 from smartplay_tools.episode.stats import EpisodeStats, versions
 from smartplay_tools.episode.workers import SerialQueue
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.messages import Message

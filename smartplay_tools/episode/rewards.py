@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, get_args
 
-from smartplay_tools.episode.config import check_choice
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 
 if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode

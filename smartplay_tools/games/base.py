@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import gymnasium
 from gymnasium import spaces
 
-from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
+from smartplay_tools.errors import InvalidArgumentError, ResetNeededError, check_choice
 from smartplay_tools.games.history import history_text
 from smartplay_tools.games.seeds import check_seed, whole
 from smartplay_tools.games.spaces import Words
@@ -99,10 +99,8 @@ class TextGame(gymnasium.Env[str, Any]):
             )
         if history is not None and history < 0:
             raise InvalidArgumentError(f"history must be 0 or more, or None for all steps, not {history}.")
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise InvalidArgumentError(
-                f"render_mode must be one of {self.metadata['render_modes']}, not {render_mode!r}."
-            )
+        if render_mode is not None:
+            check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.history = history
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(len(self.actions))

@@ -58,6 +58,21 @@ class BrokenAnswerError(Exception):
         """The usage that the provider reports for it, if any."""
 
 
+def plain_answer(answer: Any) -> dict[str, Any]:
+    """Return a client's object as a dictionary of only the fields that were sent, whatever a server has put into them.
+
+    A mapping is copied; anything else that is not the client's raises a `BrokenAnswerError`.
+    """
+    if isinstance(answer, Mapping):
+        return dict(answer)
+    dump = getattr(answer, "model_dump", None)
+    if dump is None:
+        raise BrokenAnswerError(f"The server sent {str(answer)[:80]!r}, which is not JSON.")
+    # The client's objects may have values that their fields do not allow; its warnings are not needed.
+    sent: dict[str, Any] = dump(exclude_unset=True, warnings=False)
+    return sent
+
+
 class Attempts:
     """The attempts at one reply. Pauses begin at `first_pause` seconds and double; a quarter of each is random."""
 

@@ -139,7 +139,7 @@ def test_rays_hit_what_a_walk_from_cell_to_cell_hits():
     for seed in range(4):
         world = VoxelWorld(seed)
         world.prepare(0, 0)
-        eye = (0.37, float(world.ground_at(0, 0)) + 2.62, 0.71)
+        eye = (0.37, float(world.ground[0, 0]) + BOTTOM + 2.62, 0.71)
         for yaw in (-180, -90, 0, 90):
             fan = true_rays(yaw)
             blocks, distances = Fan(fan, RAY_RANGES).hit_blocks(world.blocks, eye)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.base import TextGame, read_text
 from smartplay_tools.games.crafter.facts import LENGTH, NOOP, VIEW
 from smartplay_tools.games.crafter.fast import FastEngine
@@ -48,10 +48,8 @@ class Crafter(TextGame):
     def __init__(
         self, *, engine: str = "fast", text: str = "original", picture_size: int = SMALLEST_PICTURE, **options: Any
     ) -> None:
-        if engine not in self.engines:
-            raise InvalidArgumentError(f"engine must be one of {self.engines}, not {engine!r}.")
-        if text not in TEXTS:
-            raise InvalidArgumentError(f"text must be one of {TEXTS}, not {text!r}.")
+        check_choice("engine", engine, self.engines)
+        check_choice("text", text, TEXTS)
         if picture_size < SMALLEST_PICTURE:
             raise InvalidArgumentError(f"picture_size must be {SMALLEST_PICTURE} or more, not {picture_size}.")
         self.manual = read_text(__package__, "manual.txt")

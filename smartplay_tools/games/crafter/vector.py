@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
+from smartplay_tools.errors import InvalidArgumentError, ResetNeededError, check_choice
 from smartplay_tools.games.crafter.environment import DRAWN_SEEDS, checked_actions, named
 from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, ACTIONS, CARRIED, LENGTH, NOOP
 from smartplay_tools.games.crafter.game import TEXTS
@@ -64,10 +64,8 @@ class CrafterVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         render_mode: str | None = None,
         history: int | None = None,
     ) -> None:
-        if observation not in OBSERVATIONS:
-            raise InvalidArgumentError(f"observation must be one of {OBSERVATIONS}, not {observation!r}.")
-        if text not in TEXTS:
-            raise InvalidArgumentError(f"text must be one of {TEXTS}, not {text!r}.")
+        check_choice("observation", observation, OBSERVATIONS)
+        check_choice("text", text, TEXTS)
         if render_mode not in (None, "rgb_array"):
             raise InvalidArgumentError(f"render_mode must be 'rgb_array' or None, not {render_mode!r}.")
         if num_envs < 1 or threads < 1:

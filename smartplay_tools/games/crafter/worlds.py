@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, AREA
 from smartplay_tools.games.crafter.fast import FastEngine
 from smartplay_tools.games.crafter.observations import observe
@@ -104,9 +104,9 @@ class Worlds(Protocol):
 
 def make_worlds(count: int, engine: str | None, *, threads: int = 1) -> Worlds:
     """Worlds of an engine; by default the compiled one if numba is installed, else the plain one, with a warning."""
-    if engine not in (*ENGINES, None):
-        raise InvalidArgumentError(f"engine must be one of {ENGINES}, not {engine!r}.")
-    if engine is None:
+    if engine is not None:
+        check_choice("engine", engine, ENGINES)
+    else:
         engine = COMPILED if importlib.util.find_spec("numba") else PLAIN
         if engine == PLAIN:
             warnings.warn(SLOW, stacklevel=3)

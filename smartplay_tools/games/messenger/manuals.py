@@ -17,7 +17,7 @@ from types import MappingProxyType
 
 from numpy.random import Generator
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.messenger.rules import (
     GAMES,
     MOVEMENTS,
@@ -93,8 +93,7 @@ def _file_name(split: Split) -> str:
 @functools.cache
 def load(folder: Path, split: Split) -> Texts:
     """Read the texts of a split: the file `text_{split}.json` of the folder."""
-    if split not in SPLITS:
-        raise InvalidArgumentError(f"split must be one of {', '.join(SPLITS)}, not {split!r}.")
+    check_choice("split", split, SPLITS)
     file = folder / _file_name(split)
     try:
         texts: Texts = json.loads(file.read_text(encoding="utf-8"))

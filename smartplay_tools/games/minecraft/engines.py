@@ -10,7 +10,7 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Protocol
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.minecraft.observation import Observation, TextMode
 from smartplay_tools.games.minecraft.tasks import Goal, Stride
 from smartplay_tools.registry import Registry
@@ -65,8 +65,7 @@ UNIX_ONLY = frozenset({"luanti", "minedojo"})
 
 def load_engine(name: str) -> type[Engine]:
     """Return the engine's class; raise `InvalidArgumentError` if it cannot run on this system."""
-    if name not in ENGINES:
-        raise InvalidArgumentError(f"engine must be one of {', '.join(ENGINES)}, not {name!r}.")
+    check_choice("engine", name, ENGINES)
     if name in UNIX_ONLY and not hasattr(os, "killpg"):
         raise InvalidArgumentError(
             f"The engine {name!r} needs the processes and pipes of Unix; use the engine 'voxel' here, or WSL."

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
 from smartplay_tools.games.minecraft.engines import ENGINES, Engine, load_engine
 from smartplay_tools.games.minecraft.observation import VIEW, Observation, TextMode
@@ -51,8 +51,8 @@ class Minecraft(TextGame):
         **options: Any,
     ) -> None:
         for name, value, values in (("text", text, get_args(TextMode)), ("start", start, get_args(Start))):
-            if value is not None and value not in values:
-                raise InvalidArgumentError(f"{name} must be one of {', '.join(values)}, not {value!r}.")
+            if value is not None:
+                check_choice(name, value, values)
         if engine == PAPER_ENGINE and start == "far":
             raise InvalidArgumentError(
                 f"The engine {engine!r} starts where the game does: leave out start='far', or take another engine."

@@ -137,10 +137,6 @@ class VoxelWorld:
         """The biome of a column."""
         return int(self.biome[x & _MASK, z & _MASK])
 
-    def ground_at(self, x: int, z: int) -> int:
-        """The y of the highest ground block of a column."""
-        return int(self.ground[x & _MASK, z & _MASK]) + BOTTOM
-
     def cube(self, x: int, y: int, z: int, radius: int) -> NDArray[np.uint8]:
         """The blocks around a cell, [x, y, z]."""
         xs = np.arange(x - radius, x + radius + 1) & _MASK
