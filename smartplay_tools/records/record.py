@@ -7,15 +7,16 @@ Only playing (the episode's counters, the turns of a conversation, the driver of
 from __future__ import annotations
 
 import time
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Generic, Literal, Self, TypeVar
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.groups import grouped
 from smartplay_tools.messages import Message
 from smartplay_tools.records.conversations import WholeConversation, whole_conversation
 from smartplay_tools.records.counts import RecordCounts, Written
@@ -359,10 +360,7 @@ class Record:
 
     @cached_property
     def _by_kind(self) -> Mapping[str, list[Any]]:
-        by_kind: dict[str, list[Any]] = defaultdict(list)
-        for event in self.events:
-            by_kind[event["event"]].append(event)
-        return by_kind
+        return grouped(self.events, itemgetter("event"))
 
     heads = _EventsOf[HeadEvent]("head")
     """The first messages of every prompt and the tools: another event where the host has changed its part."""

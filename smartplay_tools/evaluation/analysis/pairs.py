@@ -17,6 +17,7 @@ from dataclasses import replace
 
 from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Sample, mean_estimate
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.groups import grouped
 from smartplay_tools.records.rows import Row, unit_of
 
 Measure = Callable[[Row], float | None]
@@ -93,13 +94,11 @@ def sample(rows: Sequence[Row], measure: Measure) -> Sample:
 
 def _of_units(measured: Sequence[tuple[int, float]], bounds: Bounds | None) -> Sample:
     """Repeats of a world, or trials of a chain, are not independent, so the means of worlds or chains are used."""
-    units: dict[int, list[float]] = {}
-    for unit, value in measured:
-        units.setdefault(unit, []).append(value)
+    units = grouped(measured, lambda pair: pair[0]).values()
     if len(units) == len(measured):
         return Sample([value for _, value in measured], bounds)
     bounds = None if bounds is None else replace(bounds, two_valued=False)
-    return Sample([math.fsum(members) / len(members) for members in units.values()], bounds)
+    return Sample([math.fsum(value for _, value in members) / len(members) for members in units], bounds)
 
 
 def cut_share(rows: Sequence[Row]) -> float | None:

@@ -88,9 +88,7 @@ def _score_against(field: str, label: str, comparisons: Sequence[WindowCompariso
     names = list(dict.fromkeys(series_name(c, shown) for c in shown))
     drawn, axes = panels(len(games))
     for panel, (game, members) in zip(axes, games.items(), strict=True):
-        steps = sorted(
-            {c.cell.budget[field] for c in members}, key=lambda limit: float("inf") if limit is None else limit
-        )
+        steps = sorted({c.cell.budget[field] for c in members}, key=_narrow_first)
         for index, name in enumerate(names):
             line = sorted((c for c in members if series_name(c, shown) == name), key=lambda c: _place(c, field, steps))
             positions = [_place(c, field, steps) + spread(index, len(names)) for c in line]
@@ -108,6 +106,10 @@ def _score_against(field: str, label: str, comparisons: Sequence[WindowCompariso
     notes = [sample_note(c.episodes for c in shown), *under, *([CUT_NOTE] if any(map(is_cut, shown)) else [])]
     legend_below(drawn, note="; ".join(notes))
     return drawn
+
+
+def _narrow_first(limit: float | None) -> float:
+    return float("inf") if limit is None else limit
 
 
 def _place(comparison: WindowComparison, field: str, steps: Sequence[Any]) -> int:
