@@ -49,11 +49,11 @@ def write_logs(episodes: Iterable[Record], folder: Path) -> dict[str, int]:
         player = re.sub(r"[^\w.-]", "-", episode.player)  # a model's name holds what a file's cannot
         groups.setdefault(f"{episode.result.game}.{player}.{cell}", []).append(_sample(episode))
     for name, samples in sorted(groups.items()):
-        write_eval_log(_log(name, samples), str(folder / f"{name}.eval"))
+        write_eval_log(_log(samples), str(folder / f"{name}.eval"))
     return {"episodes": sum(map(len, groups.values())), "logs": len(groups)}
 
 
-def _log(name: str, samples: list[EvalSample]) -> EvalLog:
+def _log(samples: list[EvalSample]) -> EvalLog:
     now = datetime.now(UTC).isoformat()
     config = (samples[0].metadata or {})["config"]
     ids = [sample.id for sample in samples]

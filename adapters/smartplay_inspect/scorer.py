@@ -24,6 +24,7 @@ from inspect_ai.util import store_as
 from smartplay_inspect.solver import Played
 from smartplay_tools import GAMES, EpisodeResult
 from smartplay_tools.evaluation.analysis import mean_estimate
+from smartplay_tools.groups import grouped
 
 
 @metric
@@ -41,9 +42,7 @@ def by_game() -> Metric:
     """The mean of every game by itself, and the ends of its interval: scores of different games have no common mean."""
 
     def figures(scores: list[SampleScore]) -> Value:
-        games: dict[str, list[SampleScore]] = {}
-        for score in scores:
-            games.setdefault((score.sample_metadata or {})["game"], []).append(score)
+        games = grouped(scores, lambda score: str((score.sample_metadata or {})["game"]))
         figures: dict[str, float] = {}
         for game, own in games.items():
             figures[game] = mean_estimate(_values(own)).mean

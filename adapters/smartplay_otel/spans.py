@@ -27,6 +27,9 @@ from smartplay_tools.transcript import concerns_summary, read_times
 PROVIDERS = {"anthropic": "anthropic", "openai": "openai", "openai-responses": "openai"}
 """The provider by the name of the player that speaks to it, where the conventions have a name for it."""
 
+FIGURES = ("end_reason", "score", "completed", "steps", "illegal_actions", "malformed_calls")
+"""What of an episode's result is an attribute of its span."""
+
 
 def instrument(tracer_provider: TracerProvider | None = None, *, content: bool = False) -> Callable[[], None]:
     """Trace every episode that is made from now on in this process; return a function that ends this.
@@ -209,12 +212,7 @@ class _EpisodeSpans:
             {
                 "gen_ai.usage.input_tokens": provider.get("prompt", result["tokens"]["prompt"]),
                 "gen_ai.usage.output_tokens": provider.get("reply", result["tokens"]["reply"]),
-                "smartplay.end_reason": result["end_reason"],
-                "smartplay.score": result["score"],
-                "smartplay.completed": result["completed"],
-                "smartplay.steps": result["steps"],
-                "smartplay.illegal_actions": result["illegal_actions"],
-                "smartplay.malformed_calls": result["malformed_calls"],
+                **{f"smartplay.{name}": result[name] for name in FIGURES},
             }
         )
         for name in ("score", "normalized_score"):

@@ -252,7 +252,7 @@ class TextGame(gymnasium.Env[str, Any]):
         Equal hashes mean that the same actions lead to the same future, in any process and on any machine.
         """
         state = self._state()
-        digest = hashlib.blake2b(state if isinstance(state, bytes) else _canonical(state), digest_size=16)
+        digest = hashlib.blake2b(state if isinstance(state, bytes) else canonical_text(state).encode(), digest_size=16)
         rest = ",".join([_plain(self._steps), _plain(self.score), _plain(self.completed), self._random_state()])
         digest.update(f"[{rest}]".encode())
         return digest.hexdigest()
@@ -274,10 +274,6 @@ class TextGame(gymnasium.Env[str, Any]):
             "score": self.score,
             "completed": int(self.completed),
         }
-
-
-def _canonical(value: Any) -> bytes:
-    return canonical_text(value).encode()
 
 
 def _plain(value: Any) -> str:

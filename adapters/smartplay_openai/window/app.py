@@ -234,7 +234,7 @@ def _is_retry(request: Request) -> bool:
 async def _episode(store: WindowStore, model: Any) -> WindowEpisode:
     if not isinstance(model, str):
         raise bad("A request names its model.", "model")
-    handle = model[len(PREFIX) :] if model.startswith(PREFIX) else model
+    handle = model.removeprefix(PREFIX)
     try:
         episode = store.opened(handle) or await asyncio.to_thread(store.find, handle)
     except FullError as error:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
+from smartplay_tools.groups import grouped
+
 Cell = tuple[int, int]
 DIRECTIONS: dict[str, Cell] = {"Move West": (-1, 0), "Move North": (0, -1), "Move South": (0, 1), "Move East": (1, 0)}
 
@@ -43,16 +45,14 @@ def _sign(word: str, negative: str) -> int:
     return 0 if not word else -1 if word == negative else 1
 
 
-def _candidates() -> dict[tuple[int, int, int], tuple[Cell, ...]]:
-    """The cells of the view that a distance and a direction can mean, in the order in which the text names them."""
-    cells: dict[tuple[int, int, int], list[Cell]] = {}
-    for x, y in VIEW:
-        key = (abs(x) + abs(y), (x > 0) - (x < 0), (y > 0) - (y < 0))
-        cells.setdefault(key, []).append((x, y))
-    return {key: tuple(candidates) for key, candidates in cells.items()}
+def _named(cell: Cell) -> tuple[int, int, int]:
+    """The distance and the direction by which the text names a cell of the view."""
+    x, y = cell
+    return abs(x) + abs(y), (x > 0) - (x < 0), (y > 0) - (y < 0)
 
 
-CANDIDATES = _candidates()
+CANDIDATES = {named: tuple(cells) for named, cells in grouped(VIEW, _named).items()}
+"""The cells of the view that a distance and a direction can mean, in the order in which the text names them."""
 RANK = {cell: rank for rank, cell in enumerate(VIEW)}
 
 
