@@ -17,6 +17,7 @@ from smartplay_tools.errors import TranscriptError
 from smartplay_tools.records.prompts import recorded_turns, sent_prompts
 from smartplay_tools.transcript import appended
 from smartplay_tools.transcript.file import TranscriptWriter, comparable
+from smartplay_tools.transcript.lines import GrowingLines
 
 GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "Hanoi3Disk-v0")
 TIGHT = sp.Budget(prompt_tokens=700, slack=0.4)
@@ -147,6 +148,24 @@ def test_a_line_is_on_disk_before_the_next_thing_happens(tmp_path):
     with sp.Episode(GAMES[0], seed=1, transcript=path) as episode:
         episode.call("act", {"action": "1"})
         assert [event["event"] for event in sp.read_transcript(path)] == ["start", "call"]
+
+
+def test_no_line_is_read_in_two_parts_while_it_is_written(tmp_path):
+    path, line = tmp_path / "growing.jsonl", json.dumps({"event": "call", "text": "x" * 200}).encode() + b"\n"
+
+    def write() -> None:
+        with path.open("wb", buffering=0) as file:
+            for _ in range(4_000):
+                file.write(line[:100])
+                file.write(line[100:])
+
+    growing, read = GrowingLines(path), []
+    with ThreadPoolExecutor(1) as pool:
+        writing = pool.submit(write)
+        while not writing.done():
+            read += growing.read()[0]
+    read += growing.read()[0]
+    assert read == [line] * 4_000
 
 
 def test_a_record_is_never_overwritten(tmp_path):

@@ -7,7 +7,6 @@ event that need not be parsed.
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -161,7 +160,7 @@ def _read(path: str | Path) -> tuple[list[Event], bytes]:
         raise TranscriptError(f"There is no file {path}.") from None
     except OSError as error:
         raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
-    lines = complete_lines(io.BytesIO(written)) or written.splitlines(keepends=True)  # one line alone is damaged
+    lines = complete_lines(written) or written.splitlines(keepends=True)  # one line alone is damaged
     events = parse_lines(lines)
     if events is None or not all(map(is_event, events)):
         events = [read_line(line, path, number) for number, line in enumerate(lines, start=1)]

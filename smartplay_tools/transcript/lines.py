@@ -6,11 +6,12 @@ then left out; it counts when it has its line break, or is JSON without one.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from pydantic_core import from_json
 
@@ -35,9 +36,9 @@ def parse_lines(lines: Iterable[bytes]) -> list[Any] | None:
         return None
 
 
-def complete_lines(file: BinaryIO) -> list[bytes]:
-    """Return the lines from where the file is, each with its line break, without an incomplete last one."""
-    lines = file.readlines()
+def complete_lines(written: bytes) -> list[bytes]:
+    """Return the lines of what was read of a file, each with its line break, without an incomplete last one."""
+    lines = io.BytesIO(written).readlines()
     return lines if not lines or _is_complete(lines[-1]) else lines[:-1]
 
 
@@ -63,7 +64,8 @@ class GrowingLines:
                     self._position = 0
                 self._file, self.changed_at = now.st_ino, now.st_mtime
                 file.seek(self._position)
-                lines = complete_lines(file)
+                # At once: line by line, one that is written meanwhile would be read in two parts.
+                lines = complete_lines(file.read())
         except FileNotFoundError:
             return [], False
         self._position += sum(map(len, lines))
