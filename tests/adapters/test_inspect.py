@@ -393,7 +393,7 @@ def test_no_limit_is_written_as_a_word():
 
 def test_the_command_line(tmp_path):
     """As a user runs it, with the installed package: Inspect finds its tasks and models by their entry point."""
-    words = ["-T", "game=Hanoi3Disk-v0", "-T", "prompt_tokens=700", "-T", "trials=2", "--display", "none"]
+    words = ["-T", "game=Hanoi3Disk-v0", "-T", "prompt_tokens=700", "-T", "trials=2", "--display", "plain"]
     program = Path(sys.executable).with_name("inspect")
     command = [str(program), "eval", "smartplay_inspect/smartplay", "--model", "smartplay/rule", *words]
     made = subprocess.run([*command, "--log-dir", str(tmp_path / "logs")], cwd=tmp_path, capture_output=True, text=True)
