@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from smartplay_tools.messages import Message, MessageToolCall, pictures_of, text_of
 from smartplay_tools.pictures.picture import Picture, is_picture
@@ -71,7 +71,7 @@ def shown(
     """Return the text of a message; where it names pictures, its parts, which `text` and `picture` make."""
     if not pictures_of(message):
         return text_of(message)
-    parts: list[Any] = message["content"]  # type: ignore[assignment]  # only a list has pictures
+    parts = cast(list[dict[str, Any]], message["content"])  # only a list has pictures
     return [picture(pictures[part["sha256"]]) if is_picture(part) else text(part["text"]) for part in parts]
 
 

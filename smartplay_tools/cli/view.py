@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs import BrowserGames
 
 _option = partial(typer.Option, rich_help_panel="Play in the browser")
+RECORDED = Path("human")
 ANY = "any"
 """In place of a game: the page lets the person choose."""
 
@@ -44,9 +45,7 @@ def view(
             help="Play this game in the browser, as a model would; any: choose; or the link of a challenge.",
         ),
     ] = None,
-    out: Annotated[Path, _option(help="The folder of the run that you play; continued if it is there.")] = Path(
-        "human"
-    ),
+    out: Annotated[Path, _option(help="The folder of the run that you play; continued if it is there.")] = RECORDED,
     seed: Annotated[int, _option(help="The seed of the run that you play.", min=0)] = 0,
     pictures: Annotated[bool, _option("--pictures", help="Offer the game's pictures, if it has any.")] = False,
     host: options.Host = "127.0.0.1",
