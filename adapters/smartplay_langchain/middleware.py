@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from langchain.agents.middleware import (
     AgentMiddleware,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 Handler = Callable[[ModelRequest[Any]], ModelResponse[Any]]
 AsyncHandler = Callable[[ModelRequest[Any]], Awaitable[ModelResponse[Any]]]
-ToolOutput = ToolMessage | Command[Any]
+ToolOutput: TypeAlias = ToolMessage | Command[Any]
 
 
 class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
