@@ -36,7 +36,8 @@ def install(folder: Path, python: str | None = None, say: Callable[[str], None] 
         raise InvalidArgumentError(f"{folder} is there already; name a new folder, or remove it first.")
     maker = _maker(python)
     interpreter = folder.absolute() / "bin" / "python"
-    pip = [str(interpreter), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"]
+    options = ["--quiet", "--disable-pip-version-check", "--no-deps", "--no-compile"]
+    pip = [str(interpreter), "-m", "pip", "install", *options]
     pins = resources.files(__package__) / "requirements.txt"
     try:
         say("making the environment")
