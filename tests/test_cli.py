@@ -114,6 +114,7 @@ def test_frames_are_pictures_of_every_step(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"{step:05}.png" for step in range(6)]
 
 
+@pytest.mark.slow
 def test_demo_plays_trims_and_verifies(tmp_path):
     pytest.importorskip("openai")
     result = run("demo", "--out", tmp_path)

@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from tests.games.marks import COMPILED
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(path for path in [ROOT / "README.md", *ROOT.glob("docs/**/*.md")] if path.exists())
@@ -51,12 +50,11 @@ def forget_what_a_page_registers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sp.GAMES, "_specs", dict(sp.GAMES._specs))
 
 
-COMPILED_PAGE = "rl.md"
-"""The page whose Python compiles the engine of Crafter."""
 PYTHON = [
-    pytest.param(page, code, id=page.name, marks=COMPILED if page.name == COMPILED_PAGE else ())
+    pytest.param(page, code, id=page.name, marks=() if page.name == "README.md" else pytest.mark.slow)
     for page, code in blocks("python")
 ]
+"""Of all pages, the one that everybody reads is run with every change."""
 
 
 @pytest.mark.parametrize(("page", "code"), PYTHON)

@@ -168,6 +168,7 @@ def test_what_cannot_be_looked_at_is_refused():
     assert "--only house: known are core, engine, extra, model." in result.output
 
 
+@pytest.mark.slow
 def test_engines_can_be_looked_at_alone(monkeypatch):
     monkeypatch.delenv("SMARTPLAY_MINEDOJO_PYTHON", raising=False)
     result = CliRunner().invoke(app, ["doctor", "--only", "engine", "--json"])

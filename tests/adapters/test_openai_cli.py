@@ -63,6 +63,7 @@ def test_play_the_paper_s_protocol_against_a_server(served, player, tmp_path):
     assert sp.replay(path).identical
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_one_sentence(served):
     result, _ = play("--player", "rule", "--base-url", served)
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)

@@ -61,7 +61,10 @@ def play_as_a_host(client, episode, wrap=str, shuffle=False, turns=60):
     return None
 
 
-PLAYED = [*((game, "plain") for game in GAMES), *(("Hanoi3Disk-v0", wrapping) for wrapping in WRAPPINGS)]
+PLAYED = [
+    *(pytest.param(game, "plain", marks=[pytest.mark.slow] if game.startswith("RockPaper") else []) for game in GAMES),
+    *(("Hanoi3Disk-v0", wrapping) for wrapping in WRAPPINGS),
+]
 
 
 @pytest.mark.parametrize(("game", "wrapping"), PLAYED)

@@ -100,6 +100,7 @@ def test_what_is_wrong_is_said_in_one_sentence(tmp_path, wrong, sentence):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_dry_run_tells_the_price_and_plays_nothing(tmp_path):
     arguments = (
         "eval",

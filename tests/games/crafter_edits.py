@@ -51,7 +51,15 @@ class Edited(Protocol):
 
 
 class Package(ReferenceEngine):
-    """PyPI `crafter`."""
+    """PyPI `crafter`, which draws what is compared, and every picture that takes random numbers: those of the night."""
+
+    def __init__(self, seed: int, episode: int) -> None:
+        super().__init__(seed, episode)
+        draw_now = self.env._obs
+        self.env._obs = lambda: draw_now() if self.env._world.daylight < 0.5 else None
+
+    def drawn(self) -> np.ndarray:
+        return self.env.render() if self.picture is None else self.picture
 
     def give(self, amounts: dict[str, int]) -> None:
         self.env._player.inventory.update(amounts)
@@ -244,7 +252,7 @@ class Pair:
         return dead
 
     def compare_everything(self) -> None:
-        state, stream, picture = canonical(self.package.state()), self.package.fingerprint(), self.package.picture
+        state, stream, picture = canonical(self.package.state()), self.package.fingerprint(), self.package.drawn()
         for engine in self.all_ours:
             name = type(engine).__name__
             assert canonical(engine.state()) == state, f"{name}: state"

@@ -317,7 +317,7 @@ def test_all_texts_fit_the_observation_space() -> None:
 # --- Pictures --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("engine", ["fast", "crafter"])
+@pytest.mark.parametrize("engine", ["fast", pytest.param("crafter", marks=pytest.mark.slow)])
 def test_looking_at_pictures_changes_nothing(engine: str) -> None:
     watched, blind = started(9, engine=engine, render_mode="rgb_array"), started(9)
     for step in range(1, 190):

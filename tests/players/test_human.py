@@ -362,6 +362,7 @@ def test_a_run_with_a_person_stops_when_the_person_leaves(tmp_path):
     assert RunFolder(out).failures() == [], "nothing was played in the second episode, so there is nothing to keep"
 
 
+@pytest.mark.slow
 def test_piped_through_the_command_line():
     """The screen goes to standard error, so that standard output has only results."""
     words = [sys.executable, "-m", "smartplay_tools", "play", HANOI, "--player", "human", "--json"]

@@ -147,6 +147,7 @@ def test_names_that_are_nearly_right_are_told(installed):
     assert "did you mean HigherOrLower-v0?" in game
 
 
+@pytest.mark.slow
 def test_listing_the_games_does_not_import_it(installed):
     script = "import sys, smartplay_tools as sp; print(list(sp.GAMES)[-1], 'higher_or_lower' in sys.modules)"
     assert installed.python("-c", script) == "HigherOrLower-v0 False\n"
