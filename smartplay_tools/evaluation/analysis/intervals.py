@@ -351,10 +351,10 @@ def _bca(
     estimate = rounded([_means(values, np.ones((1, values.shape[1]))) for values in data])
     intervals = []
     for row, mean, acceleration, scale, level in zip(drawn, estimate[:, 0], skew, scales, levels, strict=True):
-        below, ties = (int(np.searchsorted(row, mean, side)) for side in ("left", "right"))
-        bias = NORMAL.inv_cdf((below / row.size + ties / row.size) / 2)
-        ends = [_quantile(row, _corrected(bias, bias + away, acceleration)) for away in (-level, level)]
-        intervals.append((float(scale * ends[0]), float(scale * ends[1])))
+        below, up_to = (int(np.searchsorted(row, mean, side)) for side in ("left", "right"))
+        bias = NORMAL.inv_cdf((below / row.size + up_to / row.size) / 2)
+        low, high = (_quantile(row, _corrected(bias, bias + away, acceleration)) for away in (-level, level))
+        intervals.append((float(scale * low), float(scale * high)))
     return intervals
 
 
