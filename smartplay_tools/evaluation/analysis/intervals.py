@@ -359,7 +359,7 @@ def _bca(
 
 
 def _quantile(ordered: Values, share: float) -> np.float64:
-    """The linearly interpolated quantile of sorted values, to the bit that of `numpy.quantile`, which takes longer."""
+    """The linearly interpolated quantile of sorted values: equal to that of `numpy.quantile`, which takes longer."""
     at = share * (ordered.size - 1)
     first = min(int(at), ordered.size - 1)
     low, high = ordered[first], ordered[min(first + 1, ordered.size - 1)]
