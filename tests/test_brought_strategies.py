@@ -135,6 +135,7 @@ def test_an_entry_point_is_a_name(file, monkeypatch):
         sp.register_strategy("first", Declared)
 
 
+@pytest.mark.slow
 def test_a_failure_has_its_traceback_and_is_a_result(file, tmp_path):
     broken = f"{HERE / 'data' / 'broken_strategies.py'}:Raises"
     run = sp.evaluate([RPS], ["random"], trials=1, budgets=[sp.Budget(strategy=broken)], out=tmp_path / "run")

@@ -10,20 +10,12 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
-BRIEF = {"01_play_under_a_budget"}
 ELSEWHERE = {"16_evaluate_pydantic_ai", "20_train_a_tiny_agent"}
 """Examples that need an extra with an environment of its own in `.ci/run`, where their extra's tests run them."""
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        path if path.stem in BRIEF else pytest.param(path, marks=pytest.mark.slow)
-        for path in EXAMPLES
-        if path.stem not in ELSEWHERE
-    ],
-    ids=lambda path: path.stem,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [path for path in EXAMPLES if path.stem not in ELSEWHERE], ids=lambda path: path.stem)
 def test_it_runs(path, tmp_path):
     environment = {name: value for name, value in os.environ.items() if not name.endswith("_API_KEY")}
     command = [sys.executable, "-W", "error", str(path)]

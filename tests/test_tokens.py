@@ -265,7 +265,11 @@ OFFLINE = {"HTTPS_PROXY": "http://127.0.0.1:9", "HTTP_PROXY": "http://127.0.0.1:
     ("name", "sentence"),
     [
         ("cl100k_base", "The vocabulary of cl100k_base could not be downloaded"),
-        ("hf:gpt2", "hf:gpt2 is neither a file nor a folder here, and its tokenizer.json could not be downloaded"),
+        pytest.param(
+            "hf:gpt2",
+            "hf:gpt2 is neither a file nor a folder here, and its tokenizer.json could not be downloaded",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_offline_a_missing_vocabulary_is_one_sentence_before_the_episode_begins(name, sentence, tmp_path):

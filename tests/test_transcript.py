@@ -124,7 +124,7 @@ def test_a_damaged_record_is_read_line_by_line_or_refused(played):
     whole = path.read_bytes()
     chance = random.Random(4)
     read = 0
-    for _ in range(150):
+    for _ in range(50):
         place = chance.choice([chance.randrange(len(whole)), chance.choice(line_ends(whole))])
         put = chance.choice([b"", b"\n", b"}", b"{", b",", b'"', b" ", b"[1]\n", b"\xc3\xa9", b'\n{"event": "x"}\n'])
         damaged = whole[:place] + put + whole[place + chance.randrange(3) :]
@@ -136,7 +136,7 @@ def test_a_damaged_record_is_read_line_by_line_or_refused(played):
         else:
             assert sp.read_transcript(path) == expected
             read += 1
-    assert 20 < read < 130
+    assert 5 < read < 45
 
 
 def line_ends(written: bytes) -> list[int]:

@@ -589,7 +589,7 @@ def a_call_that_python_can_make(name: str, arguments: Any) -> bool:
     return a_tool_that_there_is(name, arguments) and list(arguments) == (["action"] if name == "act" else [])
 
 
-LEGACY = "MCP on stdio, legacy"
+ON_STDIO = "MCP on stdio"
 """A process for each game, which the slow tests start."""
 FUNCTIONS = "`Episode.functions()`"
 MCP = "MCP"
@@ -607,15 +607,15 @@ HOST = {
     ),
     "MCP in memory": Host(partial(mcp_in_memory, mode="auto"), MCP),
     "MCP in memory, legacy": Host(partial(mcp_in_memory, mode="legacy"), MCP),
-    "MCP on stdio": Host(partial(mcp_on_stdio, mode="auto"), MCP),
-    LEGACY: Host(partial(mcp_on_stdio, mode="legacy"), MCP),
+    ON_STDIO: Host(partial(mcp_on_stdio, mode="auto"), MCP),
+    f"{ON_STDIO}, legacy": Host(partial(mcp_on_stdio, mode="legacy"), MCP),
     "MCP over HTTP": Host(partial(mcp_over_http, mode="auto"), MCP),
     "MCP over HTTP, legacy": Host(partial(mcp_over_http, mode="legacy"), MCP),
 }
 
 
 def hosts(names: Iterable[str]) -> list[Any]:
-    return [pytest.param(row, marks=pytest.mark.slow) if row == LEGACY else row for row in names]
+    return [pytest.param(row, marks=pytest.mark.slow) if row.startswith(ON_STDIO) else row for row in names]
 
 
 @pytest.mark.parametrize("row", hosts(HOST))

@@ -24,8 +24,6 @@ from smartplay_tools.games import get_spec
 from smartplay_tools.web import EpisodeStore, HostedEpisode
 from tests.adapters.conformance import GAME, act, fresh
 
-MODES = ["auto", "legacy"]
-
 
 def on_stdio(*options: str) -> Any:
     command = ["-m", "smartplay_tools", "serve", "mcp", GAME, *options]
@@ -44,7 +42,7 @@ def request(method: str, number: Any = 1, **params: Any) -> dict[str, Any]:
     return {"jsonrpc": "2.0", "id": number, "method": method, "params": params}
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", ["auto", pytest.param("legacy", marks=pytest.mark.slow)])
 class TestWhatHostsShow:
     async def test_the_text_stands_where_hosts_look_for_it(self, mode):
         """pydantic-ai, Claude Code and VS Code show a model the structured content and nothing else."""
@@ -81,7 +79,7 @@ class TestWhatHostsShow:
 
 class TestStdio:
     @pytest.mark.slow
-    @pytest.mark.parametrize("mode", MODES)
+    @pytest.mark.parametrize("mode", ["auto", "legacy"])
     async def test_a_session_for_each_call_keeps_the_game(self, mode, tmp_path):
         """langchain-mcp-adapters' `get_tools()` starts the server anew for every call."""
         record = tmp_path / "hanoi.jsonl"
@@ -146,12 +144,14 @@ class TestStdio:
         ]
         assert answers[5]["result"]["isError"]
 
+    @pytest.mark.slow
     def test_a_mistake_is_one_sentence_while_the_host_keeps_the_input_open(self):
         command = [sys.executable, "-m", "smartplay_tools", "serve", "mcp", GAME, "--manual", "hidden"]
         with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
             assert server.wait(120) == 2
             assert server.stderr.read() == "smartplay-tools: manual must be one of tool, pinned, none, not 'hidden'.\n"
 
+    @pytest.mark.slow
     def test_answers_come_in_the_order_of_the_requests(self):
         calls = [request("tools/call", number, name="observe", _meta={CALL_KEY: str(number)}) for number in range(20)]
         assert [answer["id"] for answer in talk(*calls)] == list(range(20))
@@ -294,6 +294,7 @@ HALF = {"action": "half \ud83d a character"}
 class TestHalfCharacters:
     """A model may write half of a surrogate pair, which JSON can carry and UTF-8 cannot."""
 
+    @pytest.mark.slow
     def test_on_stdio_they_are_answered(self):
         (answer,) = talk(request("tools/call", name="act", arguments=HALF))
         assert answer["result"]["isError"]

@@ -62,7 +62,10 @@ def play_as_a_host(client, episode, wrap=str, shuffle=False, turns=60):
 
 
 PLAYED = [
-    *(pytest.param(game, "plain", marks=[pytest.mark.slow] if game.startswith("RockPaper") else []) for game in GAMES),
+    *(
+        pytest.param(game, "plain", marks=[pytest.mark.slow] if game.startswith(("Bandit", "RockPaper")) else [])
+        for game in GAMES
+    ),
     *(("Hanoi3Disk-v0", wrapping) for wrapping in WRAPPINGS),
 ]
 

@@ -49,6 +49,7 @@ def test_turns_are_an_animation(tmp_path):
         assert (animation.n_frames, animation.info["duration"]) == (3, cards.FRAME_MILLISECONDS)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("ffprobe") is None, reason="ffmpeg is not installed")
 def test_turns_are_a_film_where_ffmpeg_is_installed(tmp_path):
     record = played(tmp_path / "game.jsonl", "Hanoi3Disk-v0", sp.Budget(history=2, tool_calls=6))

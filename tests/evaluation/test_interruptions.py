@@ -15,6 +15,8 @@ import pytest
 from smartplay_tools.records import RunFolder
 from tests.processes import heed_interrupts, needs_proc, needs_unix
 
+pytestmark = pytest.mark.slow
+
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 ROOT = Path(__file__).parents[2]
 
@@ -73,24 +75,17 @@ def kill_and_run_to_the_end(tmp_path: Path, executor: str, *, kills: int, trials
     assert list((tmp_path / "killed" / "running").iterdir()) == []
 
 
-@pytest.mark.slow
 def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path):
     kill_and_run_to_the_end(tmp_path, "inline", kills=1, trials=2)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("executor", ["inline", "processes"])
 def test_a_run_that_was_killed_many_times_has_the_rows_of_one_that_was_not(tmp_path, executor):
     kill_and_run_to_the_end(tmp_path, executor, kills=10, trials=20)
 
 
 @pytest.mark.parametrize(
-    ("executor", "number"),
-    [
-        ("inline", signal.SIGINT),
-        pytest.param("processes", signal.SIGTERM, marks=pytest.mark.slow),
-        pytest.param("async", signal.SIGTERM, marks=pytest.mark.slow),
-    ],
+    ("executor", "number"), [("inline", signal.SIGINT), ("processes", signal.SIGTERM), ("async", signal.SIGTERM)]
 )
 def test_a_signal_stops_a_run_between_two_turns(tmp_path, executor, number):
     with start(tmp_path / "run", executor, games=[BANDIT], trials=40, seconds=0.05) as process:
@@ -112,7 +107,6 @@ def test_a_signal_stops_a_run_between_two_turns(tmp_path, executor, number):
     assert list((tmp_path / "run" / "running").iterdir()) == []
 
 
-@pytest.mark.slow
 def test_no_worker_outlives_a_run_that_was_killed(tmp_path):
     needs_proc()
     with start(tmp_path / "run", "processes", games=[BANDIT], trials=40, seconds=0.05) as process:
@@ -128,7 +122,6 @@ def test_no_worker_outlives_a_run_that_was_killed(tmp_path):
         time.sleep(0.1)
 
 
-@pytest.mark.slow
 def test_ctrl_c_before_the_first_episode_is_one_sentence(tmp_path):
     """Ctrl-C goes to the whole group of processes, workers that are still importing included."""
     needs_unix()

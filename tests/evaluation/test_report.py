@@ -261,6 +261,7 @@ def test_figures_that_lie_in_the_run_are_pictures_that_cannot_run_anything(tmp_p
     assert image["alt"] == "Figure: score by history"
 
 
+@pytest.mark.slow
 def test_figures_that_nobody_has_drawn_are_drawn_for_the_page(tmp_path):
     sp.evaluate([HANOI, BANDIT], ["rule", "random"], out=tmp_path / "run", trials=2, executor="inline")
     page = page_of(tmp_path / "run")

@@ -14,6 +14,8 @@ from smartplay_tools.evaluation.pages.report import write_report
 from tests.evaluation.report_runs import BANDIT, HANOI, HOSTILE, RPS, act, converse, hostile, record, reply
 from tests.evaluation.test_report import Page
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> list[Path]:
@@ -48,7 +50,6 @@ def test_several_runs_become_a_page_that_compares_them(page):
     assert "The run’s manifest (A)" in page.words
 
 
-@pytest.mark.slow
 def test_pairs_met_the_same_world_and_are_of_the_same_player_where_there_is_one(page):
     links = [
         attributes["href"]
@@ -63,7 +64,6 @@ def test_pairs_met_the_same_world_and_are_of_the_same_player_where_there_is_one(
         assert first["player"] == "rule"
 
 
-@pytest.mark.slow
 def test_the_same_run_twice_keeps_its_episodes_apart(runs, tmp_path):
     copied = tmp_path / "copy"
     sp.evaluate([RPS, HANOI], ["rule"], out=copied, trials=2, executor="inline")
@@ -73,7 +73,6 @@ def test_the_same_run_twice_keeps_its_episodes_apart(runs, tmp_path):
     assert "0/2/0" in page.words
 
 
-@pytest.mark.slow
 def test_runs_without_a_game_in_common_are_one_page_without_a_comparison(runs, tmp_path):
     sp.evaluate([BANDIT], ["rule"], out=tmp_path / "other", trials=1, executor="inline")
     page = page_of([runs[0], tmp_path / "other"], tmp_path)
@@ -81,7 +80,6 @@ def test_runs_without_a_game_in_common_are_one_page_without_a_comparison(runs, t
     assert "5 episodes." in page.words
 
 
-@pytest.mark.slow
 def test_the_command_takes_several_runs(runs, tmp_path):
     out = tmp_path / "both.html"
     result = CliRunner().invoke(app, ["report", *map(str, runs), "--out", str(out)])
@@ -92,7 +90,6 @@ def test_the_command_takes_several_runs(runs, tmp_path):
     assert "named twice" in twice.stderr
 
 
-@pytest.mark.slow
 def test_several_runs_share_their_figures(page):
     names = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
     assert "Figure: frontier" in names
@@ -102,7 +99,6 @@ def test_several_runs_share_their_figures(page):
 # In a browser.
 
 
-@pytest.mark.slow
 def test_two_episodes_are_moved_through_together(show, runs):
     page = show(runs)
     page.click("#pairs a >> nth=2")  # the rule player with full and with a short history
@@ -127,7 +123,6 @@ def test_two_episodes_are_moved_through_together(show, runs):
     page.wait_for_selector("#run:not([hidden])")
 
 
-@pytest.mark.slow
 def test_two_episodes_of_a_run_are_ticked_and_compared(show, tmp_path):
     record(tmp_path / "run" / "a.jsonl", HANOI)
     record(tmp_path / "run" / "b.jsonl", HANOI, "random")
@@ -152,7 +147,6 @@ def test_two_episodes_of_a_run_are_ticked_and_compared(show, tmp_path):
     page.wait_for_selector("#compare:not([hidden])")
 
 
-@pytest.mark.slow
 def test_strategies_on_one_seed_are_compared_with_one_clock(show, tmp_path):
     budgets = {"drop": {"history": 4}, "long": {"history": 8}, "notes": {"history": 4, "notes_tokens": 100}}
     for name, budget in budgets.items():
@@ -173,7 +167,6 @@ def test_strategies_on_one_seed_are_compared_with_one_clock(show, tmp_path):
     assert page.locator("#compare-sides .side").count() == 3
 
 
-@pytest.mark.slow
 def test_equal_episodes_are_said_to_be_equal(show, tmp_path):
     record(tmp_path / "run" / "a.jsonl", RPS)
     record(tmp_path / "run" / "b.jsonl", RPS)
@@ -183,7 +176,6 @@ def test_equal_episodes_are_said_to_be_equal(show, tmp_path):
     assert page.locator("#compare-facts tr.differs").count() == 0
 
 
-@pytest.mark.slow
 def test_a_comparison_that_is_not_there_is_the_run(show, tmp_path):
     record(tmp_path / "run" / "a.jsonl", RPS)
     page = show(tmp_path / "run", "#compare=a&with=nothing")
@@ -191,7 +183,6 @@ def test_a_comparison_that_is_not_there_is_the_run(show, tmp_path):
     assert page.locator("#compare").is_hidden()
 
 
-@pytest.mark.slow
 def test_what_a_model_wrote_is_read_side_by_side_and_never_run(show, tmp_path):
     hostile(tmp_path / "run" / "hostile.jsonl")
     converse(tmp_path / "run" / "mild.jsonl", BANDIT, [reply(act("1"), content=HOSTILE), reply(act("2"))])

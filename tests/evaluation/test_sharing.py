@@ -39,6 +39,7 @@ def test_every_item_is_done_once_and_its_place_is_told(processes, count):
     assert [square for _, squares in done for square in squares] == [number**2 for number in range(count)]
 
 
+@pytest.mark.slow
 def test_another_process_gets_its_next_chunk_when_one_is_done():
     with parallel_map(functools.partial(slow_at_home, home=os.getpid(), pause=0.1), range(400), 3) as chunks:
         done = [item for _, items in sorted(chunks) for item in items]
@@ -47,6 +48,7 @@ def test_another_process_gets_its_next_chunk_when_one_is_done():
     assert elsewhere > 100
 
 
+@pytest.mark.slow
 def test_when_the_other_processes_die_this_one_does_their_work():
     with parallel_map(
         functools.partial(slow_at_home, home=os.getpid(), pause=0.02, dies=True), range(200), 3

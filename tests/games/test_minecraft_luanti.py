@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -34,12 +34,15 @@ from tests.processes import needs_proc, needs_unix
 needs_unix()
 needs_proc()
 
-try:
-    find_installation()
-except sp.InvalidArgumentError as missing:
-    needs_server = pytest.mark.skip(reason=str(missing))
-else:
-    needs_server = pytest.mark.skipif(False, reason="the server is here")
+
+def needs_server(test: Callable[..., None]) -> Callable[..., None]:
+    """A test that starts the server is slow, and is skipped where there is none."""
+    try:
+        find_installation()
+    except sp.InvalidArgumentError as missing:
+        test = pytest.mark.skip(reason=str(missing))(test)
+    return pytest.mark.slow(test)
+
 
 FEET = NEAR // 2
 """The index of the player's own block in the cube around it."""
@@ -76,7 +79,6 @@ def walk(engine: LuantiEngine, action: int, seed: int = 0, ticks: int = 50, task
 
 
 @needs_server
-@pytest.mark.slow
 @pytest.mark.parametrize("task", CORRECTED_GOALS)
 def test_every_task_starts_outside_of_its_goal_and_is_told_in_the_contracts_words(task):
     game = sp.GAMES[f"MinedojoCreative{task}-v0"].make(engine="luanti")
@@ -100,7 +102,6 @@ def test_every_task_starts_outside_of_its_goal_and_is_told_in_the_contracts_word
 
 
 @needs_server
-@pytest.mark.slow
 def test_who_is_told_the_way_nearly_always_gets_there(folders):
     # `benchmarks/minecraft.py` does this for more seeds.
     arrived = []
@@ -121,7 +122,6 @@ def test_who_is_told_the_way_nearly_always_gets_there(folders):
 
 
 @needs_server
-@pytest.mark.slow
 def test_biomes_are_told_by_the_ground(folders):
     """Where the biome's id says desert there is sand, and so on; over starts of several worlds and short walks."""
     ground = {
@@ -186,7 +186,6 @@ PASSABLE = ("air", "tall grass", "fern", "dead bush", "snow", "marram grass", "d
 SOLID = re.compile(r"(.* )?(block|dirt|podzol|sand|sandstone|stone|wood|leaves|gravel|clay|ore)")
 
 
-@pytest.mark.slow
 @needs_server
 def test_the_body_walks_as_in_the_embedded_engine(played):
     """The rules of walking are implemented twice; here both walk the same steps over the same ground."""
@@ -252,7 +251,6 @@ game.close()
 
 
 @needs_server
-@pytest.mark.slow
 def test_two_processes_see_the_same_bit_for_bit():
     command = [sys.executable, "-W", "error", "-c", SCRIPT]
     runs = [
@@ -265,7 +263,6 @@ def test_two_processes_see_the_same_bit_for_bit():
 
 
 @needs_server
-@pytest.mark.slow
 def test_every_server_decorates_alike():
     """The engine assigns new numbers to decorations without a name at every start."""
     seen = set()
@@ -278,7 +275,6 @@ def test_every_server_decorates_alike():
 
 
 @needs_server
-@pytest.mark.slow
 def test_a_recorded_episode_can_be_replayed(tmp_path, folders):
     spec = GameSpec(**{**vars(sp.GAMES["MinedojoCreative0-v0"]), "rollout": 8})
     record = tmp_path / "episode.jsonl"
@@ -293,7 +289,6 @@ def test_a_recorded_episode_can_be_replayed(tmp_path, folders):
 
 
 @needs_server
-@pytest.mark.slow
 def test_the_paper_texts_can_be_played_too():
     engine = LuantiEngine(text="paper")
     seen = engine.reset(5, PAPER_GOALS[7])
@@ -347,7 +342,6 @@ def test_closing_leaves_neither_process_nor_folder(folders):
 
 
 @needs_server
-@pytest.mark.slow
 def test_an_engine_that_is_forgotten_cleans_up_as_well(folders):
     engine = LuantiEngine(text="corrected")
     engine.reset(5, CORRECTED_GOALS[0])
@@ -400,7 +394,6 @@ def test_a_server_that_is_killed_ends_the_episode_on_the_record(folders):
 
 
 @needs_server
-@pytest.mark.slow
 def test_a_reset_after_a_crash_starts_another_server(folders):
     game = sp.GAMES["MinedojoCreative0-v0"].make(engine="luanti")
     first, _ = game.reset(seed=5)
@@ -488,7 +481,6 @@ def test_without_a_server_the_remedy_is_named(monkeypatch):
 
 
 @needs_server
-@pytest.mark.slow
 def test_the_doctor_names_the_servers_version():
     check = next(check for check in check_engines() if check.engine == "luanti")
     assert check.works
