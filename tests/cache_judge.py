@@ -35,20 +35,36 @@ class Asked:
     with_reply: Tokens
 
 
-def unit(value: Any, length: int) -> Tokens:
-    label = json.dumps(value, sort_keys=True)
-    return [(label, number) for number in range(length)]
+class Units:
+    """The tokens of tools and messages, computed once for all that are equal."""
+
+    def __init__(self, n: Count) -> None:
+        self._n = n
+        self._made: dict[str, Tokens] = {}
+
+    def tools(self, tools: Sequence[Json]) -> Tokens:
+        return self._unit(tools, lambda: tools_tokens(tools, self._n))
+
+    def message(self, message: Json) -> Tokens:
+        return self._unit(message, lambda: message_tokens(message, self._n))
+
+    def _unit(self, value: Any, length: Callable[[], int]) -> Tokens:
+        label = json.dumps(value, sort_keys=True)
+        if label not in self._made:
+            self._made[label] = [(label, number) for number in range(length())]
+        return self._made[label]
 
 
 def asked(sent: Sequence[Json], replies: Sequence[Json], times: Sequence[float | None], n: Count) -> list[Asked]:
     """The requests of prompts, each with tools, messages and purpose, and their replies."""
     requests: list[Asked] = []
+    units = Units(n)
     for number, (prompt, reply, at) in enumerate(zip(sent, replies, times, strict=True)):
         messages, before = prompt["messages"], sent[number - 1]["messages"] if number else []
-        tokens = unit(prompt["tools"], tools_tokens(prompt["tools"], n))
+        tokens = units.tools(prompt["tools"])
         ends, blocks = [len(tokens)], [0]
         for message in messages:
-            tokens = tokens + unit(message, message_tokens(message, n))
+            tokens = tokens + units.message(message)
             ends.append(len(tokens))
             blocks.append(blocks[-1] + message_blocks(message))
         leading = 0
@@ -57,7 +73,7 @@ def asked(sent: Sequence[Json], replies: Sequence[Json], times: Sequence[float |
         stable = 0
         while stable < min(len(messages), len(before)) and messages[stable] == before[stable]:
             stable += 1
-        with_reply = tokens + unit(reply, message_tokens(reply, n))
+        with_reply = tokens + units.message(reply)
         requests.append(
             Asked(tokens, ends, blocks, ends[leading], stable, len(tokens) + 3, prompt["purpose"], at, with_reply)
         )

@@ -76,6 +76,14 @@ class Judge:
         """w: after k turns, a reply of a turn that is older than it has its calls alone."""
         self.pictures_from = functools.cache(self._pictures_from)
         """p: of all the pictures that k turns have shown, the first p are left out."""
+        self.current = functools.cache(self._current)
+        """o: the latest turn that shows t."""
+        self.noted = functools.cache(self._noted)
+        """q: the newest turn with accepted notes, unless they were cleared since."""
+        self.anchors = functools.cache(self._anchors)
+        """a: how many of the first turns are pinned: the longest beginning that fits beside the other pins."""
+        self.notes_fit = functools.cache(self._notes_fit)
+        """Whether the notes are pinned after k turns."""
         self._costs: dict[Any, int] = {}
         self._folds: dict[int, tuple[int, bool]] = {0: (0, False)}
 
@@ -139,13 +147,11 @@ class Judge:
 
     # What is pinned.
 
-    def current(self, k: int) -> int | None:
-        """o: the latest turn that shows t."""
+    def _current(self, k: int) -> int | None:
         t = self.newest(k)
         return max((i for i in range(k) if t in self.turns[i]["shows"]), default=None)
 
-    def noted(self, k: int) -> int | None:
-        """q: the newest turn with accepted notes, unless they were cleared since."""
+    def _noted(self, k: int) -> int | None:
         latest = None
         for i in range(k):
             for notes in self.turns[i].get("notes", ()):
@@ -196,8 +202,7 @@ class Judge:
             self._costs[key] = self.tokens(self.head(k)) + tools_tokens(self.tools, self.n) + PRIMING
         return self._costs[key]
 
-    def anchors(self, k: int) -> int:
-        """a: how many of the first turns are pinned: the longest beginning that fits beside the other pins."""
+    def _anchors(self, k: int) -> int:
         a, notes = 0, k > 0 and self.notes_fit(k)
         while a < min(self.first_turns, k - 1):
             size = self.size(k - 1, k, notes=notes, anchors=a + 1)
@@ -243,7 +248,7 @@ class Judge:
 
     # The first turn.
 
-    def notes_fit(self, k: int) -> bool:
+    def _notes_fit(self, k: int) -> bool:
         return self.cap is None or self.size(k - 1, k, notes=True, anchors=0) + self.reserve <= self.cap
 
     def overflows(self, k: int) -> bool:
