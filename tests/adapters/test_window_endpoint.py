@@ -76,6 +76,19 @@ class TestAGame:
             play_through(INTERFACES[interface](client, endpoint.model(handle), stream), tools)
         assert endpoint.result(handle).score == 3.0
 
+    @pytest.mark.parametrize("stream", [False, True])
+    @pytest.mark.parametrize("interface", INTERFACES)
+    def test_is_played_on_where_the_provider_has_cut_replies(self, interface, stream):
+        """What a host is sent is whole: the reply that was cut, without a call, was answered with a request for one."""
+        player = sp.ScriptedPlayer([calling(say="I will"), *map(calling, map(act, WAY))], sp.Usage(reply=5, cut=1))
+        episode = sp.Episode(GAME, seed=7, transcript=(events := []))
+        with WindowEndpoint(player) as endpoint, client_of(interface, endpoint) as client, episode:
+            model = endpoint.model(handle := endpoint.serve(episode))
+            tools = dict(zip(("observe", "act", "read_manual"), endpoint.functions(handle), strict=True))
+            play_through(INTERFACES[interface](client, model, stream), tools)
+        assert episode.result.score == 3.0
+        assert sum(event["provider"]["cut"] for event in events if event["event"] == "usage") == 8
+
     async def test_has_its_tools_at_the_mcp_address_of_the_same_handle(self, endpoint):
         handle = endpoint.open(GAME, seed=7)
         http = httpx2.AsyncClient(trust_env=False, verify=False)

@@ -270,7 +270,9 @@ class WindowEpisode:
             problem = f"The model gave no reply, which ends the episode: {error}"
             self._failure = RequestError(500, problem, code="player_failed")
             raise self._failure from error
-        self._spent += reply.usage or self._counted(message)
+        spent = reply.usage or self._counted(message)
+        # Whatever the host is sent is whole; clients raise errors where an answer says that it was cut.
+        self._spent += spent.model_copy(update={"cut": 0})
         return Reply(message, reply.usage)
 
     def _counted(self, message: Message) -> Usage:
