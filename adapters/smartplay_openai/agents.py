@@ -201,7 +201,7 @@ class SmartPlayModel(Model):
         """Ask the model as `get_response` does, for a streamed run; the stream has one event, the whole response."""
         response = await self.get_response(*arguments, **options)
         usage = response.usage
-        told = ResponseUsage(
+        reported = ResponseUsage(
             input_tokens=usage.input_tokens,
             input_tokens_details=usage.input_tokens_details,
             output_tokens=usage.output_tokens,
@@ -209,7 +209,7 @@ class SmartPlayModel(Model):
             total_tokens=usage.total_tokens,
         )
         whole = Response.model_construct(
-            id="smartplay", object="response", output=response.output, usage=told, created_at=0, model=self._player
+            id="smartplay", object="response", output=response.output, usage=reported, created_at=0, model=self._player
         )
         yield ResponseCompletedEvent.model_construct(response=whole, sequence_number=0, type="response.completed")
 
@@ -298,8 +298,8 @@ def _receive(session: AgentSession, answer: _Answer) -> ModelResponse:
 
 def _words(text: str, usage: AgentsUsage) -> ModelResponse:
     """Return words that end the agent's run, and that the model has not said."""
-    said = ResponseOutputText(text=text, type="output_text", annotations=[])
-    message = ResponseOutputMessage(id=OVER, content=[said], role="assistant", status="completed", type="message")
+    content = ResponseOutputText(text=text, type="output_text", annotations=[])
+    message = ResponseOutputMessage(id=OVER, content=[content], role="assistant", status="completed", type="message")
     return ModelResponse(output=[message], usage=usage, response_id=None)
 
 

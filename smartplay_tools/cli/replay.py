@@ -73,7 +73,7 @@ def _replay_run(path: Path, workers: int | None, tokenizer: str | None, strategy
     progress = Console(stderr=True, quiet=as_json or not Console(stderr=True).is_terminal)
     going = audit(folder, workers or os.cpu_count() or 1, tokenizer, strategy=strategy, rows=rows)
     shown = track(going, "replaying", total, console=progress, transient=True, disable=progress.quiet)
-    findings = sorted(shown, key=lambda one: one.key)
+    findings = sorted(shown, key=lambda finding: finding.key)
     differing = [finding for finding in findings if finding.differences]
     if as_json:
         print(json.dumps([asdict(finding) for finding in findings], indent=2))

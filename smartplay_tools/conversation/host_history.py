@@ -49,7 +49,7 @@ class HostHistory(Generic[T]):
         if last < len(messages) and self._read(messages[last])[0] == self._read(before[last])[0]:
             return
         there = {self._read(message)[0] for message in messages}
-        gone = [text for known, text in map(self._read, before) if known not in there]
+        gone = [text for key, text in map(self._read, before) if key not in there]
         if not gone:
             return
         self._is_told, self._latest = True, ()

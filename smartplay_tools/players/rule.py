@@ -78,8 +78,8 @@ class RulePlayer:
             return Reply({"role": "assistant", "content": self._summary(reading)})
         if reading.is_over:
             return Reply({"role": "assistant", "content": GAME_IS_OVER})
-        if all(tool.name != "act" for tool in prompt.tools) and (said := self._beside_the_play(reading)) is not None:
-            return Reply(said)
+        if all(tool.name != "act" for tool in prompt.tools) and (message := self._beside_the_play(reading)) is not None:
+            return Reply(message)
         for rules in self.rules:
             if reading.actions and rules.plays(reading):
                 return Reply(_offered(self._decide(rules, reading), reading))

@@ -80,8 +80,8 @@ def _cached(log: RequestLog, rule: CacheRule, places: Sequence[Place]) -> tuple[
     """The hits and the written tokens of each request."""
     if unknown := set(places) - set(PLACES):
         raise InvalidArgumentError(f"A mark is at one of {', '.join(PLACES)}, not {', '.join(sorted(unknown))}.")
-    found, stored = _found(log, rule, tuple(places))
-    hits = _down(found, rule)
+    matched, stored = _matched_and_stored(log, rule, tuple(places))
+    hits = _down(matched, rule)
     if rule.write is None:
         return hits, [0] * len(hits)
     return hits, [max(0, end - hit) for end, hit in zip(_down(stored, rule), hits, strict=True)]
@@ -93,7 +93,9 @@ def _down(lengths: Sequence[int], rule: CacheRule) -> list[int]:
     return [whole if (whole := length - length % block) >= minimum else 0 for length in lengths]
 
 
-def _found(log: RequestLog, rule: CacheRule, places: tuple[Place, ...]) -> tuple[Sequence[int], Sequence[int]]:
+def _matched_and_stored(
+    log: RequestLog, rule: CacheRule, places: tuple[Place, ...]
+) -> tuple[Sequence[int], Sequence[int]]:
     """The tokens of each request that are found stored, and those that are stored after it.
 
     They are the same under all rules that differ in minimum, blocks and rates alone: a prefix below the minimum is no
@@ -110,11 +112,11 @@ def _found(log: RequestLog, rule: CacheRule, places: tuple[Place, ...]) -> tuple
             marks = [_marked(request, rule.marks, places) for request in log.requests]
             lengths = _stored_to_marks(log.requests, prefixes, rule, life, marks)
             stored = [tokens[path[ends[-1]]] if ends else 0 for path, ends in zip(prefixes.paths, marks, strict=True)]
-        found = zip(prefixes.paths, lengths, prompts, strict=True)
+        matched = zip(prefixes.paths, lengths, prompts, strict=True)
         # The last token of a prompt is always computed.
-        log.remembered[key] = [min(tokens[path[length]], prompt - 1) for path, length, prompt in found], stored
-    found_and_stored: tuple[Sequence[int], Sequence[int]] = log.remembered[key]
-    return found_and_stored
+        log.remembered[key] = [min(tokens[path[length]], prompt - 1) for path, length, prompt in matched], stored
+    of_each: tuple[Sequence[int], Sequence[int]] = log.remembered[key]
+    return of_each
 
 
 def _stored_whole(requests: Sequence[Request], prefixes: Prefixes, rule: CacheRule, life: float) -> Sequence[int]:

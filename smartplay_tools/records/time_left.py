@@ -57,18 +57,22 @@ class CellWork:
     def rests(self) -> list[float]:
         """The replies that each running episode is expected to take from now on."""
         if not self.finished:
-            return [min(max(0, self.most - one.replies), one.rest) for one in self.running]
+            return [min(max(0, self.most - episode.replies), episode.rest) for episode in self.running]
         mean = sum(self.finished) / len(self.finished)
         return [
-            min(max(0, self.most - one.replies), one.rest, mean - one.replies if one.replies < mean else self._censored)
-            for one in self.running
+            min(
+                max(0, self.most - episode.replies),
+                episode.rest,
+                mean - episode.replies if episode.replies < mean else self._censored,
+            )
+            for episode in self.running
         ]
 
     @property
     def length(self) -> float:
         """The replies that an episode which waits is expected to take."""
         if not self.finished:
-            return min(self.most, max((one.replies + one.rest for one in self.running), default=math.inf))
+            return min(self.most, max((episode.replies + episode.rest for episode in self.running), default=math.inf))
         # As long as most are still running, those that have finished are the short ones.
         is_early = len(self.finished) < len(self.running)
         return self._censored if is_early else sum(self.finished) / len(self.finished)
@@ -76,7 +80,7 @@ class CellWork:
     @property
     def _censored(self) -> float:
         """The mean length if the running episodes are counted with what they have played."""
-        played = sum(self.finished) + sum(one.replies for one in self.running)
+        played = sum(self.finished) + sum(episode.replies for episode in self.running)
         return min(self.most, played / len(self.finished))
 
 

@@ -101,9 +101,9 @@ def write_mp4(record: str | Path, out: str | Path, *, turns: tuple[int, int] | N
         with suppress(BrokenPipeError):  # what ended it is on its standard error
             for picture in frames:
                 encoder.stdin.write(picture.tobytes())
-        said = encoder.communicate()[1].decode(errors="replace").split("\n")
+        messages = encoder.communicate()[1].decode(errors="replace").split("\n")
     if encoder.returncode:
-        raise EngineError(f"ffmpeg could not make {out}: {' '.join(said[-2:]).strip()}")
+        raise EngineError(f"ffmpeg could not make {out}: {' '.join(messages[-2:]).strip()}")
     return out
 
 

@@ -55,7 +55,7 @@ def _ranks(reading: Reading) -> Ranks | None:
     if (before := earlier(reading)) is None:
         return None
     counts = [list(counts) for counts in before.facts.get("machines", {}).values()]
-    if (match := PULL.search(before.told)) and int(match[1]) <= len(counts):  # its notes were older than its last pull
+    if (match := PULL.search(before.text)) and int(match[1]) <= len(counts):  # its notes were older than its last pull
         counts[int(match[1]) - 1][0] += 1
         counts[int(match[1]) - 1][1] += int(match[2])
     known: Ranks = before.facts.get("ranks", [[0, 0], [0, 0]])

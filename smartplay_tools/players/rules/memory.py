@@ -63,15 +63,15 @@ class Earlier:
 
     facts: dict[str, Any]
     """What was kept there."""
-    told: str
+    text: str
     """The whole message, which has the last result."""
 
 
 def earlier(reading: Reading) -> Earlier | None:
     """Return what was carried over from the game before; None if nothing was, or nothing was kept there."""
-    told = next((text_of(message) for message in reading.prompt.messages if is_carried(message)), None)
-    facts = None if told is None else _facts(told)
-    return None if told is None or facts is None else Earlier(facts, told)
+    text = next((text_of(message) for message in reading.prompt.messages if is_carried(message)), None)
+    facts = None if text is None else _facts(text)
+    return None if text is None or facts is None else Earlier(facts, text)
 
 
 def line(facts: dict[str, Any]) -> str:
