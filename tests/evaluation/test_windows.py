@@ -6,6 +6,8 @@ import json
 
 import pytest
 
+from smartplay_tools.evaluation.analysis.names import series_name
+from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import as_row, compare_windows
 from tests.evaluation.window_rows import row
 
@@ -93,6 +95,27 @@ def test_a_flat_row_is_plain_data_with_the_same_columns_everywhere():
     assert (small["score_difference_low"], small["score_difference_high"]) == pytest.approx((-50, 37.97), abs=0.01)
     assert (full["full_context"], full["score_difference"], full["pairs"]) == (True, None, None)
     assert (full["cost"], full["on_cost_front"]) == (None, None)
+
+
+def test_cells_with_the_same_window_are_told_apart_by_their_other_caps():
+    caps = [{"reply_tokens": 30}, {"reply_tokens": 300}, {"reply_tokens": 300, "tool_calls": 20}]
+    comparisons = compare_windows([r for own in caps for r in cell([1, 2], history=5, **own)])
+    names = [line[0].strip() for line in windows_table(comparisons).rows[1:]]
+    assert names == [
+        "history 5, replies <= 30, calls <= 216",
+        "history 5, replies <= 300, calls <= 216",
+        "history 5, replies <= 300, calls <= 20",
+    ]
+    assert series_name(comparisons[2], comparisons) == "rule, replies <= 300, calls <= 20"
+    assert [(row["reply_tokens"], row["tool_calls"]) for row in map(as_row, comparisons)] == [
+        (30, 216), (300, 216), (300, 20)
+    ]  # fmt: skip
+
+
+def test_other_caps_are_not_named_where_windows_tell_cells_apart():
+    comparisons = compare_windows(cell([1], history=5, tool_calls=20) + cell([1], history=1, tool_calls=90))
+    assert [line[0].strip() for line in windows_table(comparisons).rows if line[1:]] == ["history 5", "history 1"]
+    assert {series_name(comparison, comparisons) for comparison in comparisons} == {"rule"}
 
 
 def test_an_episode_that_the_run_could_not_pay_for_is_not_compared():

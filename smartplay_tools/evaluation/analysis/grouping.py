@@ -23,12 +23,14 @@ from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.records.rows import Row
 from smartplay_tools.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.transcript.hashing import canonical_json
-from smartplay_tools.types import STRATEGIES, Budget
+from smartplay_tools.types import Budget
 
 _COMMON = ("player", "player_options", "rules", "tokenizer")
-CAPS = ("prompt_tokens", "reply_tokens", "episode_tokens", "stalled_turns", "slack", *STRATEGIES)
 WORDS = ("history", "tool_calls")
 """The fields of a budget for which "game" means a different number in every game."""
+
+CAPS = tuple(name for name in Budget.model_fields if name not in (*WORDS, "result_tokens"))
+"""The fields that are the same in every game."""
 
 USUAL = {**dict(Rules()), "tokenizer": DEFAULT_TOKENIZER}
 """The defaults of a condition, its budget apart."""

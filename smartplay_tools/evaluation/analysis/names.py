@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell
-from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison
-from smartplay_tools.types import STRATEGIES, Budget
+from smartplay_tools.evaluation.analysis.windows import LIMITS, WINDOW, WindowComparison
+from smartplay_tools.groups import grouped
+from smartplay_tools.transcript.hashing import canonical_json
+from smartplay_tools.types import STRATEGIES, Budget, ResolvedBudget
 
 
 def series_name(comparison: WindowComparison, among: Sequence[WindowComparison]) -> str:
     """Return the player, and whatever else distinguishes its cells from others of the same game in the figure."""
     own = _facts(comparison.cell)
-    rivals = [_facts(other.cell) for other in among if other.cell.game == comparison.cell.game]
-    differing = [name for name in own if len({rival[name] for rival in rivals}) > 1]
-    return ", ".join([comparison.cell.player, *(f"{name} {own[name]}" for name in differing)])
+    rivals = [other.cell for other in among if other.cell.game == comparison.cell.game]
+    facts = [_facts(rival) for rival in rivals]
+    differing = [f"{name} {own[name]}" for name in own if len({each[name] for each in facts}) > 1]
+    return ", ".join([comparison.cell.player, *differing, *_in_words(comparison.cell, _differing_limits(rivals))])
 
 
 def _facts(cell: PlayedCell) -> dict[str, str]:
@@ -30,6 +33,29 @@ def strategy_name(cell: PlayedCell) -> str:
 def window_name(cell: PlayedCell) -> str:
     """Return a description of a cell's window: history 5, prompts <= 1,000, slack 0.5."""
     return _part(cell, WINDOW).describe()
+
+
+def window_names(cells: Sequence[PlayedCell]) -> list[str]:
+    """Return a description of each cell's window; those with the same one are told apart by their other caps."""
+    groups = grouped(cells, lambda cell: (cell.game, cell.player))
+    differing = {player: _differing_limits(members) for player, members in groups.items()}
+    return [", ".join([window_name(cell), *_in_words(cell, differing[cell.game, cell.player])]) for cell in cells]
+
+
+def _differing_limits(cells: Sequence[PlayedCell]) -> list[str]:
+    """The caps, other than of the window, in which cells that have the same window differ."""
+    varied = [name for name in LIMITS if len({cell.budget[name] for cell in cells}) > 1]
+    same = grouped(cells, _window_key).values() if varied else ()
+    return [name for name in varied if any(len({cell.budget[name] for cell in members}) > 1 for members in same)]
+
+
+def _window_key(cell: PlayedCell) -> bytes:
+    return canonical_json([*_facts(cell).values(), cell.player, *(cell.budget[name] for name in WINDOW)])
+
+
+def _in_words(cell: PlayedCell, limits: Iterable[str]) -> list[str]:
+    words = ResolvedBudget(**cell.budget).words()
+    return [words[name] for name in limits]
 
 
 def _part(cell: PlayedCell, fields: Iterable[str]) -> Budget:

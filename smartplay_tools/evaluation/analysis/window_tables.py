@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns
 from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell
 from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS, is_much_cut
-from smartplay_tools.evaluation.analysis.names import window_name
+from smartplay_tools.evaluation.analysis.names import window_names
 from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
     decimals_of,
@@ -45,7 +45,9 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
     rows: list[tuple[str, ...]] = []
     for title, members in grouped(comparisons, lambda comparison: family_title(comparison.cell)).items():
         decimals = decimals_of(c.means["score"] for c in members)
-        rows += [(title,), *(_row(comparison, decimals, priced=priced, single=single) for comparison in members)]
+        rows.append((title,))
+        for name, comparison in zip(window_names([c.cell for c in members]), members, strict=True):
+            rows.append((f"  {name}", *_figures(comparison, decimals, priced=priced, single=single)))
     headings = columns("window", "n", "score", "+-", "tokens", "stable", *(["USD"] if priced else []), "")
     held = (SINGLE if single else TOGETHER).format(compared=compared)
     notes = [
@@ -69,14 +71,13 @@ def family_title(cell: PlayedCell) -> str:
     return ", ".join([cell.game, cell.player, *rules])
 
 
-def _row(comparison: WindowComparison, decimals: int, *, priced: bool, single: bool) -> tuple[str, ...]:
+def _figures(comparison: WindowComparison, decimals: int, *, priced: bool, single: bool) -> tuple[str, ...]:
     means = comparison.means
     share, cost = means.get("prefix_share"), means.get("cost")
     difference = comparison.differences.get("score") if single else comparison.together
     compared = "no pairs" if difference is None else with_interval(difference, decimals, sign="+")
     marks = ("*" if comparison.on_token_front else "") + ("$" if priced and comparison.on_cost_front else "")
     return (
-        f"  {window_name(comparison.cell)}",
         f"{comparison.episodes}",
         with_interval(means["score"], decimals),
         "full context" if comparison.is_full else compared,

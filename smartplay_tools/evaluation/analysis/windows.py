@@ -27,10 +27,13 @@ from smartplay_tools.evaluation.analysis.pairs import MEASURES, cut_share, diffe
 from smartplay_tools.evaluation.analysis.pareto import pareto_front
 from smartplay_tools.groups import grouped
 from smartplay_tools.records.rows import Row
-from smartplay_tools.types import STRATEGIES
+from smartplay_tools.types import STRATEGIES, Budget
 
 WINDOW = ("history", "prompt_tokens", "slack", *STRATEGIES)
 """The fields of a budget that say how much of an episode a prompt shows, and what becomes of the rest."""
+
+LIMITS = tuple(name for name in Budget.model_fields if name not in WINDOW)
+"""The other fields, which limit replies, results and whole episodes."""
 
 _FOLLOWS_FROM_WINDOW = ("result_tokens", "manual_tokens")
 """Fields for which "auto" gives a different number under a different cap on prompts."""
@@ -155,7 +158,7 @@ def as_row(comparison: WindowComparison) -> dict[str, Any]:
     """Return a comparison as one flat row of a table: `score`, `score_low`, `score_high`, `score_difference`, ..."""
     cell = comparison.cell
     row: dict[str, Any] = {"game": cell.game, "engine": cell.engine, "player": cell.player, **cell.rules}
-    row |= {name: cell.budget[name] for name in WINDOW}
+    row |= {name: cell.budget[name] for name in (*WINDOW, *LIMITS)}
     row |= {"episodes": comparison.episodes, "full_context": comparison.is_full}
     row |= {"cut_share": comparison.cut_share}
     for measure in MEASURES:

@@ -18,7 +18,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
 )
 from smartplay_tools.evaluation.analysis.headline import CUT
-from smartplay_tools.evaluation.analysis.names import series_name, window_name
+from smartplay_tools.evaluation.analysis.names import series_name, window_names
 from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, width
 from smartplay_tools.groups import grouped
@@ -127,20 +127,21 @@ def _tick(price: float) -> str:
 def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> None:
     """Label the cells of the front with their windows or players, where a label covers no point, label or axis."""
     # Of equal points the one with the narrowest window gets the label; the best scores are labelled first.
-    front = sorted((c for c in members if _on_front(c, price)), key=lambda c: width(c.cell))
-    front = sorted(front, key=lambda c: _point(c, price), reverse=True)
+    windows = window_names([c.cell for c in members])
+    front = [pair for pair in zip(members, windows, strict=True) if _on_front(pair[0], price)]
+    front.sort(key=lambda pair: width(pair[0].cell))
+    front.sort(key=lambda pair: _point(pair[0], price), reverse=True)
     points = [axes.transData.transform(_point(c, price)) for c in members]
     marks = [text for text in axes.texts if text.get_text() == CUT]
     taken: list[Bbox] = [mark.get_window_extent() for mark in marks]
     inside, named = axes.get_window_extent(), set()
-    has_windows = len({window_name(c.cell) for c in members}) > 1
-    for comparison in front:
+    for comparison, window in front:
         if (point := _point(comparison, price)) in named:
             continue
         named.add(point)
         for right, up, side in PLACES:
             label = axes.annotate(
-                typeset(window_name(comparison.cell)) if has_windows else comparison.cell.player,
+                typeset(window) if len(set(windows)) > 1 else comparison.cell.player,
                 point,
                 (right, up),
                 textcoords="offset points",
