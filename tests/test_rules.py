@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import pytest
 from typer.main import get_command
 
@@ -10,6 +12,7 @@ from smartplay_tools.cli import app
 from smartplay_tools.cli.episode_options import BUDGET, OF_RUNS
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.evaluation.runs.run_file import read_run_file
+from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 
 HANOI, CRAFTER = "Hanoi3Disk-v0", "Crafter-v0"
 OWN = {"manual": "pinned", "batch": "first_act", "protocol": "paper", "observation": "both", "carry": "notes"}
@@ -24,6 +27,14 @@ def test_every_rule_and_every_field_of_the_budget_is_an_option(command):
     rules = set(RULES) - {"context"}
     assert options & set(RULES) == (rules if command != "play" else rules - set(OF_RUNS))
     assert set(sp.Budget.model_fields) == set(BUDGET) <= options
+
+
+def test_every_option_of_a_run_and_every_rule_is_a_keyword_of_evaluate_and_sweep():
+    options, rules = {field.name for field in fields(RunOptions)}, set(RULES) - {"context"}
+    beside = {"engine", "tokenizer", "options", "player_options"}
+    assert RunKeywords.__annotations__.keys() == options | rules | beside
+    for name in options:
+        assert f"{name}," in sp.evaluate.__doc__ or f"{name})" in sp.evaluate.__doc__
 
 
 def test_every_rule_is_in_the_record_the_row_and_the_key(tmp_path):

@@ -2,8 +2,9 @@
 
 The start event of a record contains the config, the key of an episode is its digest, a cell of a run is a config
 without a seed, and a row of results is a config with its result. Replay, `resume` and the replay page create the same
-episode again from it. To add a rule, add a field to `Rules`, the code that obeys it, and its command-line option in
-`cli/episode_options.py`; `Episode`, runs, run files, rows, tables and figures take the rules from its fields.
+episode again from it. To add a rule, add a field to `Rules`, the code that obeys it, its command-line option in
+`cli/episode_options.py` and its keyword in `evaluation/runs/run_options.py`, which type checkers read; `Episode`, runs,
+run files, rows, tables and figures take the rules from its fields.
 """
 
 from __future__ import annotations

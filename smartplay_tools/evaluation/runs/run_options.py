@@ -15,7 +15,7 @@ from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.scheduler import OnProgress
 from smartplay_tools.records.manifest import Until
 from smartplay_tools.records.prices import Price
-from smartplay_tools.types import CarriedStore
+from smartplay_tools.types import CarriedStore, ObservationForm
 
 
 @dataclass(frozen=True)
@@ -83,5 +83,6 @@ class RunKeywords(TypedDict, total=False):
     manual: ManualMode
     batch: BatchPolicy
     protocol: ProtocolName
+    observation: ObservationForm
     carry: CarriedStore | None
     chain: int | None

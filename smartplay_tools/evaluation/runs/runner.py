@@ -123,8 +123,8 @@ def evaluate(
         repeats: how often each of these worlds is played, with other random numbers of the player.
         seed: the seed of the run; the seed of a trial follows from it, the game and the trial.
         options: how the run is played, which are the fields of `RunOptions` (executor, workers, shard, run_tokens,
-            run_cost, prices, track, on_progress), and the rest of a cell: engine, tokenizer, options, player_options,
-            and the fields of `Rules`, such as manual="pinned".
+            run_cost, prices, until, track, on_progress), and the rest of a cell: engine, tokenizer, options,
+            player_options, and the fields of `Rules`, such as manual="pinned".
 
     A mistake in the arguments raises `InvalidArgumentError` before the first episode. Errors in an episode are only
     recorded, in the folder and in `Run.failures`.
