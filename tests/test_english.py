@@ -18,7 +18,7 @@ PHRASES = {
     r"\bbesides\b": "in addition to, apart from, also",
     r"\ball the same\b": "still",
     r"\bgoes on from\b": "continues from",
-    r"\ba limit of \w+( \w+)?'s?(?= \W)": "an Inspect limit, a limit of the trainer",
+    r"\ba limit of (the )?(framework|host|Inspect|trainer|TRL)'s (?!own\b)": "an Inspect limit, a limit of the trainer",
     r"\bdoes no I/O\b": "never calls a model",
 }
 """Patterns of phrases, and what to write instead."""

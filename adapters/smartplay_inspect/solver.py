@@ -1,4 +1,4 @@
-"""The solver: a `Conversation` that asks Inspect's model, until the game, a budget or a limit of Inspect's ends it.
+"""The solver: a `Conversation` that asks Inspect's model, until the game, a budget or an Inspect limit ends it.
 
 Inspect's ready agents have no hook that could show a model an exact window (they compact a history that is too long),
 so the loop is this package's and only the model is Inspect's. A live episode cannot be kept in Inspect's store, which
@@ -46,7 +46,7 @@ class Played(StoreModel):
 def smartplay_agent(new_episode: NewEpisode | None = None, *, pictures: bool = False) -> Solver:
     """Play the episode that a sample's metadata configures (`config`) with the model of the evaluation.
 
-    A limit of Inspect's ends the episode as `host`, with the limit's name as its detail, and the score so far counts.
+    An Inspect limit ends the episode as `host`, with the limit's name as its detail, and the score so far counts.
     For tasks of your own, `new_episode` makes the episode of a sample: it gets the sample's state, and a list for the
     record, which it may pass to the episode as its transcript. `pictures` says that the model sees pictures; an episode
     whose observations are pictures is refused without it.

@@ -1,7 +1,7 @@
 """SmartPlayHarness: OpenEnv's white-box harness, in which a trainer samples replies and each prompt is the window.
 
 A trainer such as TRL's `AsyncGRPOTrainer` gives the harness a function that samples one reply. The loop around it is
-that of an `AgentSession`, so budgets hold as in `smartplay_tools.play`. A limit of the trainer's ends the episode as
+that of an `AgentSession`, so budgets hold as in `smartplay_tools.play`. A limit of the trainer ends the episode as
 `host`, with its name; calls of a message that are more than the trainer allows are refused in the host's name.
 """
 
@@ -151,7 +151,7 @@ class _Rollout:
         return Reply(cast(Message, step.response.to_message_dict()))
 
     def _is_at_a_limit(self) -> bool:
-        """Whether a limit of the trainer's ends the episode here."""
+        """Whether a limit of the trainer ends the episode here."""
         most = self._limits.max_total_tool_calls
         if self._turns == self._limits.max_turns:
             self._episode.end("host", detail="max_turns")

@@ -126,7 +126,7 @@ def _stored_whole(requests: Sequence[Request], prefixes: Prefixes, rule: CacheRu
     bisection.
     """
     if life == inf:
-        return prefixes.known_to_reply if rule.replies else prefixes.known
+        return prefixes.shared_with_reply if rule.replies else prefixes.shared
     used: dict[int, float] = {}
     lengths = []
     for request, path, answer in zip(requests, prefixes.paths, prefixes.answers, strict=True):
@@ -153,12 +153,12 @@ def _stored_to_marks(
     """The stored prefixes by their numbers, with the time of their last use."""
     lookback = inf if rule.lookback is None else rule.lookback
     blocks, lengths = prefixes.blocks, []
-    each = zip(requests, prefixes.paths, prefixes.known_to_reply, prefixes.answers, marks, strict=True)
-    for request, path, known, answer, ends in each:
+    each = zip(requests, prefixes.paths, prefixes.shared_with_reply, prefixes.answers, marks, strict=True)
+    for request, path, shared, answer, ends in each:
         now, longest = request.at or 0.0, 0
         for mark in reversed(ends):
             farthest = blocks[path[mark]] - lookback
-            for length in range(min(mark, known), longest, -1):
+            for length in range(min(mark, shared), longest, -1):
                 prefix = path[length]
                 if blocks[prefix] < farthest:
                     break

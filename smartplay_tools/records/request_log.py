@@ -110,9 +110,9 @@ class Prefixes:
         """`ratio` is that of the provider's tokens to ours."""
         self.paths: list[list[int]] = []
         """For each request its prefixes, by their length in units."""
-        self.known: list[int] = []
+        self.shared: list[int] = []
         """For each request, how many of its units an earlier one begins with."""
-        self.known_to_reply: list[int] = []
+        self.shared_with_reply: list[int] = []
         """For each request, how many of its units an earlier one, or one with its reply, begins with."""
         self.answers: list[int] = []
         """For each request the prefix that is itself with its reply."""
@@ -133,11 +133,11 @@ class Prefixes:
             if (prefix := self._after(path[-1], unit)) is None:
                 break
             path.append(prefix)
-        known = len(path) - 1
-        self.known_to_reply.append(known)
-        self.known.append(known - (path[known] in self._replies))  # nothing follows a reply that was not shown again
-        self._replies.discard(path[known])
-        path += self._grown(path[known], units[known:])
+        shared = len(path) - 1
+        self.shared_with_reply.append(shared)
+        self.shared.append(shared - (path[shared] in self._replies))  # nothing follows a reply that was not shown again
+        self._replies.discard(path[shared])
+        path += self._grown(path[shared], units[shared:])
         self.paths.append(path)
         if (prefix := self._after(path[-1], answer)) is None:
             [prefix] = self._grown(path[-1], [answer])

@@ -71,7 +71,7 @@ def encode(scene: Scene, unit: int, scale: int) -> Picture:
     return layout.picture(_with_amounts(layout, unit, *_IN_ORDER(scene.inventory)), view)
 
 
-class _Known(NamedTuple):
+class _EncodedCells(NamedTuple):
     """Encoded cells."""
 
     numbers: bytes
@@ -86,20 +86,21 @@ class _Light:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
-        self._known: _Known | None = None
+        self._cells: _EncodedCells | None = None
         """Replaced as a whole, since episodes in several threads share it."""
 
     def tiles(self, numbers: bytes, scene: Scene, unit: int) -> EncodedTiles:
         """Return cells by their numbers."""
-        known = self._known
-        if known is None or numbers.translate(None, known.numbers):
+        cells = self._cells
+        if cells is None or numbers.translate(None, cells.numbers):
             # What was shown in another light will be shown in this one, too; ten cells take little longer than one.
             shown = _ever_shown(self._layout)
             shown.update(numbers)
             asked = bytes(sorted(shown))
             places = bytes.maketrans(asked, bytes(range(len(asked))))
-            self._known = known = _Known(asked, places, self._layout.encoded(_by_day([*asked], scene, unit)))
-        return known.tiles.take(np.frombuffer(numbers.translate(known.places), np.uint8))
+            encoded = self._layout.encoded(_by_day([*asked], scene, unit))
+            self._cells = cells = _EncodedCells(asked, places, encoded)
+        return cells.tiles.take(np.frombuffer(numbers.translate(cells.places), np.uint8))
 
 
 @functools.lru_cache(512)

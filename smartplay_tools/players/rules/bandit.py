@@ -58,11 +58,11 @@ def _ranks(reading: Reading) -> Ranks | None:
     if (match := PULL.search(before.text)) and int(match[1]) <= len(counts):  # its notes were older than its last pull
         counts[int(match[1]) - 1][0] += 1
         counts[int(match[1]) - 1][1] += int(match[2])
-    known: Ranks = before.facts.get("ranks", [[0, 0], [0, 0]])
-    if len(counts) != len(known) or not all(pulls for pulls, _ in counts):
-        return known
+    ranks: Ranks = before.facts.get("ranks", [[0, 0], [0, 0]])
+    if len(counts) != len(ranks) or not all(pulls for pulls, _ in counts):
+        return ranks
     best_first = sorted(counts, reverse=True)  # the one that was pulled more was found to be the better one
-    return [[own[at] + rank[at] for at in range(2)] for own, rank in zip(best_first, known, strict=True)]
+    return [[own[at] + rank[at] for at in range(2)] for own, rank in zip(best_first, ranks, strict=True)]
 
 
 def _pull_likely(reading: Reading, counts: Mapping[int, tuple[int, int]], ranks: Ranks) -> Message:
