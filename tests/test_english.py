@@ -27,12 +27,14 @@ PHRASES = {
 WRITTEN = {".css", ".j2", ".js", ".md", ".py", ".toml", ".yaml", ".yml"}
 GENERATED = {"__pycache__", "_board", "_build", "jupyter_execute", "node_modules"}
 FOLDERS = ("docs", "smartplay_tools", "adapters", "tests", "examples", "experiments", "benchmarks", "hub", ".ci")
+BESIDE = ("", ".github", "changelog.d")
+"""Folders of which the files themselves are read: README and its neighbours, templates, and what has changed."""
 
 
-@pytest.mark.parametrize("folder", FOLDERS)
+@pytest.mark.parametrize("folder", [*FOLDERS, *BESIDE])
 def test_no_phrase_is_a_translation(folder):
     """Pages, code with its comments, templates and scripts: what people write, wherever it stands."""
-    for path in sorted((ROOT / folder).rglob("*")):
+    for path in sorted((ROOT / folder).glob("*" if folder in BESIDE else "**/*")):
         is_written = path.is_file() and (path.suffix in WRITTEN or folder == ".ci")
         if not is_written or path == Path(__file__) or not GENERATED.isdisjoint(path.parts):
             continue
