@@ -159,14 +159,16 @@ KINDS_ARE_TESTED_BY = (
     "episode/stats.py",
     "context/turns.py",
     "conversation/paper.py",
+    "smartplay_otel/spans.py",
 )
-"""What takes events apart: records, and the counters and turns of a game under way."""
+"""What takes events apart: records, the counters and turns of a game under way, and spans, one event after another."""
 
 
 def test_only_records_tell_events_apart():
     """Everything else asks a `Record`, so a new kind of event is a type, a case of `Record` and a row of the docs."""
-    for path in modules():
-        where = path.relative_to(PACKAGE).as_posix()
+    adapters = sorted((ROOT / "adapters").rglob("*.py"))
+    for path in [*modules(), *adapters]:
+        where = path.relative_to(ROOT / "adapters" if path in adapters else PACKAGE).as_posix()
         if where.startswith(KINDS_ARE_TESTED_BY):
             continue
         for node in nodes(path):

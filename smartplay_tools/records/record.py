@@ -1,7 +1,8 @@
 """Record: an episode as its record tells it, whether it is finished, was stopped, or is still being played.
 
 What an event means for the episode is written in `Record` alone: how it ended, what it used, what was said and shown.
-Only playing (the episode's counters, the turns of a conversation, the driver of a replay) takes events apart, too.
+Only playing (the episode's counters, the turns of a conversation, the driver of a replay) takes events apart, too, and
+`smartplay_otel`, which makes spans of one event after another.
 """
 
 from __future__ import annotations
