@@ -14,13 +14,15 @@ from __future__ import annotations
 import argparse
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from page_tables import publish
 
 import smartplay_tools as sp
 from smartplay_tools.games import PAPER_RESULTS
+from smartplay_tools.records import Record
 from smartplay_tools.tokens import get_tokenizer
 
 PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
@@ -111,13 +113,13 @@ def _texts(game: str, seeds: int, cap: int | None) -> Iterator[tuple[str, str]]:
                     yield event["text"], event["name"]
 
 
-def _calls(game: str, player: str, seed: int, cap: int | None) -> Iterator[dict[str, object]]:
+def _calls(game: str, player: str, seed: int, cap: int | None) -> Iterator[Mapping[str, Any]]:
     budget = sp.Budget(prompt_tokens=cap, tool_calls=CALLS)
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "record.jsonl"
         with sp.Episode(game, seed=seed, budget=budget, transcript=record) as episode:
             sp.play(episode, sp.get_player(player, seed=seed))
-        yield from (event for event in sp.read_transcript(record) if event["event"] == "call")
+        yield from Record.read(record).calls
 
 
 if __name__ == "__main__":
