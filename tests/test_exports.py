@@ -356,9 +356,9 @@ def test_pictures_are_files_beside_the_rows_on_request(tmp_path, form_of_rows):
         with sp.Episode("Crafter-v0", seed=5, observation=form, budget=budget, transcript=path) as episode:
             sp.play(episode, sp.get_player("random", seed=5))
     made = export(tmp_path / "records", tmp_path / "data", form_of_rows, pictures=True)
-    known = recorded_pictures(tmp_path / "records" / "picture.jsonl")
+    recorded = recorded_pictures(tmp_path / "records" / "picture.jsonl")
     files = {file.name: file.read_bytes() for file in (tmp_path / "data" / "pictures").iterdir()}
-    assert files == {f"{sha256}.png": picture.png for sha256, picture in known.items()}
+    assert files == {f"{sha256}.png": picture.png for sha256, picture in recorded.items()}
     assert made.counts["pictures"] == len(files)
     exported = rows(tmp_path / "data")
     for row in exported:

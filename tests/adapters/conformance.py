@@ -50,8 +50,8 @@ class Held(NamedTuple):
     """How an episode was played."""
 
     sent: Sent
-    told: sp.Usage | None = None
-    """What the host was told that it cost; None if it is told nothing."""
+    usage: sp.Usage | None = None
+    """The usage that the host was told; None if it is told none."""
     words: str = ""
     """The latest words that the host got from us in the model's place."""
 

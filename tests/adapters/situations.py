@@ -112,8 +112,8 @@ def forgets(row: Window, log: pytest.LogCaptureFixture) -> None:
     _, plain = played(row, MOVES, "")
     assert [prompt.messages for prompt in held.sent] == [prompt.messages for prompt in plain.sent]
     gone = [record.getMessage() for record in log.records if "are gone from" in record.message]
-    (told,) = [re.match(r"[1-9]\d* messages with (\d+) tokens of text .* paid", text) for text in gone]
-    assert told
+    (tokens,) = [re.match(r"[1-9]\d* messages with (\d+) tokens of text .* paid", text) for text in gone]
+    assert tokens
 
 
 def usage(row: Window, log: pytest.LogCaptureFixture) -> None:
@@ -121,15 +121,18 @@ def usage(row: Window, log: pytest.LogCaptureFixture) -> None:
     budget = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=8, stalled_turns=None)
     broken = [calling(("act", '{"action":'))] if row.broken_json else []
     script = [calling(say="Hm."), *broken, *[calling(("observe", {}), say="I have looked.")] * 20]
-    for given, end, said in ((budget, "tool_calls", script), (sp.Budget(), "no_tool_call", [calling(say="Hm.")] * 3)):
+    for given, end, replies in (
+        (budget, "tool_calls", script),
+        (sp.Budget(), "no_tool_call", [calling(say="Hm.")] * 3),
+    ):
         episode, _ = fresh(given)
         with episode:
-            held = row.hold(episode, said, situation="usage")
+            held = row.hold(episode, replies, situation="usage")
         assert episode.result is not None
         assert episode.result.end_reason == end
         billed = len(held.sent)
-        assert held.told is not None
-        assert (held.told.prompt, held.told.reply) == (billed * EACH.prompt, billed * EACH.reply)
+        assert held.usage is not None
+        assert (held.usage.prompt, held.usage.reply) == (billed * EACH.prompt, billed * EACH.reply)
         on_record = episode.result.tokens.provider
         assert on_record is not None
         assert (on_record.requests, on_record.prompt) == (billed, billed * EACH.prompt)

@@ -153,8 +153,8 @@ class LangChainAgent:
                         raise
                     words = str(error)
         counts = callback.usage_metadata.get("scripted")
-        told = None if counts is None else usage_of(AIMessage("", usage_metadata=counts))
-        return Held(self.model.received, told, words or str(state["messages"][-1].text if state["messages"] else ""))
+        usage = None if counts is None else usage_of(AIMessage("", usage_metadata=counts))
+        return Held(self.model.received, usage, words or str(state["messages"][-1].text if state["messages"] else ""))
 
 
 class Forgets(AgentMiddleware[Any, Any, Any]):
@@ -239,12 +239,12 @@ def agents_sdk(
         other = Agent("helper", model=model, tools=model.tools)
         return str((await Runner.run(other, "Play.", run_config=model.run_config)).final_output)
 
-    told = replace(
+    weather_tool = replace(
         function_tool(weather, name_override=WEATHER.name, strict_mode=False),
         description=WEATHER.description,
         params_json_schema=dict(WEATHER.parameters),
     )
-    own: dict[str, list[Tool]] = {"broken call": [told], "picture": [camera], "sub-agent": [helper]}
+    own: dict[str, list[Tool]] = {"broken call": [weather_tool], "picture": [camera], "sub-agent": [helper]}
     tools = [] if situation == "no tools" else [*model.tools, *own.get(situation, [])]
     output = AgentOutputSchema(dict[str, int], strict_json_schema=False) if situation == "schema" else None
     agent = Agent("player", model=model, tools=tools, model_settings=settings, output_type=output)
@@ -332,9 +332,9 @@ def window_endpoint(
             elif situation == "no calls":
                 aside = asks.ask([*asks.begin], offered, tool_choice=asks.no_calls).text
             extra = asks.schema(SCHEMA) if situation == "schema" else {}
-            words, told = play(offered, forgets=situation == "forgets", **extra)
+            words, usage = play(offered, forgets=situation == "forgets", **extra)
             words = play(offered)[0] if situation == "again" else words
-    return Held(stub.received, told, aside or words)
+    return Held(stub.received, usage, aside or words)
 
 
 def nothing(name: str) -> sp.ToolSpec:

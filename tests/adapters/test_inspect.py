@@ -126,9 +126,9 @@ def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | No
     model = Scripted(script)
     task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
     sample = sample_of(run(task, model, max_tokens=own_cap))
-    (told,) = sample.model_usage.values()
-    prompt = told.input_tokens + (told.input_tokens_cache_read or 0)
-    return Held(model.received, sp.Usage(prompt=prompt, reply=told.output_tokens))
+    (usage,) = sample.model_usage.values()
+    prompt = usage.input_tokens + (usage.input_tokens_cache_read or 0)
+    return Held(model.received, sp.Usage(prompt=prompt, reply=usage.output_tokens))
 
 
 LACKS = lacking("the loop in Inspect's solver is ours: there is no agent of a host's, nor tools or messages of its own")

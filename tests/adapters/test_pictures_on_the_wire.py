@@ -342,11 +342,11 @@ def test_the_window_endpoint_sends_its_model_the_pictures_whatever_the_host_asks
             host.play()
         elif interface == "messages":
             with anthropic.Anthropic(base_url=endpoint.url, api_key="k") as client:
-                said = []
-                while calls := ask_for_message(client, host, said, MESSAGES_TOOLS):
+                sent = []
+                while calls := ask_for_message(client, host, sent, MESSAGES_TOOLS):
                     results = [(call.id, host.run(call.name, call.input)) for call in calls]
                     blocks = [{"type": "tool_result", "tool_use_id": i, "content": text} for i, text in results]
-                    said.append({"role": "user", "content": blocks})
+                    sent.append({"role": "user", "content": blocks})
         else:
             with openai.OpenAI(base_url=endpoint.base_url, api_key="k") as client:
                 items = [{"role": "user", "content": "Play."}]
@@ -362,11 +362,11 @@ def test_the_window_endpoint_sends_its_model_the_pictures_whatever_the_host_asks
         assert shown == [episode.call(*call).picture.png for call in (NOOP, OBSERVE)]
 
 
-def ask_for_message(client, host, said, tools):
+def ask_for_message(client, host, sent, tools):
     """Ask for a message of Anthropic's interface; return its calls."""
     first = {"role": "user", "content": "Play."}
-    answer = client.messages.create(model=host.model, max_tokens=100, messages=[first, *said], tools=tools)
-    said.append({"role": "assistant", "content": answer.content})
+    answer = client.messages.create(model=host.model, max_tokens=100, messages=[first, *sent], tools=tools)
+    sent.append({"role": "assistant", "content": answer.content})
     return [block for block in answer.content if block.type == "tool_use"]
 
 

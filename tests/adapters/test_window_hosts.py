@@ -187,9 +187,9 @@ def test_an_edited_result_of_the_game_is_told_of_and_changes_nothing():
         wrapped = {**host.messages[-1], "content": json.dumps({"text": text, "is_error": False})}
         whole = host.request(messages=[*host.messages[:-1], wrapped])
         edited = host.request(messages=[*host.messages[:-1], {**host.messages[-1], "content": "A long result."}])
-        told = post(endpoint, "chat/completions", edited).headers["x-smartplay-ignored"]
+        ignored = post(endpoint, "chat/completions", edited).headers["x-smartplay-ignored"]
         assert "edited result" not in post(endpoint, "chat/completions", whole).headers["x-smartplay-ignored"]
-    assert "edited result of act (1)" in told
+    assert "edited result of act (1)" in ignored
     assert player.prompts[1].messages[-1]["content"] == text
 
 

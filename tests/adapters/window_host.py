@@ -247,16 +247,16 @@ INTERFACES: dict[str, type[ByChat]] = {"chat": ByChat, "responses": ByResponses,
 def play_through(
     asks: ByChat, tools: dict[str, Any], offered: list[Any] = TOOLS, *, forgets: bool = False, **extra: Any
 ) -> tuple[str, sp.Usage]:
-    """Play an episode through a client to the end; return the last words, and all the usage that was told.
+    """Play an episode through a client to the end; return the last words and the usage of all answers.
 
     A host that `forgets` keeps no more than its first messages and the latest reply with its results.
     """
-    messages, told = [*asks.begin], sp.Usage(requests=0)
+    messages, usage = [*asks.begin], sp.Usage(requests=0)
     for _ in range(60):
         answer = asks.ask(messages, offered, **extra)
-        told += answer.usage
+        usage += answer.usage
         if not answer.calls:
-            return answer.text, told
+            return answer.text, usage
         results = asks.results([(call_id, tools[name](**arguments)) for call_id, name, arguments in answer.calls])
         messages = [*(asks.begin if forgets else messages), *answer.items, *results]
     raise AssertionError("the game does not end")

@@ -60,10 +60,10 @@ def test_a_trial_begins_with_the_last_result_and_the_notes_of_the_one_before(pla
             assert len(head["messages"]) == 2
         else:
             assert start["carried"] == before
-            told = text_of(head["messages"][-1])
-            assert told.startswith("You have played this game before, in another world.")
-            assert before["result"] in told
-            assert before["notes"] in told
+            introduction = text_of(head["messages"][-1])
+            assert introduction.startswith("You have played this game before, in another world.")
+            assert before["result"] in introduction
+            assert before["notes"] in introduction
         taken = [json.loads(call["arguments"])["text"] for call in calls if call["name"] == "take_notes"]
         before = {"record": events[-1]["chain"], "result": calls[-1]["text"], "notes": taken[-1]}
         assert row["carry"] == "notes"
@@ -135,8 +135,8 @@ def test_a_replay_of_a_run_finds_a_trial_that_follows_another_record(played, tmp
     other = run(tmp_path / "other", players=[sp.evaluation.PlayerConfig(name="random")])
     first = done.rows[0]["key"]
     done.transcript(first).write_bytes(other.transcript(other.rows[0]["key"]).read_bytes())
-    found = {finding.key: " ".join(finding.differences) for finding in audit(done.folder, 1)}
-    assert "another record" in found[done.rows[1]["key"]]
+    differences = {finding.key: " ".join(finding.differences) for finding in audit(done.folder, 1)}
+    assert "another record" in differences[done.rows[1]["key"]]
 
 
 def test_a_submission_is_verified_with_its_chains(played, tmp_path):

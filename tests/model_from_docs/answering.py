@@ -93,9 +93,9 @@ class Answering:
         self, turn: Turn, name: str, values: dict[str, Any] | None, documents: Mapping[int, str], is_refused: bool
     ) -> tuple[Answer, int | None, int | None, bool]:
         n, cap = self.n.text, self.budget.result_tokens
-        known = {tool.name for tool in self.tools}
+        names = {tool.name for tool in self.tools}
         field = {"act": "action", "take_notes": "text", "recall": "query", "read_result": "page"}.get(name)
-        is_well_formed = name in known and values is not None
+        is_well_formed = name in names and values is not None
         if is_well_formed and name != "memory":
             assert values is not None
             is_well_formed = not values if field is None else [*values] == [field] and isinstance(values[field], str)
@@ -133,9 +133,9 @@ class Answering:
         if name == "recall":
             self.totals.add("recalls")
             self.accepted[name] = values
-            told, is_cut = answer(value, documents, self.budget.recall_tokens, n)
+            matches, is_cut = answer(value, documents, self.budget.recall_tokens, n)
             self.totals.add("cut_results", is_cut)
-            return Answer(told), max(self.observed, default=0), None, not is_same
+            return Answer(matches), max(self.observed, default=0), None, not is_same
         if name == "read_result":
             page = self.pages.read(value)
             if page is None:
@@ -144,15 +144,15 @@ class Answering:
             self.totals.add("pages")
             self.accepted[name] = values
             return Answer(page), max(self.observed, default=0), None, not is_same
-        said = self.files.call(values)
-        if said.kind == "malformed":
+        outcome = self.files.call(values)
+        if outcome.kind == "malformed":
             self.totals.add("malformed_calls")
-            return said, None, None, False
-        self.totals.add("refused_memory", said.kind == "memory")
-        if not said.kind:
+            return outcome, None, None, False
+        self.totals.add("refused_memory", outcome.kind == "memory")
+        if not outcome.kind:
             self.accepted[name] = values
-        assert said.text is not None
-        return Answer(self._cut(said.text, cap), said.kind), None, None, not said.kind and not is_same
+        assert outcome.text is not None
+        return Answer(self._cut(outcome.text, cap), outcome.kind), None, None, not outcome.kind and not is_same
 
     def _act(self, turn: Turn, value: str, is_refused: bool) -> tuple[Answer, int | None, int | None, bool]:
         names = [action.lower().removesuffix(".") for action in self.game.actions]

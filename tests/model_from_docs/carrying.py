@@ -70,17 +70,17 @@ class Left:
         """Return what the next trial is told; `longest` is None without a cap on prompts."""
         notes = self.notes if carry == "notes" else None
 
-        def told(result: str | None) -> sp.Message:
+        def message_with(result: str | None) -> sp.Message:
             parts = [AGAIN]
             parts += [] if result is None else [RESULT + result]
             parts += [] if notes is None else [NOTES + notes]
             return {"role": "user", "content": "\n\n".join(parts)}
 
-        whole = told(self.result)
+        whole = message_with(self.result)
         if self.result is None or longest is None or n.message(whole) <= longest:
             return whole
-        around = Counting(lambda text: n.message(told(text)), n.picture)
-        return told(cut(self.result, longest, around.text))
+        around = Counting(lambda text: n.message(message_with(text)), n.picture)
+        return message_with(cut(self.result, longest, around.text))
 
 
 def longest_message(carry: str, budget: ResolvedBudget, n: Counting) -> int:
@@ -129,8 +129,8 @@ def play_chains(seed: int, out: Path) -> int:
             assert messages == list(probe.head), where
         else:
             carried += 1
-            told = before.message(carry, longest if capped else None, n)
-            assert messages == [*probe.head, told], f"{where}: {messages[-1]}, expected {told}"
+            carried_message = before.message(carry, longest if capped else None, n)
+            assert messages == [*probe.head, carried_message], f"{where}: {messages[-1]}, expected {carried_message}"
             files = record[0]["carried"].get("files") or {}
             assert files == (before.files if carry == "memory" else {}), f"{where}: {files}, {before.files}"
         before = before.after(record, n)

@@ -174,15 +174,15 @@ class Model(Answering):
             result = next(results)
             acts += name == "act"
             is_refused = acts > 1 and self.facts["batch"] == "first_act"
-            told, item_date, shows, new = self._answer(turn, name, arguments, documents, is_refused)
+            expected, item_date, shows, new = self._answer(turn, name, arguments, documents, is_refused)
             if (result.picture is not None) != (shows is not None and self.facts["picture"] > 0):
                 wrong.append(f"{name}({arguments}) must have a picture where it shows an observation that is one")
             is_new |= new
-            if told.text is None:
+            if expected.text is None:
                 if not self._is_error(result):
-                    wrong.append(f"{name}({arguments}) must be an error ({told.kind}): {result}")
-            elif (result.text, result.is_error) != (told.text, bool(told.kind)):
-                wrong.append(f"{name}({arguments}) must be {told!r}, not {result.text!r}")
+                    wrong.append(f"{name}({arguments}) must be an error ({expected.kind}): {result}")
+            elif (result.text, result.is_error) != (expected.text, bool(expected.kind)):
+                wrong.append(f"{name}({arguments}) must be {expected!r}, not {result.text!r}")
             content: Any = result.text
             if result.picture is not None:
                 picture = result.picture
@@ -240,11 +240,11 @@ class Model(Answering):
     def _summarise(self, reply: sp.Message) -> None:
         n, cap = self.n.text, self.budget.summary_tokens
         content = reply["content"]
-        said = "".join(part["text"] for part in content) if isinstance(content, list) else content or ""
-        text = cut(said, n(FRAME) + cap, n, FRAME) if said.strip() else ""
+        words = "".join(part["text"] for part in content) if isinstance(content, list) else content or ""
+        text = cut(words, n(FRAME) + cap, n, FRAME) if words.strip() else ""
         self.totals.add("summaries")
         self.totals.add("refused_calls", len(reply.get("tool_calls", ())))
-        self.totals.add("cut_summaries", text != said and bool(said.strip()))
+        self.totals.add("cut_summaries", text != words and bool(words.strip()))
         if text.strip():
             self.summary = text
         else:

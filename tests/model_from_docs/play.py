@@ -241,10 +241,10 @@ def _follow(
     """Let the model follow a reply, add what the host adds, and return what is wrong."""
     latest = conversation.message
     assert latest is not None
-    told = {tool.name: "sunny" for tool in foreign}
-    wrong = model.receive(latest, results, told)
+    foreign_results = {tool.name: "sunny" for tool in foreign}
+    wrong = model.receive(latest, results, foreign_results)
     for call in latest.get("tool_calls", ()):
-        if (content := told.get(call["function"]["name"])) is not None:
+        if (content := foreign_results.get(call["function"]["name"])) is not None:
             conversation.add({"role": "tool", "tool_call_id": call["id"], "content": content})
     if rng.random() < 0.05 and conversation.progress.end_reason is None:
         conversation.add(message := {"role": "user", "content": "Go on. 🂡"})

@@ -45,10 +45,10 @@ def matching(query: str, documents: Mapping[int, str]) -> list[int]:
 
 def answer(query: str, documents: Mapping[int, str], cap: int, n: Callable[[str], int]) -> tuple[str, bool]:
     """Return the answer to a query over the documents of what has left, by their steps, and whether it was cut."""
-    found = [documents[step] for step in matching(query, documents)]
-    if not found:
+    matches = [documents[step] for step in matching(query, documents)]
+    if not matches:
         return cut(NOTHING, cap, n), n(NOTHING) > cap
-    for count in range(len(found), 0, -1):
-        if n("\n\n".join(found[:count])) <= cap:
-            return "\n\n".join(found[:count]), False
-    return cut(found[0], cap, n), True
+    for count in range(len(matches), 0, -1):
+        if n("\n\n".join(matches[:count])) <= cap:
+            return "\n\n".join(matches[:count]), False
+    return cut(matches[0], cap, n), True

@@ -55,7 +55,7 @@ class Speaker:
         self._kind = rng.choice(("steady", "steady", "wild", "idle", "curious", "many", "devoted", "devoted"))
         added = [tool for tool in self._tools if tool in ("take_notes", "recall", "read_result", "memory")]
         self._favourite = rng.choice(added) if added and self._kind == "devoted" else None
-        self._said = ["{}"]
+        self._used = ["{}"]
         self.heard: list[str] = ["Rock"]
         """Words of the results so far, to look for."""
 
@@ -98,10 +98,10 @@ class Speaker:
         rng = self._rng
         name, arguments = self._named()
         if rng.random() < 0.1:
-            arguments = rng.choice(self._said)
+            arguments = rng.choice(self._used)
         if rng.random() < (0.15 if self._kind == "wild" else 0.02):
             arguments = self._broken(arguments)
-        self._said.append(arguments)
+        self._used.append(arguments)
         return {"id": rng.choice(IDS), "type": "function", "function": {"name": name, "arguments": arguments}}
 
     def _named(self) -> tuple[str, str]:
