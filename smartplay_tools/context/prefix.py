@@ -78,16 +78,14 @@ def _common_run(before: Side, now: Side, first: int, counter: TokenCounter) -> i
     if stripped is not None:
         stop = stripped  # its first message differs; before it, every reply is as it was
     # What is masked, or loses its picture, is between where these boundaries were and where they are.
-    passed = [(state_before.boundary, state.boundary), (state_before.pictured, state.pictured)]
-    ranges = [range(max(first, was), min(stop, now + 1)) for was, now in passed]
-    if chosen.oldest == chosen_before.oldest:
-        ranges[0] = range(0)
-    if chosen.pictures == chosen_before.pictures:
-        ranges[1] = range(0)
-    for places in ranges:
-        for index in places:
-            if index < stop and _first_change(state.index.turns[index], chosen_before, chosen) is not None:
-                stop = index
+    passed: list[int] = []
+    if chosen.oldest != chosen_before.oldest:
+        passed += range(max(first, state_before.boundary), min(stop, state.boundary + 1))
+    if chosen.pictures != chosen_before.pictures:
+        passed += range(max(first, state_before.pictured), min(stop, state.pictured + 1))
+    for index in passed:
+        if index < stop and _first_change(state.index.turns[index], chosen_before, chosen) is not None:
+            stop = index
     if stop > chosen_before.last or stop == stripped:
         return state.run(first, stop)
     return state.run(first, stop) + common_messages(state.index.turns[stop], chosen_before, chosen, counter)[0]

@@ -106,8 +106,9 @@ class TokenIndex:
         if old:
             masked = [turn.items[at].message for at in old]
             tokens = sum(map(self._counter.content, masked)) - len(masked) * self._counter.text(OBSERVATION_LEFT)
-        for item in [turn.items[at] for at in turn.left_out(pictures) if at not in old]:
-            tokens += self._counter.content(item.message) - self._counter.content(item.unpictured)
+        if pictures:
+            for item in [turn.items[at] for at in turn.left_out(pictures) if at not in old]:
+                tokens += self._counter.content(item.message) - self._counter.content(item.unpictured)
         return tokens
 
     def first_from(self, step: int) -> int:

@@ -148,11 +148,17 @@ class Turn:
 
     def masked(self, oldest: int, pictures: int = 0) -> list[int]:
         """Return the indices of the items that read as the marker, since they are old, or nothing without a picture."""
-        old = [at for at, item in enumerate(self.items) if (date := item.date) is not None and date < oldest]
-        if left_out := self.left_out(pictures):
+        old: list[int] = []
+        if not self._is_young(oldest):
+            old = [at for at, item in enumerate(self.items) if (date := item.date) is not None and date < oldest]
+        if pictures and (left_out := self.left_out(pictures)):
             empty = {at for at in left_out if self.items[at].unpictured is self.items[at].masked}
             return sorted(empty.union(old))
         return old
+
+    def _is_young(self, oldest: int) -> bool:
+        """Whether none of its results is older than `oldest`."""
+        return not self.dates or oldest <= self.dates[0]
 
     def left_out(self, pictures: int) -> Sequence[int]:
         """Return the indices of the items whose picture is left out where the first `pictures` of all are."""
@@ -165,7 +171,7 @@ class Turn:
         """
         if bare and self.is_wordy:
             return (self.bare, *self.seen(oldest, pictures=pictures)[1:])
-        is_young = not self.dates or oldest <= self.dates[0]
+        is_young = self._is_young(oldest)
         left_out = self.left_out(pictures) if pictures else ()
         if is_young and not left_out:
             return self.messages

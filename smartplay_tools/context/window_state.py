@@ -170,7 +170,7 @@ class WindowState:
         assert last is not None
         return self.index.turns[last].step + 1 - self._first_visible(first)
 
-    @cached_property
+    @property
     def _seen_from(self) -> int:
         """The oldest observation that can be visible: one without words leaves with its picture."""
         if not self.pictures or self.pictured == self.turns:
