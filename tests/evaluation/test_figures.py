@@ -186,6 +186,17 @@ def test_legends_do_not_cover_data(comparisons):
         assert all(axes.get_tightbbox().y0 >= top for axes in drawn.axes)
 
 
+def test_a_legend_of_long_names_stays_inside_of_its_figure():
+    caps = [{"reply_tokens": 30}, {"reply_tokens": 300}, {"reply_tokens": 300, "tool_calls": 20}]
+    rows = [r for own in caps for history in (1, 5) for r in episodes([1, 2], history=history, **own)]
+    drawn = figures.score_against_history(compare_windows(rows))
+    (legend,) = drawn.legends
+    assert legend.get_texts()[2].get_text() == "rule, replies ≤ 300, calls ≤ 20"
+    drawn.draw_without_rendering()
+    box = legend.get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= drawn.bbox.width
+
+
 def test_drawing_leaves_matplotlib_as_it_was_and_opens_no_windows(comparisons):
     import matplotlib
 

@@ -167,24 +167,30 @@ def from_zero(axes: Axes, values: Iterable[float]) -> None:
 
 
 def legend_below(drawn: Figure, *, columns: int = 4, note: str = "") -> None:
-    """Add one legend for all panels below them, with each series once. The note is its title."""
+    """Add one legend for all panels below them, with each series once. The note is its title.
+
+    It has as many columns as fit beside each other, and at most `columns`.
+    """
     entries: dict[str, Any] = {}
     for axes in drawn.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
-    if entries:
-        further = -(-len(entries) // min(columns, len(entries))) - 1
-        width, height = drawn.get_size_inches()
-        drawn.set_size_inches(width, height + LEGEND_ROW * further)
-        drawn.legend(
+            entries.setdefault(typeset(label), handle)
+    width, height = drawn.get_size_inches()
+    for count in range(min(columns, len(entries)), 0, -1):
+        legend = drawn.legend(
             list(entries.values()),
             list(entries),
             loc="outside lower center",
-            ncols=min(columns, len(entries)),
+            ncols=count,
             handlelength=3.2,
             title="\n".join(textwrap.wrap(typeset(note), int(LETTERS_PER_INCH * width))) or None,
             title_fontsize=9,
         )
+        if count == 1 or legend.get_window_extent().width <= drawn.bbox.width:
+            further = -(-len(entries) // count) - 1
+            drawn.set_size_inches(width, height + LEGEND_ROW * further)
+            break
+        legend.remove()
 
 
 def save_figure(
