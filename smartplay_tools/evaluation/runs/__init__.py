@@ -10,7 +10,7 @@ estimate      the expected tokens, cost and time of a run
 run_writer    writing the run's folder
 run_options   how a run is played: executor, workers, shard, caps, prices
 scheduler     the choice of the next episode, and the handling of every finished attempt
-progress      the one thread that writes the status file and shows a run while it is played
+run_progress  the one thread that writes the status file and shows a run while it is played
 notebooks     the notebook methods of runs and sweeps
 runner        `evaluate`
 sweeps        runs over a grid of budgets, compared with full context
