@@ -2,7 +2,7 @@
 
 plan          the episodes of a run, their seeds and keys
 players       the players of a run and their options
-agents        programs that play episodes in their own way
+agents        programs and functions that play episodes in their own way
 attempt       playing and recording one planned episode
 executors/    running attempts in processes, on an event loop or on a cluster
 limits        caps on the tokens and cost of a whole run

@@ -1,10 +1,10 @@
 """Submissions: a run in one file that proves itself, and the check that replays it.
 
 metadata           who submits what: `submission.json`
-bundle             the zip file, written deterministically and unpacked as hostile
+bundle             the zip file, written deterministically and unpacked without trust
 prepare            a bundle from a run
 submitted_plan     cells, keys and seeds of a submitted run, and what of it is safe to replay
-records            one record, checked
+records            the check of one record
 limited_workers    processes that check records under limits of time and memory
 submitted_results  means of games and budgets
 check              everything together
