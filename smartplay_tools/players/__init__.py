@@ -4,7 +4,7 @@ player_registry  names of players; `get_player`
 player_files     players in a file: `FILE.py:CLASS`
 prompt_reading   parses the messages of a prompt, for rule players
 model            `ModelPlayer`, the base class of players that call a model: attempts, pauses, limits, clients
-noted            a player in the place of a framework's model, whose prompts are noted
+noted            a player in the place of a framework's model, which records the prompts
 scripted         a player that gives prepared replies
 """
 
