@@ -21,7 +21,7 @@ WORDS = {
     "schemas of its tools as JSON text.",
     "sft-chains": "One row for every stretch of an episode in which each prompt extends the one before. The assistant "
     "messages of `completion` are the replies, each after exactly the prompt to which it was given: all messages "
-    "before it. Train on them only; assistant messages of `prompt` are trained in an earlier row. `tools` are the "
+    "before it. Train on them only; assistant messages of `prompt` belong to an earlier row. `tools` are the "
     "schemas of the tools as JSON text.",
     "sft-episodes": "One row for every episode: `messages` is the whole conversation, `tools` the schemas of the tools "
     "as JSON text. A model under a budget saw parts of it at a time.",

@@ -73,7 +73,7 @@ def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
 
 
 def chain_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
-    """Yield rows in which every reply is trained once: `prompt`, `completion`, `tools`, and the facts of the episode.
+    """Yield rows in which every reply is trained on once: `prompt`, `completion`, `tools`, and the episode's facts.
 
     The assistant messages of `completion` are the replies, each after exactly the prompt to which it was given: all
     messages before it. Assistant messages of `prompt` are replies that an earlier row has.
