@@ -53,7 +53,10 @@ def evaluate(
     ] = None,
     margin: Annotated[
         str | None,
-        typer.Option(metavar="M", help="For --until: what does not matter, in points or (0.1h) human."),
+        typer.Option(
+            metavar="M",
+            help="For --until and --baseline: the difference that does not matter, in points or human scores (0.1h).",
+        ),
     ] = None,
     clip: Annotated[
         float | None,
