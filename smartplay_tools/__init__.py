@@ -5,8 +5,8 @@
     with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(prompt_tokens=4096)) as episode:
         result = sp.play(episode, sp.get_player("rule"))
 
-Every setting is a Gymnasium environment, too: once this is imported, as `smartplay/<id>`. Importing it takes
-milliseconds: what it offers is imported when it is asked for.
+Every setting is also a Gymnasium environment: importing this package registers it as `smartplay/<id>`. The import takes
+milliseconds, because each name is imported when it is first used.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ if not TYPE_CHECKING:
     )
 
     def __getattr__(name: str) -> object:
-        """Return a name when it is first asked for; the version takes longer to find than all others to import."""
+        """Import a name when it is first used; finding the version takes longer than importing all the others."""
         if name == "__version__":
             return import_module("smartplay_tools.version").__version__
         return _of_a_module(name)

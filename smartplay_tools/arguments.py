@@ -46,7 +46,7 @@ def read(arguments: Any) -> Arguments:
     if len(text) > REMEMBERED or text.count("{") + text.count("[") > 1:
         return _read(text)
     cached = _read_again(text)
-    # Whoever gets the values may change them; what is remembered is for all episodes.
+    # The caller may change the values, and the cache is shared by all episodes.
     return Arguments(cached.text, cached.canonical, dict(cached.values), None) if cached.values else cached
 
 
@@ -176,7 +176,7 @@ def text_parameters(**descriptions: str) -> Mapping[str, Any]:
 
 
 STRICT = frozenset({"type", "title", "description", "enum", "properties", "required", "additionalProperties", "items"})
-"""The keywords with which a schema is taken for strict; strict modes know some more, and refuse the rest."""
+"""The keywords that a strict schema may use here; strict modes accept some more, and refuse the rest."""
 
 
 def is_strict(schema: Any) -> bool:

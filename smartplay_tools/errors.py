@@ -103,7 +103,7 @@ class TranscriptError(SmartPlayError, ValueError):
 
 
 MOST_NAMES = 12
-"""Names that are listed where none is similar; of more, the first are."""
+"""The most names that a message lists where none is similar: the first ones."""
 
 
 def check_choice(name: str, value: object, choices: Collection[str]) -> None:
@@ -124,7 +124,7 @@ def similar(name: object, registered: Iterable[str]) -> str:
 
 
 FULL = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
-"""The errors of a disk, or of somebody's share of it, that has no space left."""
+"""The errors of a disk that is full, or of a user's quota on it."""
 
 
 LONGEST_CHAIN = 20
@@ -144,9 +144,9 @@ def is_disk_full(error: BaseException | None) -> bool:
 
 @contextmanager
 def damage_named(what: object) -> Iterator[None]:
-    """Turn the errors that damaged data cause while they are read into an `InvalidArgumentError` that names them.
+    """Turn the errors raised while damaged data is read into an `InvalidArgumentError` that names the data.
 
-    A file can be JSON and still hold anything anywhere; what checks all of it would be a second reader.
+    A file can be valid JSON and still hold a wrong value anywhere; checking all of it first would take a second reader.
     """
     try:
         yield

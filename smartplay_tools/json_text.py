@@ -1,7 +1,7 @@
-"""JSON text: written as Python's `json` writes it, in less time, and read where it may be anything.
+"""JSON text: written as Python's `json` writes it, but faster, and read where it may hold any value.
 
-For every call `json` makes an encoder in C anew, which for a small value takes longer than the value, and a turn has a
-dozen of them. Here an encoder is made once.
+`json` creates an encoder in C for every call, which takes longer than encoding a small value, and a turn encodes a
+dozen of these. Here an encoder is created once.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ __all__ = ["canonical_text", "encoder", "object_in", "value_in"]
 
 
 def object_in(text: str | bytes | bytearray) -> dict[str, Any] | None:
-    """Return the object that the text is; None if it is not JSON, or another value."""
+    """Return the object that a JSON text holds; None if it is not JSON or holds another value."""
     try:
         value = json.loads(text)
     except (ValueError, RecursionError):
@@ -23,7 +23,7 @@ def object_in(text: str | bytes | bytearray) -> dict[str, Any] | None:
 
 
 def value_in(text: str) -> Any:
-    """Return the value that the text is as JSON; the text itself if it is not JSON."""
+    """Return the value that a JSON text holds; the text itself if it is not JSON."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
@@ -33,7 +33,7 @@ def value_in(text: str) -> Any:
 def encoder(
     *, sort_keys: bool = False, separators: tuple[str, str] = (", ", ": "), ensure_ascii: bool = True, nan: bool = True
 ) -> Callable[[Any], str]:
-    """Return what encodes as `json.dumps` does with these arguments; without `nan`, NaN and infinity are ValueErrors.
+    """Return an encoder equal to `json.dumps` with these arguments; without `nan`, NaN and infinity are ValueErrors.
 
     An object that contains itself is a RecursionError.
     """
@@ -50,4 +50,4 @@ def encoder(
 
 
 canonical_text = encoder(sort_keys=True, separators=(",", ":"))
-"""Encodes with sorted keys and no spaces, in ASCII: one text for one value, for whatever is hashed."""
+"""Encodes with sorted keys and no spaces, in ASCII: equal values have equal texts, so they can be hashed."""

@@ -1,7 +1,7 @@
-"""Exports that are imported when they are asked for, so that importing a package takes milliseconds (PEP 562).
+"""Exports that are imported when they are first used, so that importing a package takes milliseconds (PEP 562).
 
-A package that uses it says everything twice to two readers: to type checkers and editors under `TYPE_CHECKING`, as
-ordinary imports, and to Python as the table given here. A test keeps the two and `__all__` equal.
+A package lists its exports twice: for type checkers and editors as ordinary imports under `TYPE_CHECKING`, and for
+Python as the table that it passes here. A test keeps the two and `__all__` equal.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def lazy_exports(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return the functions `__getattr__` and `__dir__` of a package.
 
-    `modules` are the names that it offers, by the module that holds them, relative to the package.
+    `modules` maps each module, relative to the package, to the names that are imported from it.
     """
     places = {name: f"{package}.{module}" for module, names in modules.items() for name in names}
 

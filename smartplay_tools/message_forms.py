@@ -31,7 +31,7 @@ def reply_message(
 ) -> Message:
     """Return a reply in canonical form.
 
-    `item` is what the provider wants back unchanged, for `kept_item`; `reasoning` is its visible text.
+    `item` is what the provider wants back unchanged, which `kept_item` returns; `reasoning` is its visible text.
     """
     message: Message = {"role": "assistant", "content": text or None}
     if listed := list(calls):
@@ -68,7 +68,7 @@ def system_text(messages: Iterable[Message]) -> str | None:
 def shown(
     message: Message, pictures: Mapping[str, Picture], text: Callable[[str], P], picture: Callable[[Picture], P]
 ) -> str | list[P]:
-    """Return the text of a message; where it names pictures, its parts, which `text` and `picture` make."""
+    """Return the text of a message; if it names pictures, the list of its parts, each made by `text` or `picture`."""
     if not pictures_of(message):
         return text_of(message)
     parts = cast(list[dict[str, Any]], message["content"])  # only a list has pictures
@@ -76,6 +76,6 @@ def shown(
 
 
 def halves(text: str) -> Iterator[str]:
-    """Yield a text in two pieces that are not empty, as a stream of a reply."""
+    """Yield a text in two nonempty pieces, as a stream delivers a reply."""
     middle = (len(text) + 1) // 2
     yield from filter(None, (text[:middle], text[middle:]))

@@ -54,10 +54,10 @@ class MessageToolCall(TypedDict, total=False):
 class Message(TypedDict, total=False):
     """One chat message.
 
-    `content` is text or a list of text parts; that of a result may also name pictures, which its prompt has
-    (`Prompt.pictures`): `{"type": "image", "sha256": ..., "width": ..., "height": ...}`. `provider_items` holds what a
-    provider wants back unchanged, such as reasoning items: it is recorded and counted (its visible text), and stays out
-    of the prompt's hash.
+    `content` is text or a list of text parts; in a result it may also name pictures, which are in `Prompt.pictures`:
+    `{"type": "image", "sha256": ..., "width": ..., "height": ...}`. `provider_items` holds what a provider wants back
+    unchanged, such as reasoning items: it is recorded and counted (its visible text), and stays out of the prompt's
+    hash.
     """
 
     role: Required[Literal["system", "developer", "user", "assistant", "tool"]]
@@ -81,7 +81,7 @@ def text_of(message: Mapping[str, Any]) -> str:
 
 
 def words_of(content: Any) -> tuple[str, Counter[str]]:
-    """Return the text of whatever a host has sent; a part without a text is named in it, and counted by its type."""
+    """Return the text of what a host sent, which names its parts without text, and the number of these by type."""
     if isinstance(content, str) or content is None:
         return content or "", Counter()
     texts: list[str] = []
@@ -238,7 +238,7 @@ def copy_of(message: Message) -> Message:
     """Return a copy that shares no mutable part with the message."""
     copy = message.copy()
     if copy["role"] == "tool" and isinstance(copy["content"], str):
-        return copy  # most messages of a prompt are such
+        return copy  # as most messages of a prompt are
     if "tool_calls" in copy:
         copy["tool_calls"] = [{**call, "function": call["function"].copy()} for call in copy["tool_calls"]]
     if isinstance(copy["content"], list):

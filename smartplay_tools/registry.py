@@ -73,7 +73,7 @@ def read_file(name: str, kind: str = "player") -> Callable[..., Any]:
 
 
 def _module(path: Path, kind: str) -> Any:
-    """Return the module of a file, imported once in each process, with its folder among the places of imports."""
+    """Return the module of a file, imported once in each process, with its folder on `sys.path`."""
     name = f"smartplay_file_{sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]

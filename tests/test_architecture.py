@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
 import textwrap
@@ -204,6 +205,19 @@ def test_every_public_name_is_documented():
 def test_every_module_says_what_it_is():
     for path in modules():
         assert ast.get_docstring(tree(path)), path
+
+
+ROW = re.compile(r" *(\w+/?(?:, \w+/?)*) {2,}\S")
+"""A line of a table in a docstring: a name or several, and what they are."""
+
+
+def test_a_packages_table_lists_modules_that_are_there_or_names_of_its_code():
+    for path in [*sorted(PACKAGE.rglob("__init__.py")), *sorted((ROOT / "adapters").rglob("__init__.py"))]:
+        rows = map(ROW.match, (ast.get_docstring(tree(path)) or "").splitlines())
+        listed = {name for row in rows if row for name in re.split("/?, |/", row[1]) if name}
+        there = {other.stem for other in path.parent.iterdir()}
+        named = {node.value for node in nodes(path) if isinstance(node, ast.Constant)}
+        assert listed <= there | named, (path, listed - there - named)
 
 
 def test_every_adapter_is_packaged_typed_and_an_extra():

@@ -89,7 +89,7 @@ def test_a_record_imports_no_file_by_itself(file):
     forget()
     Path("first_and_newest.py").write_text(CODE + "\n# changed\n", encoding="utf-8")
     brought.load_strategy(file)
-    with pytest.raises(sp.InvalidArgumentError, match="is not what it was"):
+    with pytest.raises(sp.InvalidArgumentError, match="has changed since the record was made"):
         replay(events)
 
 

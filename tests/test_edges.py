@@ -290,7 +290,7 @@ class TestInterruptions:
         episode._transcript._file = Path("/dev/full").open("wb", buffering=0)  # noqa: SIM115 - the episode closes it
         closed = []
         episode.game.close = lambda: closed.append(True)
-        with pytest.raises(TranscriptError, match=r"full\.jsonl cannot be written on: No space left"), episode:
+        with pytest.raises(TranscriptError, match=r"full\.jsonl can no longer be written: No space left"), episode:
             episode.call("act", {"action": "1"})
         assert closed
 

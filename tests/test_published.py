@@ -101,7 +101,7 @@ def test_the_command(run, tmp_path):
         ("eee", ABOUT, {}, "name one with --players"),
         ("eee", {**ABOUT, "model": "rule"}, {"players": ("rule",)}, "model"),
         ("hf-results", {}, {"players": ("rule",)}, "--dataset"),
-        ("sft", {"dataset": "a/b"}, {"players": ("rule",)}, "only eee and hf-results say whose results"),
+        ("sft", {"dataset": "a/b"}, {"players": ("rule",)}, "only eee and hf-results say whose results they hold"),
     ],
 )
 def test_what_is_missing_is_said(run, tmp_path, name, publication, selection, message):

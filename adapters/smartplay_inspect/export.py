@@ -46,7 +46,7 @@ def write_logs(episodes: Iterable[Record], folder: Path) -> dict[str, int]:
     groups: dict[str, list[EvalSample]] = {}
     for episode in episodes:
         cell = episode.config.model_copy(update={"seed": 0}).digest
-        player = re.sub(r"[^\w.-]", "-", episode.player)  # a model's name holds what a file's cannot
+        player = re.sub(r"[^\w.-]", "-", episode.player)  # a model's name may have characters that a file's cannot
         groups.setdefault(f"{episode.result.game}.{player}.{cell}", []).append(_sample(episode))
     for name, samples in sorted(groups.items()):
         write_eval_log(_log(samples), str(folder / f"{name}.eval"))

@@ -139,7 +139,7 @@ def tool_infos(tools: Iterable[ToolSpec]) -> list[ToolInfo]:
 
 
 def tool_specs(tools: Iterable[ToolInfo]) -> tuple[ToolSpec, ...]:
-    """Return the tools that a model is told of, from Inspect's descriptions."""
+    """Return the tools that a model is shown, from Inspect's descriptions."""
     return tuple(ToolSpec(tool.name, tool.description, tool.parameters.model_dump(exclude_none=True)) for tool in tools)
 
 

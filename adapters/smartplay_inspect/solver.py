@@ -116,10 +116,10 @@ async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
 
 
 def _with_cache_key(own: GenerateConfig, prompt: Prompt, model: Model) -> dict[str, Any] | None:
-    """The fields of a request that Inspect has no names for; OpenAI is told which prompts belong together.
+    """The fields of a request that Inspect has no names for: for OpenAI, the key of prompts that belong together.
 
     Inspect marks prompts for Anthropic's cache itself, and cannot mark the results of calls, where a prompt's stable
-    part ends. Its option `cache_prompt=False` turns off both.
+    part ends. Its option `cache_prompt=False` turns off marks and key.
     """
     client = getattr(model.api, "client", None)
     fields = openai_cache_fields(model.name, str(getattr(client, "base_url", "")))

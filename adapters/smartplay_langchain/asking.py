@@ -1,4 +1,4 @@
-"""Asking the model: what replaces the model in an agent's requests, so that the window is applied last of all.
+"""Asking the model: a stand-in for the model in an agent's requests, so that the window is applied last of all.
 
 Middlewares wrap each other, and any of them may change what the model is sent. `WindowedModel` takes the place of the
 request's model: the prompt is made when the request reaches it, whatever the order of the middlewares. Texts that they
@@ -35,7 +35,7 @@ ToolChoice = str | Mapping[str, Any]
 
 @dataclass(frozen=True)
 class PromptSettings:
-    """How a model is told a prompt, in the words of the model's provider."""
+    """How a prompt becomes a request, in the terms of the model's provider."""
 
     limit_field: str = "max_tokens"
     """The name of the model's parameter for the cap on a reply."""
@@ -71,7 +71,7 @@ class ModelReply(Reply):
 
 @dataclass
 class RequestOutcome:
-    """What became of one request for a reply."""
+    """The outcome of one request for a reply."""
 
     reply: ModelReply | None = None
     """The latest reply of the model; None if there was none."""
@@ -98,7 +98,7 @@ class WindowedModel:
         model: the model of the request.
         state: the messages in the state.
         prepare: prepares the session for its next prompt.
-        prompt_settings: how the model is told a prompt.
+        prompt_settings: how a prompt becomes a request.
     """
 
     def __init__(
@@ -121,11 +121,11 @@ class WindowedModel:
         return getattr(self._model, name)
 
     def bind_tools(self, tools: Tools, **settings: Any) -> Runnable[LanguageModelInput, AIMessage]:
-        """Return what sends the window to the model, with these tools and settings."""
+        """Return a runnable that sends the window to the model, with these tools and settings."""
         return _Request(self, tools, settings)
 
     def bind(self, **settings: Any) -> Runnable[LanguageModelInput, AIMessage]:
-        """Return what sends the window to the model, with these settings and no tools."""
+        """Return a runnable that sends the window to the model, with these settings and no tools."""
         return _Request(self, (), settings)
 
 

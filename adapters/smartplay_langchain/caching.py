@@ -1,4 +1,4 @@
-"""What a chat model is sent for its provider's cache: marks in the messages, and a key that is the episode's.
+"""What a chat model is sent for its provider's cache: marks in the messages, and the episode's key.
 
 LangChain's packages for Anthropic and OpenAI pass both on unchanged. Other providers cache by themselves, or by means
 that LangChain has no common name for, and are sent neither.
@@ -40,7 +40,7 @@ def messages_for(
     """Return a prompt's messages, marked for the cache of the model's provider where `cache` asks for it.
 
     Settings with Anthropic's own `cache_control` say that the caller has taken care of the cache. Pictures are in the
-    results, or in a user message after them where the model's package does not have them there.
+    results, or in a user message after them where the model's package has no place for them there.
     """
     prompt = prompt if _takes_pictures_in_results(model) else with_pictures_below(prompt)
     messages = to_langchain(prompt.messages, prompt.pictures)

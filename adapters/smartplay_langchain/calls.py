@@ -78,7 +78,7 @@ class CallPlayer:
 
     @property
     def is_asked_by_sub_agent(self) -> bool:
-        """Whether this is asked from within one of the agent's own tools, as by an agent that runs there."""
+        """Whether this request comes from within one of the agent's own tools, as from an agent that runs there."""
         return self in _IN_TOOLS_OF.get()
 
     @contextmanager
@@ -116,7 +116,7 @@ class CallPlayer:
         return (-1 if latest is None else latest.number) - turn
 
     def another_state(self, lacked: int) -> InvalidArgumentError:
-        """Say that the graph's state, which lacks this number of replies, is not the episode's, and what to do."""
+        """Return the error for a graph's state that is not the episode's, since it lacks this number of replies."""
         if self.episode.done:
             return InvalidArgumentError("The episode is over; make a new one, and an agent with it.")
         difference = (
@@ -150,7 +150,7 @@ class CallPlayer:
         return {call.id: position for position, call in enumerate(self._calls())}
 
     def _is_unknown(self, tool_call: Any) -> bool:
-        """Whether a call of the latest reply is of no tool that the model was shown; the game answers it."""
+        """Whether a call of the latest reply names a tool that the model was not shown; the game answers it."""
         shown = {tool.name for tool in (*self.episode.tools, *self._session.foreign_tools)}
         return any(call.id == tool_call["id"] and call.name not in shown for call in self._calls())
 
@@ -198,7 +198,8 @@ class CallPlayer:
 class SessionTool(SmartPlayTool):
     """One of the game's tools in a graph, called with a `ToolCall`, whose id says which call of the reply it is.
 
-    Its messages are words, also where observations are pictures: what the model is sent, the window has, not the state.
+    Its messages are words even where observations are pictures: what the model is sent is in the window, not in the
+    state.
     """
 
     player: CallPlayer = Field(exclude=True, repr=False)

@@ -26,7 +26,7 @@ class PlayerChatModel(BaseChatModel):
     """A player as a chat model.
 
     Replies are streamed in pieces, and report the player's usage. `tool_choice` restricts the tools that the player is
-    shown, except where a summary is asked for, which the player is told (`Prompt.asks_for_summary`). A player that does
+    shown, except where a summary is asked for, which `Prompt.asks_for_summary` tells the player. A player that does
     not call a tool although it must is an `InvalidArgumentError`.
     """
 

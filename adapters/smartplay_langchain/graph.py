@@ -187,7 +187,7 @@ class GraphSession(CallPlayer):
         return self.session
 
     def receive(self, outcome: RequestOutcome, reply: AIMessage | None = None) -> list[AnyMessage]:
-        """Take the model's reply and return it as it belongs into the state; `reply` if a middleware has changed it.
+        """Take the model's reply and return it for the state; `reply` is given if a middleware has changed it.
 
         Its calls have the ids of the session. A reply without a call is followed by the user message that says so.
         """

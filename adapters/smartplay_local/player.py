@@ -15,7 +15,7 @@ from smartplay_tools import InvalidArgumentError, Prompt, Reply
 from smartplay_tools.models import find_model, name_of, read_gguf
 
 UNUSED = "http://127.0.0.1:9/v1"
-"""A base URL that nothing answers at: the server's port is known once it runs."""
+"""A base URL at which nothing answers: the server's port is known once it runs."""
 
 
 class LocalPlayer(OpenAIPlayer):

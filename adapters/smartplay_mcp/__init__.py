@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # On stdio nobody waits for a web framework, and on the first answer not even for a game.
+    # On stdio no web framework is imported, and the first answer does not even wait for the game.
     __getattr__, __dir__ = lazy_exports(
         __name__,
         {

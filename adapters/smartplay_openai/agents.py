@@ -86,7 +86,7 @@ class SmartPlayModel(Model):
             are then answered as those of unknown tools.
         pictures: whether the model sees pictures; without it, an episode whose observations are pictures is refused.
 
-    Pass its `tools` to the agent, or to each agent that one hands over to, and its `run_config` to the runner. A reply
+    Pass its `tools` to the agent and to each agent that takes over from it, and its `run_config` to the runner. A reply
     without a call is answered here, so the run ends when the episode does.
     """
 
@@ -165,14 +165,14 @@ class SmartPlayModel(Model):
         return _words("The episode is over.", usage)
 
     def _note_handoff(self, session: AgentSession, calls: Sequence[ResponseFunctionToolCall]) -> None:
-        """Take note of a call that hands over: another agent may have another model, which does not play."""
+        """Take note of a handoff: the other agent may have another model, which does not play."""
         if used := [call.name for call in calls if call.name in self._handoffs]:
             session.halt(f"The agent handed over with {used[0]}, and this model was not asked again.")
 
     def _is_asked_by_sub_agent(self, items: Sequence[Item]) -> bool:
         """Whether this is the request of an agent in one of the agent's tools: its run has no call yet.
 
-        After a handoff, whose call is as open as that of such a tool, an input without calls is that of a filter.
+        After a handoff, whose call is just as open, an input without calls comes from a filter.
         """
         session = self._chat.session
         if session is None or self.episode.done or session.awaits_reply or session.latest_turn is None:

@@ -27,7 +27,7 @@ class ToolChoice:
     at_most_one: bool = False
 
     def restrict(self, prompt: Prompt) -> Prompt:
-        """Return the prompt with only the allowed tools; that for a summary keeps all, which its player expects."""
+        """Return the prompt with only the allowed tools; a prompt for a summary keeps all, as its player expects."""
         if self.allowed is None or prompt.asks_for_summary:
             return prompt
         return replace(prompt, tools=tuple(tool for tool in prompt.tools if tool.name in self.allowed))

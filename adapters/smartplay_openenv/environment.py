@@ -53,7 +53,7 @@ PREVIEW = 100
 
 
 class SmartPlayState(State):
-    """What the server tells of an episode. It is for the trainer: no tool shows it to a model."""
+    """The state of an episode, as the server gives it to the trainer; no tool shows it to a model."""
 
     game: str = ""
     seed: int | None = None

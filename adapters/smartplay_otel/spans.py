@@ -28,11 +28,11 @@ PROVIDERS = {"anthropic": "anthropic", "openai": "openai", "openai-responses": "
 """The provider by the name of the player that speaks to it, where the conventions have a name for it."""
 
 FIGURES = ("end_reason", "score", "completed", "steps", "illegal_actions", "malformed_calls")
-"""What of an episode's result is an attribute of its span."""
+"""The fields of an episode's result that are attributes of its span."""
 
 
 def instrument(tracer_provider: TracerProvider | None = None, *, content: bool = False) -> Callable[[], None]:
-    """Trace every episode that is made from now on in this process; return a function that ends this.
+    """Trace every episode that is made from now on in this process; return a function that stops this.
 
     Arguments:
         tracer_provider: where the spans go; the global provider if not given.

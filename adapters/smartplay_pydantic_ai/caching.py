@@ -1,4 +1,4 @@
-"""What a model of Pydantic AI's is sent for its provider's cache: marks in the messages, and a key, the episode's.
+"""What a Pydantic AI model is sent for its provider's cache: marks in the messages, and the episode's key.
 
 Anthropic's and OpenAI's models have a place for them. Others do not: a mark would leave an empty message behind there.
 """

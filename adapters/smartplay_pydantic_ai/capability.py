@@ -51,7 +51,7 @@ _IN_TOOLS_OF: ContextVar[tuple[SmartPlay, ...]] = ContextVar("smartplay_in_tools
 """The capabilities in whose agent's tools this code runs."""
 
 ANY = SchemaValidator(core_schema.any_schema())
-"""The episode judges arguments, and it has done so when a tool is run."""
+"""Any arguments pass here: the episode has validated them before a tool runs."""
 
 
 class SmartPlay(AbstractCapability[Any]):
@@ -122,7 +122,7 @@ class SmartPlay(AbstractCapability[Any]):
         args: dict[str, Any],
         handler: WrapToolExecuteHandler,
     ) -> Any:
-        """Run a tool, in which an agent with this capability would be a sub-agent."""
+        """Run a tool; an agent with this capability that runs inside it is a sub-agent."""
         token = _IN_TOOLS_OF.set((*_IN_TOOLS_OF.get(), self))
         try:
             return await handler(args)
@@ -209,7 +209,7 @@ class SmartPlay(AbstractCapability[Any]):
     def _begin(self, request: ModelRequestContext) -> HostChat:
         parameters = request.model_request_parameters
         if parameters.output_tools or not parameters.allow_text_output:
-            raise InvalidArgumentError("An agent that plays has no output_type: the end of the game is the end.")
+            raise InvalidArgumentError("An agent that plays cannot have an output_type: its run ends with the game.")
         if request.streaming:
             raise InvalidArgumentError("A streamed run cannot play: use `run` or `run_sync`.")
         ours = {tool.name for tool in self.episode.tools}

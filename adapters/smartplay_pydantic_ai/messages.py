@@ -110,7 +110,7 @@ def from_response(response: ModelResponse) -> Message:
     if all(isinstance(part, TextPart | ToolCallPart) for part in response.parts):
         return reply_message(text, calls)
     (dumped,) = ModelMessagesTypeAdapter.dump_python([response], mode="json")
-    # The clock does not belong into a record.
+    # The clock does not belong in a record.
     kept = {name: dumped[name] for name in ("kind", "parts", "model_name", "provider_name") if dumped.get(name)}
     thoughts = "".join(part.content for part in response.parts if isinstance(part, ThinkingPart))
     return reply_message(text, calls, {"type": ITEM, "response": kept}, thoughts)

@@ -1,4 +1,4 @@
-"""Experiment trackers: what a run of `--track` sends its figures to, by the trackers' own clients.
+"""Experiment trackers, to which a run with `--track` sends its figures through the trackers' own clients.
 
     mlflow    MLflow; its server, file and experiment are those of MLFLOW_TRACKING_URI and MLFLOW_EXPERIMENT_NAME
     wandb     Weights & Biases; WANDB_MODE=offline keeps everything on this machine until `wandb sync`

@@ -19,7 +19,7 @@ from smartplay_verifiers.tasks import INFO, SmartPlayData, outcome
 
 
 class SmartPlayHarnessConfig(vf.HarnessConfig):
-    """The harness has no options of its own: what is played is the taskset's."""
+    """The harness has no options of its own: the taskset decides what is played."""
 
     id: str = "smartplay_verifiers"
 

@@ -52,12 +52,12 @@ class SmartPlayTask(vf.Task[SmartPlayData, vf.State, vf.TaskConfig]):
     """
 
     async def finalize(self, trace: vf.Trace[Any, Any], runtime: vf.Runtime) -> None:
-        """Where no agent was, leave the outcome of an episode in which nothing is played."""
+        """If no agent has played, leave the outcome of an episode in which nothing is played."""
         if INFO not in trace.info:
             trace.info[INFO] = await asyncio.to_thread(_play, self.data, None)
 
     async def validate(self, runtime: vf.Runtime) -> bool | None:
-        """Return whether the oracle earns more than nobody; None where the best play is not known."""
+        """Return whether the oracle earns more than no play at all; None where the best play is not known."""
         try:
             best = await asyncio.to_thread(_play, self.data, "oracle")
         except InvalidArgumentError:

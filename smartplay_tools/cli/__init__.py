@@ -19,7 +19,7 @@ from smartplay_tools.registry import resolve
 
 
 class _Entry(NamedTuple):
-    """A command: where its function is, or its `typer.Typer`; and the line that the list of commands has for it."""
+    """A command: the place of its function or `typer.Typer`, and its line in the list of commands."""
 
     place: str
     summary: str
@@ -179,7 +179,7 @@ class _Commands(TyperGroup):
         except SmartPlayError as error:
             typer.echo(f"smartplay-tools: {error}", err=True)
             raise typer.Exit(2) from error
-        except KeyboardInterrupt:  # before or after what handles it
+        except KeyboardInterrupt:  # outside of the code that handles it
             typer.echo("Stopped by SIGINT.", err=True)
             raise typer.Exit(INTERRUPTED) from None
 

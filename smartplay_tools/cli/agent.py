@@ -45,7 +45,7 @@ def agent(
     base_url: options.BaseUrl = None,
     name: Annotated[str | None, typer.Option(help="The agent's name in tables; the program's if not given.")] = None,
     seed: options.Seed = 0,
-    episodes: Annotated[int, typer.Option(help="Play N episodes, in the worlds of `eval`.", min=1)] = 1,
+    episodes: Annotated[int, typer.Option(help="Play N episodes, with the seeds of `eval`.", min=1)] = 1,
     at_once: Annotated[int, typer.Option(help="Programs at a time.", min=1)] = 1,
     timeout: Annotated[float, typer.Option(help="End a program after N seconds.", min=0)] = 3600.0,
     only_game_tools: OnlyGameTools = False,
@@ -59,10 +59,10 @@ def agent(
 ) -> None:
     """Play a run with a program of yours, which asks its model at an address that shows it the exact window.
 
-    The program has OPENAI_BASE_URL, OPENAI_MODEL and OPENAI_API_KEY in its environment, the same for ANTHROPIC_, the
-    address of the game's tools as SMARTPLAY_MCP_URL, and SMARTPLAY_HANDLE; {base_url}, {anthropic_url}, {model},
-    {mcp_url} and {handle} in CMD stand for the same. The episode ends with the program. A program that fails is started
-    again, as is every other by the same command.
+    The program's environment has OPENAI_BASE_URL, OPENAI_MODEL and OPENAI_API_KEY, the same for ANTHROPIC_, the address
+    of the game's tools as SMARTPLAY_MCP_URL, and SMARTPLAY_HANDLE; {base_url}, {anthropic_url}, {model}, {mcp_url} and
+    {handle} in CMD are replaced by these values. The episode ends when the program ends. A program that fails is
+    started again, and the same command continues a run that was interrupted.
 
     Example: smartplay-tools agent Hanoi3Disk-v0 --episodes 20 --prompt-tokens 2000 -- python my_agent.py
     """

@@ -14,9 +14,9 @@ def board(
     out: Annotated[Path, typer.Option(help="The folder of the site.")] = Path("site"),
     title: Annotated[str, typer.Option(help="The page's title.")] = "Leaderboard",
     seeds: Annotated[Path | None, typer.Option(help="The board's file of issued seeds.")] = None,
-    replays: Annotated[int, typer.Option(min=0, help="Episodes of a game and budget that can be watched.")] = 1,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one for each processor.")] = None,
-    seconds: Annotated[float, typer.Option(min=1, help="The most that the check of one record may take.")] = 120,
+    replays: Annotated[int, typer.Option(min=0, help="Episodes of each game and budget that can be watched.")] = 1,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default one for each processor.")] = None,
+    seconds: Annotated[float, typer.Option(min=1, help="Seconds that the check of one record may take.")] = 120,
 ) -> None:
     """Check every submission in a folder and write a leaderboard as static pages.
 

@@ -21,7 +21,7 @@ from smartplay_tools.evaluation.runs.run_file import RunFile, read_run_file
 
 def check(
     run_file: Annotated[
-        Path | None, typer.Argument(metavar="[RUN.toml]", help="A run file; its players are asked.")
+        Path | None, typer.Argument(metavar="[RUN.toml]", help="A run file, whose players are checked.")
     ] = None,
     players: Annotated[str | None, typer.Option(help="Comma-separated names of players.")] = None,
     base_url: options.BaseUrls = None,

@@ -36,7 +36,7 @@ from smartplay_tools.quantities import megabytes
 PACKAGE = "smartplay-tools"
 
 NOT_FEATURES = frozenset({"all", "benchmarks", "dev", "docs"})
-"""Extras that are not listed: the one with everything, and those for developers."""
+"""Extras that are not listed: `all`, and those for developers."""
 
 IMPORT_SECONDS = 120.0
 

@@ -33,12 +33,14 @@ def compare(
     margin: Annotated[
         str | None,
         typer.Option(
-            metavar="M", help="What does not matter, in points or (0.1h) human scores: say what the pairs show."
+            metavar="M", help="The difference that does not matter, in points or human scores (0.1h), for verdicts."
         ),
     ] = None,
     match: Annotated[
         str | None,
-        typer.Option(metavar="FIELDS", help="Compare sides that agree in these: history,prompt_tokens."),
+        typer.Option(
+            metavar="FIELDS", help="Compare only sides with the same values of these, such as history,prompt_tokens."
+        ),
     ] = None,
     cache: options.Caches = None,
     caches: options.CachesFile = None,

@@ -47,7 +47,7 @@ def cost(
 
 
 def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff], caches: Path | None) -> list[CellCost]:
-    """Return what the cells of runs cost; `InvalidArgumentError` if nothing can be said about any of them."""
+    """Return what the cells of runs cost; `InvalidArgumentError` if no cell's cost is known."""
     cells: list[CellCost] = []
     for folder in folders:
         run = RunFolder(folder)
@@ -64,18 +64,18 @@ def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff], caches: Path 
 
 
 def check_columns(cache: list[str] | None, caches: Path | None, form: Format) -> None:
-    """Raise an `InvalidArgumentError` if rules are asked for that are not known, or in a format without tables."""
+    """Raise an `InvalidArgumentError` for unknown rules, or for rules in a format without tables."""
     if not cache:
         return
     tariffs_of(cache, caches=caches)
     if form in (Format.JSON, Format.CSV):
         raise InvalidArgumentError(
-            f"--cache adds a table, which {form.upper()} has not; its numbers: smartplay-tools cost --format {form}."
+            f"--cache adds a table, which {form.upper()} cannot hold; smartplay-tools cost --format {form} has it."
         )
 
 
 def cost_columns(folders: Sequence[Path], cache: list[str] | None, caches: Path | None) -> list[TextTable]:
-    """Return the table with a column for each rule that is asked for; nothing if none is."""
+    """Return the table with a column for each rule that is asked for, if any is."""
     if not cache:
         return []
     tariffs = tariffs_of(cache, caches=caches)

@@ -80,7 +80,7 @@ def demo(
             if not _equal(_record(folder, game, players[0]), _record(folder, game, player))
         ]
     console.rule("results", align="left")
-    console.print("[dim]prompts: the largest of its cap; dropped: the most turns that a prompt left out[/]")
+    console.print("[dim]prompts: the largest, as a share of its cap; dropped: the most turns that a prompt left out[/]")
     for table in tables:
         console.print(table)
     if len(players) > 1 and not failures:
@@ -93,7 +93,7 @@ def demo(
 
 
 def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
-    """Print what the window did, where the records are to be seen, and what comes next."""
+    """Print what the window did, where to see the records, and the next command."""
     dropped = max(watch.dropped for watch in watches)
     most = max(watch.largest / cap for watch, cap in zip(watches, GAMES.values(), strict=True))
 
@@ -121,7 +121,7 @@ def _equal(*records: Path) -> bool:
 
 @contextmanager
 def _players(console: Console) -> Iterator[list[Player]]:
-    """The rule player, and the same through the client and a server, if both are installed."""
+    """The rule player, and the same rules through the client and a server, if both are installed."""
     rule = RulePlayer()
     try:
         adapter = importlib.import_module("smartplay_openai")

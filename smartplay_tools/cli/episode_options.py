@@ -96,7 +96,7 @@ class EpisodeOptions:
 
     @property
     def conditions(self) -> dict[str, Any]:
-        """What an episode is played under, the game's own options apart, as keywords."""
+        """The conditions of an episode as keyword arguments, except the game's own options."""
         return {"budget": self.budget, "engine": self.engine, "tokenizer": self.tokenizer, **self.rules}
 
 
@@ -161,5 +161,5 @@ def read_budget(**fields: Any) -> Budget:
 
 
 def _words(name: str) -> str:
-    """The text about an option, which names the words that it takes beside numbers."""
+    """The help of an option, which names the words that it accepts in addition to numbers."""
     return f"{BUDGET[name][0].__metadata__[0].help} {BUDGET[name][1]}" if name in BUDGET else ""

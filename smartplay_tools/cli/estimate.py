@@ -32,7 +32,7 @@ from smartplay_tools.quantities import short
 from smartplay_tools.records.prices import find_price
 
 CUT_SHARE = 0.05
-"""The share of cut tool results from which on a warning is printed."""
+"""The share of cut tool results that is worth a warning."""
 
 AXES: tuple[tuple[str, Callable[[CellConfig], Any]], ...] = (
     ("game", lambda cell: cell.game),

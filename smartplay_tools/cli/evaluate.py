@@ -53,15 +53,19 @@ def evaluate(
     ] = None,
     margin: Annotated[
         str | None,
-        typer.Option(metavar="M", help="For --until: what does not matter, in points or (0.1h) human."),
+        typer.Option(
+            metavar="M",
+            help="For --until and --baseline: the difference that does not matter, in points or human scores (0.1h).",
+        ),
     ] = None,
     clip: Annotated[
-        float | None, typer.Option(min=0, help="For --until: the largest difference that counts, without score bounds.")
+        float | None,
+        typer.Option(min=0, help="For --until: the largest difference that counts, for games without score bounds."),
     ] = None,
     by: Annotated[str, typer.Option(help="For --until: score, or wins (which side of a pair scores more).")] = "score",
     fail_if: Annotated[
         list[str] | None,
-        typer.Option(metavar="'score < X'", help="Fail if it holds for a cell's mean; repeatable."),
+        typer.Option(metavar="'score < X'", help="Fail if this holds for the mean of a cell; repeatable."),
     ] = None,
     baseline: Annotated[
         Path | None, typer.Option(help="A stored run: fail where this one is worse (with --margin).")
@@ -96,10 +100,10 @@ def evaluate(
 
 def _until(until: str | None, margin: str | None, clip: float | None, by: str, *, needs_margin: bool) -> Until | None:
     if needs_margin and margin is None:
-        raise InvalidArgumentError("--baseline needs --margin M: how much worse does not matter.")
+        raise InvalidArgumentError("--baseline needs --margin M, the loss that does not matter.")
     if until is None:
         if clip is not None or (margin is not None and not needs_margin):
-            raise InvalidArgumentError("--margin and --clip belong to --until decided, or --margin to --baseline.")
+            raise InvalidArgumentError("--margin needs --until decided or --baseline; --clip needs --until decided.")
         return None
     if until != "decided" or margin is None:
         raise InvalidArgumentError("Write --until decided --margin M, where M is a difference that does not matter.")
@@ -134,7 +138,7 @@ class _OptionValues:
         return from_file if from_file and name not in self._given else options.names(self._values[name])
 
     def beside_suite(self) -> set[str]:
-        """Return what is asked for in addition to a suite, budgets by their common name."""
+        """Return the options that are given in addition to a suite, those of the budget by their common name."""
         given = self._given | {name for name in self.file.model_fields_set if getattr(self.file, name)}
         given |= self.file.rules.keys()
         return given | ({"budgets"} if given & set(Budget.model_fields) else set())

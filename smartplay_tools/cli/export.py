@@ -24,15 +24,16 @@ def export(
     completed: Annotated[bool, typer.Option("--completed", help="Only completed games.")] = False,
     min_score: Annotated[float | None, typer.Option(help="Only episodes with at least this score.")] = None,
     min_normalized_score: Annotated[
-        float | None, typer.Option(help="The same of the score relative to the human one.")
+        float | None, typer.Option(help="Only episodes with at least this normalised score (human score = 1).")
     ] = None,
     summaries: Annotated[
-        bool, typer.Option("--summaries", help="Rows for prompts for a summary, too (sft, sft-chains).")
+        bool, typer.Option("--summaries", help="Write rows for prompts for a summary, too (sft, sft-chains).")
     ] = False,
     pictures: Annotated[
-        bool, typer.Option("--pictures", help="Episodes with pictures, too, as files beside the rows (sft formats).")
+        bool,
+        typer.Option("--pictures", help="Export episodes with pictures, too, and write these as files (sft formats)."),
     ] = False,
-    best: Annotated[int | None, typer.Option(help="Only the best N of every game and player.", min=1)] = None,
+    best: Annotated[int | None, typer.Option(help="Only the best N episodes of every game and player.", min=1)] = None,
     model: Annotated[str | None, typer.Option(help="eee: the model as DEVELOPER/NAME.")] = None,
     organization: Annotated[str | None, typer.Option(help="eee: who evaluated it.")] = None,
     relationship: Annotated[

@@ -18,7 +18,7 @@ app = typer.Typer(help="Set up MineDojo, the Minecraft engine of the paper.", no
 def install(
     venv: Annotated[Path, typer.Option(help="A new folder for the environment.", show_default=False)],
     python: Annotated[
-        str | None, typer.Option(help="A Python 3.11; the default is this one or the one on the path.")
+        str | None, typer.Option(help="A Python 3.11; by default this one, or python3.11 on the path.")
     ] = None,
 ) -> None:
     """Make the environment in which MineDojo 0.1 runs, and print the line that sets the variable for this package.

@@ -28,7 +28,7 @@ class CellUse:
     tokens: float
     cost: float | None
     seconds: float
-    """Of all its episodes, one after another."""
+    """For all its episodes, one after another."""
 
 
 def pilot_estimate(run: Run, plan: Plan) -> list[CellUse]:
@@ -59,7 +59,7 @@ def pilot_estimate(run: Run, plan: Plan) -> list[CellUse]:
 
 
 def print_pilot(console: Console, run: Run, plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) -> None:
-    """Print the estimate, and how the run goes on."""
+    """Print the estimate, and how to continue the run."""
     uses = pilot_estimate(run, plan)
     table = compact_table("from the pilot", "played", "planned", "calls", "tokens", "USD", folded=1)
     for use in uses:
@@ -72,6 +72,6 @@ def print_pilot(console: Console, run: Run, plan: Plan, players: Sequence[Player
     typer.echo(
         f"The whole run: {short(sum(use.tokens for use in uses))} tokens, {total}"
         f"about {duration(3600 * hours)} with {at_once} episodes at a time. "
-        "The same command without --pilot goes on and keeps these episodes.",
+        "The same command without --pilot continues and keeps these episodes.",
         err=True,
     )

@@ -117,7 +117,7 @@ def _charged(result: EpisodeResult) -> Usage:
 
 
 def _run(episode: Episode, player: Any, protocol: Any, printer: TurnPrinter | None, pace: float) -> bool:
-    """Play; return whether Ctrl-C has left the episode, which its `with` then closes: what was played counts."""
+    """Play; return whether Ctrl-C stopped the episode, which its `with` then closes: what was played counts."""
 
     def after_a_turn(conversation: BaseConversation) -> None:
         if printer is not None:

@@ -1,4 +1,4 @@
-"""The command `power`: how many trials a difference takes to be seen, judged from the runs that there are."""
+"""The command `power`: how many trials it takes to see a difference, estimated from existing runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def power(
         typer.Argument(metavar="DIR...", help="Folders of runs; the first is the reference.", show_default=False),
     ],
     difference: Annotated[
-        str, typer.Option(metavar="D", help="The difference to be seen, in points or (0.1h) human scores.")
+        str, typer.Option(metavar="D", help="The difference to detect, in points or human scores (0.1h).")
     ],
     reference: Annotated[
         str | None, typer.Option(help="Player of the first run that all others are compared with.", show_default=False)

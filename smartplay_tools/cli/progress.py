@@ -1,6 +1,6 @@
 """The progress display of a run: live bars on a terminal, lines with times in a log, nothing with `--quiet`.
 
-Both show snapshots of the run. On a terminal of 80x24 everything fits: games that have no room share a line.
+Both show snapshots of the run. Everything fits a terminal of 80x24: games for which there is no room share a line.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ def results(
     success: Annotated[
         str | None, typer.Option(metavar="'score >= X'", help="Which episodes count as successes of repeats.")
     ] = None,
-    exact: Annotated[bool, typer.Option("--exact", help="Exact intervals of shares (Clopper-Pearson).")] = False,
+    exact: Annotated[bool, typer.Option("--exact", help="Show exact intervals of shares (Clopper-Pearson).")] = False,
 ) -> None:
     """Show the scores of runs with intervals, tokens and cost; with --all also mistakes, ends and differences.
 

@@ -58,7 +58,7 @@ def print_running(console: Console, snapshot: RunSnapshot) -> None:
 
 
 def spending_sentence(spending: Spending) -> str:
-    """Return a sentence about the total use of a run, and the part of it that is not in its results."""
+    """Return a sentence about what a run has used in all, and which part of it is not in the results."""
     total, others = spending.total, spending.other_attempts
     sentence = f"Spent in all: {short(total.tokens)} tokens{_dollars(total.cost)}"
     if others.tokens:

@@ -39,7 +39,7 @@ Pilot = Annotated[
     _option(
         min=1,
         metavar="N",
-        help="Play N episodes of each cell only, and estimate the whole run from them; without it, the run goes on.",
+        help="Play N episodes of each cell only, and estimate the whole run from them; without it, the run continues.",
     ),
 ]
 

@@ -42,9 +42,7 @@ def openai(
     context_tokens: Annotated[
         int | None, typer.Option(help="Refuse longer prompts with context_length_exceeded.", min=1)
     ] = None,
-    busy_every: Annotated[
-        int | None, typer.Option(help="Refuse one of this many requests with status 429.", min=2)
-    ] = None,
+    busy_every: Annotated[int | None, typer.Option(help="Refuse every Nth request with status 429.", min=2)] = None,
 ) -> None:
     """Serve players of this package as OpenAI's chat completions and Responses; a request's model is a player's name.
 

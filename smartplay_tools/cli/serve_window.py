@@ -104,12 +104,12 @@ def open_endpoint(player: str, base_url: str | None, seed: int, **where: Any) ->
 
 
 def server(base_url: str | None) -> dict[str, Any]:
-    """Return the option of a player that names its server."""
+    """Return the player option that names its server."""
     return {} if base_url is None else {"base_url": base_url}
 
 
 def chosen(options: Mapping[str, bool]) -> dict[str, Any]:
-    """Return the options that are on: a run has those of its player, and runs with others are not the same."""
+    """Return the options that are on; as options of the run's player, they make it another run."""
     return {name: True for name, is_on in options.items() if is_on}
 
 
@@ -188,7 +188,7 @@ def _serve_run(endpoint: Any, plan: Plan, player: PlayerConfig, offered: _Offere
         print_run(run, as_json=False)
         if run.stopped is not None:
             return
-        typer.echo("All episodes are over; an agent still hears so until you press Ctrl-C.")
+        typer.echo("All episodes are over; agents that still ask are told so until you press Ctrl-C.")
         with suppress(KeyboardInterrupt):
             while True:
                 time.sleep(1)
@@ -210,7 +210,7 @@ class _Offered:
         """Wait until somebody else has played."""
         handle = self._endpoint.serve(held.episode, handle=self._handles.get(held.key), session=held.session)
         self._handles[held.key] = handle
-        self._file.touch(mode=0o600)  # who knows a handle may play
+        self._file.touch(mode=0o600)  # the handles let anybody who reads them play
         self._file.write_text(json.dumps(self._handles, indent=1) + "\n", encoding="ascii", newline="\n")
         typer.echo(_where(self._endpoint, handle, held.episode.config.seed))
         await self._watch.wait_for(held)

@@ -21,16 +21,18 @@ def prepare(
     run: Annotated[Path, typer.Argument(help="The run's folder.", show_default=False)],
     name: Annotated[str, typer.Option(help="What the agent or model is called (model_name).", show_default=False)],
     out: Annotated[Path, typer.Option("--out", "-o", help="The new .zip file.")] = Path("bundle.zip"),
-    player: Annotated[str | None, typer.Option(help="Whose episodes, where the run has several players.")] = None,
+    player: Annotated[str | None, typer.Option(help="The player to submit, if the run has several.")] = None,
     model_organization: Annotated[str, typer.Option(help="Who made the model.")] = "not given",
     submitting_organization: Annotated[str, typer.Option(help="Who submits.")] = "not given",
     kind: Annotated[
         Literal["standard", "custom"],
         typer.Option("--type", help="standard: a fixed suite followed in everything; custom: any other run."),
     ] = "standard",
-    suite: Annotated[str | None, typer.Option(help="The suite; tools-v1 for a standard submission.")] = None,
+    suite: Annotated[
+        str | None, typer.Option(help="The suite that was played; tools-v1 for a standard submission.")
+    ] = None,
     notes: Annotated[str | None, typer.Option(help="How the run was made, in your words.")] = None,
-    date: Annotated[str | None, typer.Option(help="The day of the submission, YYYY-MM-DD; today.")] = None,
+    date: Annotated[str | None, typer.Option(help="The day of the submission, YYYY-MM-DD; by default today.")] = None,
     metadata: Annotated[
         Path | None, typer.Option(help="A JSON file with fields of submission.json; options override it.")
     ] = None,
@@ -78,14 +80,14 @@ def check(
         Path | None, typer.Option(help="The board's file of issued seeds; the run's has to be among them.")
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Write the report as JSON into this file, too.")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one for each processor.")] = None,
-    seconds: Annotated[float, typer.Option(min=1, help="The most that the check of one record may take.")] = 120,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default one for each processor.")] = None,
+    seconds: Annotated[float, typer.Option(min=1, help="Seconds that the check of one record may take.")] = 120,
     memory: Annotated[int, typer.Option(min=256, help="The most memory of a process in MB (not on Windows).")] = 4096,
     engine: Annotated[
         list[str] | None, typer.Option(help="An engine that may be started, such as luanti; repeatable.")
     ] = None,
     plugins: Annotated[bool, typer.Option("--plugins", help="Replay games of installed packages, too.")] = False,
-    tokenizer: Annotated[str | None, typer.Option(help="The records' tokenizer, if it is none of ours.")] = None,
+    tokenizer: Annotated[str | None, typer.Option(help="The records' tokenizer, if it is not in this package.")] = None,
     as_json: options.Json = False,
 ) -> None:
     """Replay a submission and compute every row again; the exit code is 1 unless everything is verified.

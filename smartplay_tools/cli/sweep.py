@@ -31,7 +31,8 @@ def sweep(
     games: Annotated[str, _listed("--games", "Ids of settings.")],
     players: Annotated[str, _listed("--players", "Names of players.")] = "rule",
     single: Annotated[
-        bool, typer.Option("--single", help="Intervals of differences that hold each by itself, not all together.")
+        bool,
+        typer.Option("--single", help="Print intervals that hold for each difference alone, not for all together."),
     ] = False,
     form: FormatOption = Format.TEXT,
     cache: options.Caches = None,

@@ -35,14 +35,16 @@ def view(
     folders: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[FOLDER]...", help="Run folders, or folders that hold some; this one.", show_default=False
+            metavar="[FOLDER]...",
+            help="Run folders, or folders that hold some; by default this one.",
+            show_default=False,
         ),
     ] = None,
     play: Annotated[
         str | None,
         _option(
             metavar="GAME",
-            help="Play this game in the browser, as a model would; any: choose; or the link of a challenge.",
+            help="Play this game in the browser as a model would; any lets you choose; or a challenge's link.",
         ),
     ] = None,
     out: Annotated[Path, _option(help="The folder of the run that you play; continued if it is there.")] = RECORDED,
@@ -54,7 +56,7 @@ def view(
     token: Annotated[
         str | None,
         typer.Option(
-            help="What a visitor has to show; drawn if the address is not local.", envvar="SMARTPLAY_VIEW_TOKEN"
+            help="The token that visitors need; drawn if the address is not local.", envvar="SMARTPLAY_VIEW_TOKEN"
         ),
     ] = None,
     plugins: options.Plugins = False,
@@ -68,7 +70,7 @@ def view(
     """Serve a site over run folders on this machine: runs, episodes, and what is being played now.
 
     The site is read-only. Other machines reach it only with --host, --allow-host and a token. With --play, you play a
-    game in it under the window and the budget of an agent; the episode options are for that.
+    game there under an agent's window and budget, which the episode options set.
 
     Example: smartplay-tools view runs
     """
@@ -82,7 +84,7 @@ def view(
     count = len(runs.current())
     counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet, but new ones appear,"
     served = counted if playing is None else f"{counted}, and {to_play} to play (recorded in {out}),"
-    # A token is shown at the first page, which leads on.
+    # The first address has the token; its page passes it on.
     entry = f"{server.url}{begin}" if server.entry == server.url else server.entry
     typer.echo(f"{served} at {entry} - Ctrl-C stops.", err=True)
     with playing or nullcontext():

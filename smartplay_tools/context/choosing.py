@@ -1,8 +1,8 @@
-"""The window of a brought strategy: it shows what the strategy chooses, and keeps the two rules whatever that is.
+"""The window of a brought strategy: it shows what the strategy chooses, within the cap and the history.
 
-The strategy is asked once after every turn. What it chooses is never sent unless it fits and every turn of it exists;
-anything else, and whatever the strategy raises, ends the episode. Age is the window's alone: an observation that is
-older than `history` is masked in every turn. A prompt takes as long as what it shows is long.
+The strategy is asked once after every turn. A choice is sent only if it fits and each of its turns exists; any other
+choice, and any exception of the strategy, ends the episode. Age is decided by the window alone: an observation older
+than `history` is masked in every turn. The time for a prompt grows with what it shows, not with the conversation.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class ChoosingWindow(ContextWindow):
     """A window whose turns a brought strategy chooses."""
 
     _failure: Exception | None = None
-    """What the strategy has raised; after that it is not asked again."""
+    """The exception that the strategy raised; after it the strategy is not asked again."""
 
     def append(self, turn: Turn) -> None:
         """Add a complete turn, and ask the strategy what is shown after it."""
@@ -44,7 +44,7 @@ class ChoosingWindow(ContextWindow):
     def view(self) -> View:
         """Return the contents of the next prompt; `PromptOverflowError` if the pinned parts do not fit.
 
-        A choice that cannot be shown is a `StrategyError`, whose cause is what the strategy has raised.
+        A choice that cannot be shown is a `StrategyError`, whose cause is the strategy's exception, if it raised one.
         """
         state, chosen = self._now.state, self._now.selection
         tokens = self._tokens(state, chosen)
@@ -103,7 +103,7 @@ class ChoosingWindow(ContextWindow):
             turns=turns,
         )
 
-    # What a selection takes.
+    # The tokens of a selection.
 
     def _text_tokens(self, text: str) -> int:
         return self._counter.message(text_message(text))
@@ -152,7 +152,7 @@ def past_of(state: WindowState, text_tokens: Callable[[str], int]) -> Past:
 
 
 def chosen_selection(state: WindowState, choice: Choice) -> Selection:
-    """Return a choice with the pinned turns; `StrategyError` if it is not one that can be shown."""
+    """Return a choice with the pinned turns; `StrategyError` if it cannot be shown."""
     if not isinstance(choice, Choice):
         raise StrategyError(f"A strategy returns a Choice, not {type(choice).__name__}.")
     pinned = {index for index in (state.last, state.newest, state.notes) if index is not None}

@@ -1,7 +1,7 @@
 """The prefix: how much of a view's beginning is the same as in the view before the latest turn.
 
-A provider's prompt cache can serve that part. A message is the same if it is the same one in the same place, masked in
-both views or in neither; the comparison is of neighbours in the conversation, even if a view was never sent.
+A provider's prompt cache can serve that part. A message is the same if both views have it in the same place, masked in
+both or in neither. The views after two consecutive turns are compared, even if one of them was never sent.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def common_messages(turn: Turn, before: Selection, now: Selection, counter: Toke
 
 
 def _first_change(turn: Turn, before: Selection, now: Selection) -> int | None:
-    """The first of a turn's messages that two views show differently: each way to show one is an object of its own."""
+    """The first of a turn's messages that two views show differently: each form of one is an object of its own."""
     pairs = zip(before.seen(turn), now.seen(turn), strict=True)
     return next((at for at, (was, is_now) in enumerate(pairs) if was is not is_now), None)
 

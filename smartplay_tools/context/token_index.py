@@ -16,18 +16,18 @@ from smartplay_tools.tokens import TokenCounter
 
 
 class TokenIndex:
-    """The turns of a conversation with their tokens; every question takes at most a bisection."""
+    """The turns of a conversation with their tokens; every query takes at most a bisection."""
 
     def __init__(self, counter: TokenCounter, *, with_words: bool = False, with_pictures: bool = False) -> None:
         """`with_words` says whether replies become bare, `with_pictures` whether old pictures are left out.
 
-        What that saves is counted then alone.
+        The tokens saved are counted only in these cases.
         """
         self._with_words, self._with_pictures = with_words, with_pictures
         self._unpictured, self._pictures = [0], list[int]()
-        """What the pictures of the turns before each take, and how many the turns up to each have."""
+        """The tokens of the pictures before each turn, and the number of pictures up to the end of each turn."""
         self._spoken, self._wordy = [0], list[int]()
-        """What the words of the replies before each turn take, and the turns that have any."""
+        """The tokens of the words in the replies before each turn, and the turns whose replies have words."""
         self.turns: list[Turn] = []
         self._counter = counter
         self._whole, self._masked = [0], [0]

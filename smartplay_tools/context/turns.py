@@ -22,7 +22,7 @@ from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import message_bytes
 
 BROUGHT_BACK = frozenset({"recalled", "page"})
-"""What the record holds of answers that bring observations back; each kind of tool of memory has a name of its own."""
+"""The data by which a result is known to bring observations back: a key for each tool that does so."""
 
 
 @dataclass
@@ -41,7 +41,7 @@ class Item:
 
     @property
     def date(self) -> int | None:
-        """The step by which it ages: of the observation that it shows, or at which it brought others back."""
+        """The step by which it ages: that of the observation it shows, or that at which it brought others back."""
         return self.step if self.brings_back else self.observation_step
 
     @cached_property
@@ -147,7 +147,7 @@ class Turn:
         return counter.message(self.assistant, arguments) - counter.message(self.bare, arguments)
 
     def masked(self, oldest: int, pictures: int = 0) -> list[int]:
-        """Return the indices of the items that read as the marker, since they are old, or nothing without a picture."""
+        """Return the indices of the items shown as the marker: they are old, or only a picture that is left out."""
         old: list[int] = []
         if not self._is_young(oldest):
             old = [at for at, item in enumerate(self.items) if (date := item.date) is not None and date < oldest]

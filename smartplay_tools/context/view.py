@@ -1,4 +1,4 @@
-"""Views: which turns a prompt shows, and everything that is said of it."""
+"""Views: which turns a prompt shows, and the numbers that describe it."""
 
 from __future__ import annotations
 
@@ -20,14 +20,13 @@ class Selection:
     """Which turns a prompt shows: the run from `first` to `last`, and before it the pinned ones that are older."""
 
     pinned: tuple[int, ...]
-    """What lies before `first` of the first turns that stay, the latest turn that shows the newest observation, and the
-    turn with the notes."""
+    """The turns before `first` that stay: first turns, the latest with the newest observation, that with the notes."""
     first: int
     last: int
     oldest: int
     """Observations before this one are masked."""
     hidden: int | None = None
-    """The pinned turn of which every observation is masked: that with the notes."""
+    """The pinned turn with the notes, of which every observation is masked."""
     words: int = 0
     """Replies of turns older than this step are bare."""
     anchors: int = 0
@@ -37,7 +36,7 @@ class Selection:
     is_chosen: bool = False
     """Whether a brought strategy has chosen the turns; `pinned` are then all but the newest."""
     masked: frozenset[int] = frozenset()
-    """Turns of which a brought strategy has every observation masked."""
+    """Turns whose observations a brought strategy masks."""
     texts: Mapping[int, str] = field(default_factory=dict)
     """The texts of a brought strategy, by the turn before which each stands."""
 
@@ -49,7 +48,7 @@ class Selection:
         return len(self.pinned) + self.last + 1 - self.first
 
     def oldest_of(self, turn: Turn) -> int:
-        """Return the oldest observation that is shown of a turn of the selection."""
+        """Return the oldest observation that a turn of the selection may show."""
         is_hidden = turn.number == self.hidden or turn.number in self.masked
         return turn.step + 1 if is_hidden else self.oldest
 

@@ -1,13 +1,14 @@
 """The context window: selects what the model may see, again after every appended turn.
 
-A view is the head (system, task, manual once read), the summary if there is one, the pinned turns (the newest one, the
-latest that shows the newest observation, that with the notes) and older turns, newest first, as long as they fit and
+A view is the head (system, task, manual once read), the summary if there is one, the pinned turns (the newest, the
+latest that shows the newest observation, the one with the notes) and older turns, newest first, as long as they fit and
 are not too old. Two rules are absolute: no view is longer than `prompt_tokens`, and no observation in it is older than
 `history` steps. `docs/budgets.md` and `docs/strategies.md` are the exact definition.
 
 Deciding a view takes a few bisections (`context.token_index`), at turn 10,000 as at turn 10. The tokens of a view fall
-as its first turn moves on, except where the run takes in the notes: they are masked whole before it and by age inside,
-and a marker can be longer than what it replaces. The search for the first turn is made in two halves around them.
+as its first turn moves on, except where the run begins to include the notes: their turn is masked whole before the run
+and by age inside it, and a marker can be longer than what it replaces. So the first turn is searched for in two halves,
+before and after that turn.
 
 What is too old, what is pinned and what is kept free is decided by the strategies (`context.strategies`). Where one of
 them asks for summaries, a window that has to move is first owed one: `request` is the prompt that asks for it, and
@@ -78,7 +79,7 @@ class ContextWindow:
         self._now = Contents(state, state.selected(0), None)
         self._before: Contents | None = None
         self._leaving: Contents | None = None
-        """What asks for a summary, while the window is owed one."""
+        """The contents of the prompt that asks for a summary, while the window is owed one."""
         self.summaries = 0
         """How many summaries there have been."""
 

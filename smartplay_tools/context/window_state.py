@@ -39,7 +39,7 @@ class WindowState:
     pictured: int = 0
     """The first turn with a picture after these: the only one of which only some can be left out."""
     left_out: int = 0
-    """The tokens that this saves in it, where it is not the boundary nor before it."""
+    """The tokens that leaving these out saves in `pictured`, unless it is the boundary or before it."""
     anchors: int = 0
     """a: how many of the first turns stay."""
     notes: int | None = None
@@ -156,7 +156,7 @@ class WindowState:
     def visible(self, chosen: Selection) -> int:
         """How many observations a selection shows without a gap up to the newest.
 
-        Those of first turns that stay and lie before the run are left out, but for the latest that shows the newest.
+        Observations of first turns before the run are not counted, except in the latest turn that shows the newest.
         """
         for index in chosen.pinned:
             if index == self.newest and index != chosen.hidden:

@@ -44,7 +44,7 @@ class CheckedReply:
 
     @classmethod
     def of(cls, message: Mapping[str, Any], usage: Usage | None, sampled: SampledTokens | None = None) -> CheckedReply:
-        """Return a copy of a reply as the conversation keeps it; `InvalidArgumentError` if it is none."""
+        """Return a copy of a reply as the conversation keeps it; `InvalidArgumentError` if it is not a reply."""
         return cls(assistant_message(message), checked_usage(usage), checked_tokens(sampled))
 
     def event(self, name: str, turn: int, **facts: Any) -> Event:
@@ -79,7 +79,7 @@ class Pending:
 
 def _common_beginning(shown: Sequence[Message], before: Sequence[Message]) -> int:
     """Return how many messages at the beginning of two prompts are the same."""
-    # Most are one object in both, so that many take no line of Python; a text or a summary may be made anew.
+    # Most are the same object in both, so comparing is fast; a text or a summary may be an equal new object.
     for place in compress(count(), map(is_not, shown, before)):
         if shown[place] != before[place]:
             return place
@@ -87,7 +87,7 @@ def _common_beginning(shown: Sequence[Message], before: Sequence[Message]) -> in
 
 
 class _NamedPictures(Mapping[str, Picture]):
-    """The pictures that messages name, by their sha256: they are looked for when the first is asked for."""
+    """The pictures that messages name, by their sha256, collected when the first is used."""
 
     def __init__(self, messages: Sequence[Message], kept: Mapping[str, Picture]) -> None:
         self._messages, self._kept = messages, kept
@@ -146,7 +146,7 @@ class BaseConversation(ABC):
 
     @abstractmethod
     def _next_view(self) -> View:
-        """Return what the next prompt shows; `PromptOverflowError` if that does not fit."""
+        """Return what the next prompt shows; `PromptOverflowError` if its pinned parts do not fit."""
 
     @abstractmethod
     def _shown(self, view: View) -> dict[str, Any]:
@@ -180,9 +180,9 @@ class BaseConversation(ABC):
 
     @property
     def awaits_reply(self) -> bool:
-        """Whether the next prompt has been made and has no reply yet; a summary leads to the same next prompt.
+        """Whether a prompt waits for its reply; after a summary this is still so, for the prompt to play that is due.
 
-        Until that reply nothing can be added and the head cannot be changed.
+        While this is so, nothing can be added and the head cannot be changed.
         """
         if self._pending is not None:
             return True
@@ -196,8 +196,8 @@ class BaseConversation(ABC):
     def prompt(self) -> Prompt | None:
         """Return the next prompt, or None when the episode is over; a spent budget ends the episode here.
 
-        Where the budget asks for summaries, so may a prompt (`asks_for_summary`). It is answered as any other, with
-        `receive`; that reply is not a turn, and the prompt to play comes next.
+        Where the budget has `summary_tokens`, a prompt may ask for a summary (`asks_for_summary`). It is answered with
+        `receive`, as any other; that reply is not a turn, and the prompt to play comes next.
 
         Two calls without a reply in between return the same prompt. The messages are copies, which you may change.
         """

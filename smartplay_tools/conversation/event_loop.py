@@ -1,4 +1,4 @@
-"""Code that runs an event loop called where one runs already, and code that blocks one: each in another thread."""
+"""Calls moved to another thread: of code that runs an event loop where one already runs, or that would block one."""
 
 from __future__ import annotations
 
@@ -42,5 +42,5 @@ async def reply_of(player: Player | AsyncPlayer, prompt: Prompt) -> Reply:
 def _blocking(player: Player, prompt: Prompt) -> Reply:
     try:
         return player.reply(prompt)
-    except StopIteration as error:  # which no coroutine may raise: whoever awaits it would wait forever
+    except StopIteration as error:  # StopIteration, which no coroutine may raise: its caller would wait forever
         raise RuntimeError("The player has no more replies.") from error

@@ -1,7 +1,7 @@
 """HostChat: an episode in the chat of a host that keeps the messages itself.
 
 A LangGraph graph, an agent framework's runner or a client of the window endpoint has a list of all messages, to which
-it adds results and words of its own. An adapter brings what is new there into canonical form; what each of these means
+it adds results and words of its own. An adapter converts the new messages to canonical form; what each of them means
 for the episode's session is decided here, in the order of the calls.
 """
 
@@ -45,7 +45,7 @@ class HostChat:
         if not pictures:
             self.episode.refuse_pictures("This host", has_option=True)
         self._is_told = False
-        """Whether it is logged that results have parts that the model is not shown."""
+        """Whether it has been logged that results have parts that the model is not shown."""
         self._first: list[Message] | None = None
         """The host's messages before the first reply, without its system texts."""
 
@@ -86,8 +86,8 @@ class HostChat:
         A call whose id is in `play` is played, with the arguments given there unless they are None. A result among the
         messages is the host's answer; to one of the game's own calls it is a refusal. Of the other calls, those that no
         host can run, because their tool does not exist or their arguments are not an object, are answered here, and the
-        rest was not run. Results of foreign tools are the host's own and not returned; a part of one that has no text,
-        such as a picture, is named in its place, because its tokens cannot be counted.
+        rest as not run. Results of foreign tools are the host's own and not returned; in these, a part without text,
+        such as a picture, is replaced by its name, because its tokens cannot be counted.
         """
         session = self._begun
         turn, answers = session.latest_turn, dict[str, ToolResult]()
@@ -119,7 +119,7 @@ class HostChat:
         return answers
 
     def _in_words(self, result: Message) -> str:
-        """Return the text of a host's result, and log once that some of it is none."""
+        """Return the text of a host's result, and log once if a part of it has no text."""
         text, kinds = words_of(result["content"])
         if kinds and not self._is_told:
             self._is_told = True

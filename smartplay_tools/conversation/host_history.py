@@ -1,7 +1,7 @@
-"""HostHistory: sees that a host shortens its own messages, which changes no prompt and may cost model calls.
+"""HostHistory: notices when a host shortens its own messages, which changes no prompt but may cost model calls.
 
 Agents that summarise or trim what they keep do so in vain here, because the window decides what the model sees. A
-summary is a model call of the agent's own, which no budget counts, so whoever pays for it is told once what leaves.
+summary is a model call of the agent's own, which no budget counts, so what leaves is logged once, for whoever pays.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from smartplay_tools.tokens import TokenCounter
 
 T = TypeVar("T")
 
-COST = "Each summary is a model call with at least these tokens, paid for beside the budget, which does not count it."
+COST = "Each summary is a model call with at least these tokens, which you pay for and the budget does not count."
 IN_VAIN = f"{COST} Leave it out."
 
 log = logging.getLogger("smartplay_tools.conversation")
@@ -41,7 +41,7 @@ class HostHistory(Generic[T]):
         self._latest = ()
 
     def see(self, messages: Sequence[T]) -> None:
-        """Look at the host's messages, and log the first time that some are gone: how many, and their tokens."""
+        """Look at the host's messages; the first time that some are gone, log how many, and their tokens."""
         before, self._latest = self._latest, messages
         if self._is_told or not before:
             return
@@ -54,7 +54,7 @@ class HostHistory(Generic[T]):
             return
         self._is_told, self._latest = True, ()
         log.warning(
-            "%d messages with %d tokens of text are gone from the agent's own: it summarises or trims them. The model "
+            "%d messages with %d tokens of text have left the agent's own list: it summarises or trims them. The model "
             "still sees the window. %s",
             len(gone),
             sum(self._counter.text(text) for text in gone),

@@ -17,7 +17,7 @@ class CallIds:
         self._taken = set(taken)
 
     def reserve(self, ids: Iterable[str]) -> None:
-        """Take the ids of a head's examples, which keep them."""
+        """Take the ids of the example calls in a head, which keep their ids."""
         self._taken.update(ids)
 
     def take(self, sent: Sequence[str], turn: int) -> list[str]:

@@ -24,15 +24,15 @@ OnPrompt = Callable[[BaseConversation, Prompt], None]
 """Called before a prompt goes to the player; if it ends the episode, the player is not asked."""
 
 OnTurn = Callable[[BaseConversation], None]
-"""Called after every turn. The reply to a prompt for a summary is none."""
+"""Called after every turn. The reply to a prompt for a summary is not a turn."""
 
 
 @runtime_checkable
 class AttachedPlayer(Protocol):
     """A player that is given the conversation before the first prompt.
 
-    A human player reads from it what the budget has left. A player that takes the game from it
-    (`Episode.privileged_game`) is privileged, and the record notes it.
+    A human player reads from it what is left of the budget. A player that takes the game from it
+    (`Episode.privileged_game`) is privileged, which is on record.
     """
 
     def attach(self, conversation: BaseConversation) -> None:
@@ -98,7 +98,7 @@ def check_player(player: object) -> None:
     """Raise an `InvalidArgumentError` that says what an object lacks to be a player."""
     kind = player.__name__ if isinstance(player, type) else type(player).__name__
     if isinstance(player, type):
-        raise InvalidArgumentError(f"{kind} is a class, not a player; make one of it: {kind}().")
+        raise InvalidArgumentError(f"{kind} is a class, not a player; pass an instance: {kind}().")
     if not any(callable(getattr(player, method, None)) for method in ("reply", "areply")):
         raise InvalidArgumentError(f"{kind} is not a player: it needs a method `reply(prompt)` or `areply(prompt)`.")
     if not isinstance(getattr(player, "name", None), str):
@@ -109,9 +109,9 @@ def check_player(player: object) -> None:
 
 
 def check_observation(player: object, observation: ObservationForm) -> None:
-    """Raise an `InvalidArgumentError` unless a player can play from such observations.
+    """Raise an `InvalidArgumentError` unless a player can play from observations of this form.
 
-    A player's attribute `observations` lists those that it can play from; without it, these are words.
+    A player's attribute `observations` lists the forms from which it can play; by default, words only.
     """
     able: Sequence[str] = getattr(player, "observations", ("text",))
     if observation not in able:

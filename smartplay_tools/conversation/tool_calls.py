@@ -159,7 +159,7 @@ class ToolConversation(BaseConversation):
                 return
             if not self._builder.is_open:
                 raise InvalidArgumentError(
-                    "Add messages between a reply and the next prompt; earlier ones belong into `head`."
+                    "Add messages between a reply and the next prompt; earlier ones belong in `head`."
                 )
             if clean["role"] == "tool":
                 position = self._waiting(clean["tool_call_id"])
@@ -210,7 +210,7 @@ class ToolConversation(BaseConversation):
         """Answer a call that is still open when the next prompt is asked for."""
 
     def answer_at(self, position: int, *, refusal: str | None = None, edited: str | None = None) -> ToolResult:
-        """Answer the call at a position of the message: in the host's words with `refusal`, with `edited` arguments.
+        """Answer the call at a position: with the host's text if there is a `refusal`, with arguments `edited` by it.
 
         A call is not played after a later one of its message, or observations would not be shown in their order. Such a
         call can only be refused; playing it raises an `InvalidArgumentError`.
@@ -257,7 +257,7 @@ class ToolConversation(BaseConversation):
         return any(calls[at].name == "act" for at in self._answered() if at < position)
 
     def _answered(self) -> Iterator[int]:
-        """The positions of the message's own calls that the game has answered, while it was played."""
+        """The positions of the message's own calls that the game answered before it was over."""
         return (at for at, result in self._results.items() if result.data.get("mistake") not in UNANSWERED)
 
     def _own(self, call_id: str) -> int:
@@ -272,7 +272,7 @@ class ToolConversation(BaseConversation):
         raise InvalidArgumentError(f"The latest reply has no call with the id {call_id!r}.")
 
     def _waiting(self, call_id: str) -> int:
-        """The first call without a result that has this id, in the conversation or as the model sent it."""
+        """The first call without a result that has this id, be it the conversation's or the model's."""
         waiting, calls = self._builder.waiting, self._builder.calls
         by_id = [at for at in waiting if calls[at].id == call_id]
         sent = [at for at in waiting if calls[at].sent_id == call_id]

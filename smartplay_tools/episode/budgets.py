@@ -82,7 +82,7 @@ def check_pictures(budget: ResolvedBudget, least: int, picture: int, words: int)
 def check_strategies(
     budget: Budget, spec: GameSpec, *, context: str, protocol: str = "tools", observation: str
 ) -> None:
-    """Raise an `InvalidArgumentError` if the budget says something of the past that cannot be enforced."""
+    """Raise an `InvalidArgumentError` if a strategy that the budget asks for cannot be enforced."""
     if refusal := refused_strategy(budget, spec, context=context, protocol=protocol, observation=observation):
         raise InvalidArgumentError(refusal)
 
@@ -90,7 +90,7 @@ def check_strategies(
 def refused_strategy(
     budget: Budget, spec: GameSpec, *, context: str, protocol: str = "tools", observation: str = "text"
 ) -> str | None:
-    """Return why what the budget says of the past cannot be enforced, in one sentence; None if it can be."""
+    """Return why a strategy that the budget asks for cannot be enforced, in one sentence; None if all can be."""
     history, asked = _history(budget, spec), ", ".join(budget.strategies)
     if not asked:
         return None

@@ -1,9 +1,9 @@
 """Carried stores: what a trial of a run takes over from the trial before it in its chain.
 
 With `Rules.carry` the trials of a cell form chains. What a trial leaves follows from its record, however it ended: its
-last result, and the store that `carry` names, such as the newest notes that were accepted. The next trial of the
-chain is told both in one message at the end of its head, which stays for the whole trial. The last result is told
-because no prompt followed it: in MESSENGER it is the only reward.
+last result, and the store that `carry` names, such as the newest notes that were accepted. The next trial of the chain
+is shown both in one message at the end of its head, which stays for the whole trial. The last result is shown because
+no prompt followed it: in MESSENGER it has the only reward.
 
 The start event holds what was carried and the digest of the record that it comes from. `check_head` reserves the
 longest form of the message from the first trial on, so that no later trial is refused. A store is a function of the
@@ -54,10 +54,10 @@ class NotesStore:
     kept = "notes"
 
     def begin(self, held: str | None, strategies: Strategies, counter: TokenCounter) -> None:
-        """Do nothing: they are in the head."""
+        """Do nothing: the notes are in the head."""
 
     def after(self, calls: Iterable[CallEvent], before: str | None) -> str | None:
-        """Return the newest notes; those of before if none were taken, None if the newest call cleared them."""
+        """Return the newest notes; the earlier trial's if none were taken, None if the newest call cleared them."""
         for call in calls:
             if call["name"] == NOTES_TOOL and (done := call["data"].get("notes")) is not None:
                 before = str((read(call["arguments"]).values or {})["text"]) if done == "kept" else None
@@ -111,7 +111,7 @@ class Carried(BaseModel):
 
     @classmethod
     def of(cls, start: Event) -> Self | None:
-        """Return what a start event holds, None for nothing; `TranscriptError` if it is not valid."""
+        """Return what a start event carries, None for nothing; `TranscriptError` if it is not valid."""
         if (carried := start.get("carried")) is None:
             return None
         try:
@@ -144,7 +144,7 @@ def longest_message(carry: CarriedStore, budget: ResolvedBudget, counter: TokenC
 
 
 def check_carry(rules: Rules, budget: Budget) -> None:
-    """Raise an `InvalidArgumentError` if what a run asks to carry is not kept, or cannot be shown."""
+    """Raise an `InvalidArgumentError` if the store that a run asks to carry is not kept, or cannot be shown."""
     if rules.carry is None:
         if rules.chain is not None:
             raise InvalidArgumentError(

@@ -1,4 +1,4 @@
-"""Cells: from what a user asks for to a config without a seed, checked before anything is played."""
+"""Cells: configs without a seed, made from a user's arguments and checked before anything is played."""
 
 from __future__ import annotations
 

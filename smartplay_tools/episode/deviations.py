@@ -33,7 +33,7 @@ def differs(paper: Any, played: Any) -> dict[str, Any]:
 
 
 def _of_setting(spec: GameSpec, budget: ResolvedBudget) -> Deviations:
-    """A setting that the paper does not have is compared with what it says itself."""
+    """Compare with the paper's setting; a setting that the paper does not have is compared with its own numbers."""
     paper = GAMES.get(spec.id, spec)
     played = {"history": budget.history, "rollout": spec.rollout}
     return {name: differs(getattr(paper, name), n) for name, n in played.items() if n != getattr(paper, name)}

@@ -70,7 +70,7 @@ class Episode:
     Arguments:
         game: the id of a setting in `GAMES`, or a `GameSpec` of your own.
         seed: the only source of the game's randomness, an integer of at least 0.
-        budget: what may be seen and spent; its words are resolved to numbers at once (`Episode.budget`).
+        budget: what may be seen and spent; "game" and "auto" are resolved to numbers at once (`Episode.budget`).
         engine: the engine, for games that have several.
         manual: "tool", the agent may read it; "pinned", it is part of every prompt; "none", it is withheld.
         batch: "all" plays every `act` of a message in order; "first_act" refuses all but the first.
@@ -154,7 +154,7 @@ class Episode:
         carried: Carried | None = None,
     ) -> None:
         self.config = config
-        """Everything that determines this episode, but for what it takes over from another one."""
+        """Everything that determines this episode, except what it takes over from another one."""
         self.carried = carried
         """What it takes over from the trial before it in its chain; None for nothing."""
         self.spec, self.counter = spec, counter
@@ -193,7 +193,7 @@ class Episode:
         self._begun = self._is_privileged = self._has_shown_pictures = self._step_is_unrecorded = False
         self._listeners = listeners_of(self)
 
-    # What the agent may do.
+    # For the agent.
 
     @property
     def tools(self) -> tuple[ToolSpec, ...]:
@@ -237,7 +237,7 @@ class Episode:
         self.refuse_pictures("A function")
         return tool_functions(self)
 
-    # What the harness may do.
+    # For the harness.
 
     @property
     def manual_text(self) -> str:
@@ -263,7 +263,7 @@ class Episode:
 
     @property
     def _recording(self) -> bool:
-        """Whether there is a transcript, or a listener to the events of one."""
+        """Whether events are written: to a transcript, or to listeners."""
         return self._transcript is not None or bool(self._listeners)
 
     @property
@@ -272,7 +272,7 @@ class Episode:
         return self._session.game_seconds
 
     def on_step(self, function: Callable[[TextGame], None] | None) -> None:
-        """Set a function that is called with the game after every recorded step, to draw it, say. It must not play."""
+        """Set a function that is called with the game after every recorded step; it may draw it, but must not play."""
         self._on_step = function
 
     def privileged_game(self) -> TextGame:
@@ -300,8 +300,8 @@ class Episode:
     def note_prompt(self, prompt: Prompt, reply: Message) -> None:
         """Record a prompt that a host with `context="host"` has sent to its model, and the reply.
 
-        Both are counted as everything is; a prompt over `prompt_tokens` is noted as such and not cut. After the end
-        nothing is noted. With a window this library makes the prompts itself, so it is an `InvalidArgumentError`.
+        Both are counted as usual; a prompt over `prompt_tokens` is noted as such and not cut. After the end nothing is
+        noted. With a window this library makes the prompts itself, so a call is an `InvalidArgumentError`.
         """
         if self.config.context != "host":
             raise InvalidArgumentError('Prompts are noted with context="host" only: a window records its own.')
@@ -322,10 +322,10 @@ class Episode:
     def refuse_pictures(self, host: str, *, has_option: bool = False) -> None:
         """Raise an `InvalidArgumentError` if observations are pictures, for a host that shows its model words only.
 
-        `has_option` says that the host shows pictures if it is given `pictures=True`.
+        `has_option`: the host shows pictures with its option `pictures=True`.
         """
         if self.config.observation != "text":
-            remedy = "say pictures=True if the model sees them" if has_option else 'leave it at "text" here'
+            remedy = "pass pictures=True if the model sees them" if has_option else 'leave it at "text" here'
             raise InvalidArgumentError(
                 f'{host} gives its model results in words only, and observation="{self.config.observation}" has '
                 f"pictures; {remedy}."
@@ -449,7 +449,7 @@ class Episode:
         )
 
     def _complete_turn(self) -> None:
-        """End the episode if too many turns in a row have brought nothing; a conversation says that one is complete."""
+        """End the episode if too many turns in a row have brought nothing; conversations call this after each turn."""
         cap = self.budget.stalled_turns
         if cap is not None and self._stalls.in_a_row >= cap:
             self._session.end("stalled_turns")

@@ -81,7 +81,7 @@ class Callee(Protocol):
 def tool_functions(episode: Callee) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
     """Return the game's tools as plain functions, documented with the descriptions that this game's models are given.
 
-    `take_notes` is not among them: notes are pinned in a window, and who takes functions owns the context.
+    The tools of strategies are not among them: a framework that takes functions owns the context.
     """
 
     def observe() -> str:

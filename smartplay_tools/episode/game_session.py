@@ -120,7 +120,7 @@ class GameSession:
         return self.say(f"Error: {reason}", kind)
 
     def say(self, text: str, kind: str) -> Answer:
-        """Return a text as the answer to a call that was not played, such as the host's; it is cut as any other."""
+        """Return a text, such as the host's, as the answer to a call that was not played; it is cut as any other."""
         answer = self._show(text, mistake=kind, legal=False)
         answer.is_error = True
         return answer
@@ -193,7 +193,7 @@ class GameSession:
         return Answer(words, {**data, "picture": picture.facts}, cut=words != shown, picture=picture)
 
     def _beginning(self, observation: str) -> str:
-        """The words of an observation: all of them, cut to their cap, or their first page."""
+        """The words of an observation, cut to their cap, or the first page of them."""
         cap, offload, results = self._cap_on_words, self.strategies.offload, self.budget.result_tokens
         if offload is None or cap is None or results is None:
             return self._cut(observation, cap, truncation.cut_end)

@@ -1,7 +1,7 @@
-"""Listeners: functions that are told every event of every episode of this process as it is recorded.
+"""Listeners: functions that are called with every event of every episode of this process as it is recorded.
 
-Tracing needs the moments at which things happen, which a record does not have, and needs them of all episodes, whatever
-plays them. A listener sees what a record holds, and can change nothing. An episode without a transcript has one, too.
+Tracing needs to know when events happen, which a record does not hold, in all episodes, whatever plays them. A listener
+sees what a record holds, and can change nothing. Episodes without a transcript have listeners, too.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _LISTENERS: list[NewListener] = []
 
 
 def add_listener(new_listener: NewListener) -> Callable[[], None]:
-    """Have every episode that is made from now on in this process tell its events; return a function that ends this."""
+    """Listen to every episode that this process makes from now on; return a function that stops it for later ones."""
     _LISTENERS.append(new_listener)
     return lambda: _LISTENERS.remove(new_listener)
 

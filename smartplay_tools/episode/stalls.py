@@ -1,4 +1,4 @@
-"""Stalls: how many turns in a row have brought nothing, told from an episode's events one by one.
+"""Stalls: how many turns in a row have brought nothing, computed from an episode's events one by one.
 
 A turn brings nothing if it plays no step and shows nothing new: it has no call, or each of its calls is a mistake, was
 refused, or repeats what the model has seen. A model in such a state rarely leaves it, but would go on until its calls
@@ -22,7 +22,7 @@ class Stalls:
         """The turns in a row before the latest."""
         self._turn = -1
         self._is_new = self._is_foreign = True
-        """Whether the latest turn has brought something, and whether it has the result of another tool."""
+        """Whether the latest turn has brought something new, and whether it has the result of a foreign tool."""
         self._observation = -1
         self._manual_was_read = False
         self._sent: dict[str, str] = {}

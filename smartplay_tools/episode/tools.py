@@ -75,7 +75,7 @@ class _Actions:
 
 
 _actions_of = functools.lru_cache(64)(_Actions)
-"""The same for all episodes of a game: they are made of a few dozen names."""
+"""Cached, because all episodes of a game have the same actions."""
 
 
 class Tools:

@@ -4,8 +4,8 @@ A game's step may take milliseconds or wait for another process, so it must not 
 episode would be too many for ten thousand episodes; here a call that waits for its turn occupies no thread.
 
 Where thousands of calls wait, handing them over would cost more than most games' steps. So a thread that has run a
-function takes the next one itself, and results go back to an event loop in batches: as many as there are when it comes
-to look, after one wake-up.
+function takes the next one itself, and results go back to an event loop in batches: all that are ready when the loop
+wakes up once.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PATIENCE = 0.02
 class SerialQueue:
     """Runs functions in the shared threads, one at a time, in the order in which they were given.
 
-    `is_slow` says that its functions wait for something else than Python, so that they need a thread of their own.
+    `is_slow`: its functions wait for something other than Python, so they need a thread of their own.
     """
 
     def __init__(self, *, is_slow: bool = False) -> None:
@@ -73,7 +73,7 @@ class SerialQueue:
         return job
 
     def run_next(self) -> bool:
-        """Run the first function that waits; return whether others wait behind it."""
+        """Run the first waiting function; return whether others wait behind it."""
         with _LOCK:
             job = self._waiting.popleft()
         job.run()
@@ -113,7 +113,7 @@ class _Job:
 
 
 class _Mailbox:
-    """What has come back for the futures of one event loop; the loop is woken once for everything that is in it."""
+    """The results for the futures of one event loop; the loop is woken once for all of them."""
 
     def __init__(self) -> None:
         self._results: list[tuple[asyncio.Future[Any], Any, BaseException | None]] = []
@@ -146,7 +146,7 @@ class _SharedThreads:
 
     Python runs one thread at a time, and threads that compete for it slow each other down. So one thread does all the
     work as long as it keeps up, and another one stands by. It joins in when no function has begun for `PATIENCE`
-    seconds, because those that run wait for something else than Python, and then the next one stands by.
+    seconds, because the running ones wait for something other than Python, and then the next one stands by.
     """
 
     def __init__(self) -> None:
@@ -157,7 +157,7 @@ class _SharedThreads:
         """How many threads there are, how many of them run a function, and how many functions have begun in all."""
 
     def add(self, queue: SerialQueue) -> None:
-        """Have the functions of a queue run, behind those of the other queues."""
+        """Queue the functions of a queue to run, behind those of the other queues."""
         with _LOCK:
             self._ready.append(queue)
             if not self._running or queue.is_slow:

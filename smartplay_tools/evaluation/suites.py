@@ -50,7 +50,7 @@ class Suite:
         return bool(self.budgets)
 
     def cells(self, player: str | None, player_options: Mapping[str, Any] | None = None) -> list[CellConfig]:
-        """Return the cells of a fixed suite for a player: every game under every budget, all else as by default."""
+        """Return the cells of a fixed suite for a player: every game under every budget, the rest by default."""
         return [
             cell_config(game, budget=budget, player=player, player_options=player_options, **self._options_of(game))
             for game in self.games

@@ -2,12 +2,12 @@
 
     export("runs/first", "data", "sft", completed=True)
 
-selection  which episodes are exported
-sft        rows for supervised fine-tuning: what a model saw and what it said
-atif       trajectories in the Agent Trajectory Interchange Format
-published  results in the formats of those who collect them
-card       the dataset card that is written beside the data, with what its worlds teach apart from the games
-export     the formats by name, and the function above
+selection      which episodes are exported
+sft            rows for supervised fine-tuning: what a model saw and what it said
+atif           trajectories in the Agent Trajectory Interchange Format
+published      results in the formats of those who collect them
+dataset_cards  the dataset card that is written beside the data, with warnings about its worlds
+export         the formats by name, and the function above
 """
 
 from smartplay_tools.exports.export import FORMATS, RESULTS, Exported, export

@@ -14,14 +14,14 @@ from smartplay_tools.records.manifest import trial_seed
 from smartplay_tools.records.record import Record
 
 EVALUATED = 100
-"""A card says how many of the worlds that an evaluation plays first by default, this many, are in the data."""
+"""The number of worlds, the first that an evaluation plays by default, of which a card counts those in the data."""
 
 WORDS = {
     "sft": "One row for every reply: `prompt` is exactly what the model saw, `completion` what it said, `tools` the "
     "schemas of its tools as JSON text.",
     "sft-chains": "One row for every stretch of an episode in which each prompt extends the one before. The assistant "
     "messages of `completion` are the replies, each after exactly the prompt to which it was given: all messages "
-    "before it. Train on them only; assistant messages of `prompt` are trained in an earlier row. `tools` are the "
+    "before it. Train on them only; assistant messages of `prompt` belong to an earlier row. `tools` are the "
     "schemas of the tools as JSON text.",
     "sft-episodes": "One row for every episode: `messages` is the whole conversation, `tools` the schemas of the tools "
     "as JSON text. A model under a budget saw parts of it at a time.",
@@ -91,7 +91,7 @@ def _word(value: Any) -> str:
 
 
 def _warnings(episodes: Sequence[Record]) -> list[str]:
-    """What the worlds of the data teach apart from the games, and which of them an evaluation plays by default."""
+    """Warnings: what the data's worlds teach beyond the games, and which of them an evaluation plays by default."""
     worlds = {(e.result.game, json.dumps(e.config.options, sort_keys=True)): e.config for e in episodes}
     about = ((game, config.spec.load().worlds(config.options)) for (game, _), config in sorted(worlds.items()))
     lines = [f"- {game} {words}" for game, words in about if words is not None]

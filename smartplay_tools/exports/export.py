@@ -20,9 +20,9 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
 
 Write = Callable[..., dict[str, int]]
-"""Writes episodes into a folder that exists, and says how many of what it wrote: `write(episodes, folder)`.
+"""Writes episodes into an existing folder, and returns how much of each kind it wrote: `write(episodes, folder)`.
 
-One of `WITH_SUMMARIES` takes `summaries`, too, and one of `WITH_PICTURES` `pictures`.
+The functions of `WITH_SUMMARIES` also take `summaries`, those of `WITH_PICTURES` `pictures`.
 """
 
 FORMATS: dict[str, str] = {
@@ -72,12 +72,12 @@ def export(
 ) -> Exported:
     """Export the finished episodes of a run's folder, of a folder of records, or of one record.
 
-    `out` is a new folder, in which the data and a dataset card (`README.md`) are written. With `summaries`, the replies
-    to prompts for a summary have rows as others do. With `pictures`, episodes whose observations are pictures are
-    exported, too, which are left out otherwise, and their pictures are written as files. `selection` are the fields of
-    an `EpisodeSelection`, and `publication` those of a `Publication`, for the formats of results. Every prompt is
-    rebuilt from its record and verified; a record that was changed is a `TranscriptError`, and a selection without any
-    episode an `InvalidArgumentError`.
+    `out` is a new folder, in which the data and a dataset card (`README.md`) are written. With `summaries`, replies to
+    prompts for a summary get rows, too. With `pictures`, episodes whose observations are pictures are exported instead
+    of left out, and their pictures are written as files. `selection` are the fields of an `EpisodeSelection`, and
+    `publication` those of a `Publication`, for the formats of results. Every prompt is rebuilt from its record and
+    verified; a record that was changed is a `TranscriptError`, and a selection without any episode an
+    `InvalidArgumentError`.
     """
     write: Write = _REGISTRY[format]
     if summaries and format not in WITH_SUMMARIES:
@@ -97,7 +97,9 @@ def export(
     if format in RESULTS:
         write = partial(write, about=about)
     elif about != Publication():
-        raise InvalidArgumentError(f"The format {format} holds data; only {' and '.join(RESULTS)} say whose results.")
+        raise InvalidArgumentError(
+            f"The format {format} holds data; only {' and '.join(RESULTS)} say whose results they hold."
+        )
     records, left_out = chosen.choose(Path(source), pictures=pictures)
     if not records:
         why = ", ".join(f"{number} {reason}" for reason, number in left_out.items()) or "there is none"
@@ -120,7 +122,7 @@ def export(
 
 
 def _read(records: Iterable[Path], written: list[Record]) -> Iterator[Record]:
-    """Read one record after the other, and keep of each only what the card says of it."""
+    """Read one record after the other, keeping of each only what the card needs."""
     for record in records:
         episode = Record.read(record)
         yield episode

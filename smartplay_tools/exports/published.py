@@ -4,7 +4,7 @@
     hf-results  `.eval_results/*.yaml` of a model's repository on the Hugging Face Hub, a file for each condition
 
 Both hold a mean for every game, with its interval as everywhere else, and the conditions under which it was played.
-What cannot be known from records, `Publication` asks for: whose model it is, and who evaluated it.
+`Publication` holds what records cannot tell: whose model it is, and who evaluated it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ UNBOUNDED = {"min_score": "-Infinity", "max_score": "Infinity"}
 
 
 class Publication(BaseModel):
-    """What a published result says that no record knows."""
+    """The facts of a published result that no record holds."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -107,7 +107,7 @@ def write_hub_results(records: Iterable[Record], folder: Path, about: Publicatio
 
 
 def _rows(records: Iterable[Record]) -> list[Row]:
-    """The rows of episodes, which are one player's."""
+    """The rows of episodes, which must be those of one player."""
     rows = [row_of(record, trial) for trial, record in enumerate(records)]
     if len(players := dict.fromkeys(row["player"] for row in rows)) > 1:
         raise InvalidArgumentError(f"These are the results of {', '.join(players)}; name one with --players.")

@@ -1,15 +1,15 @@
 """Rows for supervised fine-tuning, in the columns that TRL's `SFTTrainer` and most other trainers read.
 
-`sft` has a row for every reply: the prompt exactly as the model saw it, and the reply. This is what a model is trained
-on that will play under the same budget. `sft-chains` has the same prompts and replies with less repetition: a row goes
-on while each prompt extends the one before with its reply and what followed. `sft-episodes` has a row for every
+`sft` has a row for every reply: the prompt exactly as the model saw it, and the reply. This is the data for a model
+that will play under the same budget. `sft-chains` has the same prompts and replies with less repetition: a row
+continues while each prompt extends the previous one by its reply and what followed. `sft-episodes` has a row for every
 episode, the whole conversation, which no model saw whole if its window dropped turns.
 
 Columns of one name have one type in every row (Arrow needs that): arguments and tool schemas are JSON text, which
 `SFTTrainer` reads. What a provider wanted back (`provider_items`) is left out.
 
 With `pictures` a row has the column `images`, the paths of its pictures in their order, and every content is a list of
-parts, where `{"type": "image"}` stands for the next of them: the form of TRL's data for models that see.
+parts, where `{"type": "image"}` stands for the next of them: the form of TRL's data for vision models.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
 
 
 def chain_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
-    """Yield rows in which every reply is trained once: `prompt`, `completion`, `tools`, and the facts of the episode.
+    """Yield rows in which every reply is trained on once: `prompt`, `completion`, `tools`, and the episode's facts.
 
     The assistant messages of `completion` are the replies, each after exactly the prompt to which it was given: all
     messages before it. Assistant messages of `prompt` are replies that an earlier row has.

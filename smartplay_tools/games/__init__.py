@@ -1,9 +1,9 @@
 """The games and their settings. Each game is a module or folder with three parts: rules, text and environment.
 
-base      `TextGame`, what all games share
-specs     the settings of the benchmark
-registry  settings by id, including those of other packages
-paper     the paper's tables
+base           `TextGame`, what all games share
+specs          the settings of the benchmark
+game_registry  settings by id, including those of other packages
+paper_tables   the paper's tables
 
 Nothing is imported here before it is asked for; a setting names its class as a string.
 """

@@ -90,7 +90,7 @@ class TextGame(gymnasium.Env[str, Any]):
     ) -> None:
         """`longest_observation` (in characters) and `characters` are the bounds of the observation space.
 
-        `observation` is "text", since a picture beside it or in its place is a matter of Gymnasium's wrapper.
+        `observation` is "text"; a picture in addition, or instead, is up to Gymnasium's wrapper.
         """
         if observation != "text":
             raise InvalidArgumentError(
@@ -113,7 +113,7 @@ class TextGame(gymnasium.Env[str, Any]):
         self._past: deque[tuple[int, str]] = deque(maxlen=history)
 
     @functools.cached_property
-    def observation_space(self) -> spaces.Text:  # type: ignore[override]  # made when asked for: agents never ask
+    def observation_space(self) -> spaces.Text:  # type: ignore[override]  # created at first use: agents never use it
         """Texts of the game's characters, up to its longest observation."""
         characters = "".join(sorted(set(self._characters)))
         return Words(min_length=1, max_length=self._longest_observation, charset=characters)
@@ -127,7 +127,7 @@ class TextGame(gymnasium.Env[str, Any]):
 
     @classmethod
     def options_to_record(cls, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a user's options with what they leave to this machine, such as to a variable, written down."""
+        """Return a user's options with the values that they take from this machine, such as from a variable."""
         return dict(options)
 
     @classmethod
@@ -137,9 +137,9 @@ class TextGame(gymnasium.Env[str, Any]):
 
     @classmethod
     def worlds(cls, options: Mapping[str, Any]) -> str | None:
-        """Return what has to be known of the worlds of these options before training on them; None if nothing has to.
+        """Return what one must know before training on the worlds of these options; None for nothing.
 
-        A dataset card says it: words, in Markdown, that follow the name of the setting.
+        It is Markdown for a dataset card, and follows the name of the setting.
         """
         return None
 
@@ -238,7 +238,7 @@ class TextGame(gymnasium.Env[str, Any]):
         return self.observation, float(reward), terminated, truncated
 
     def render(self) -> Any:
-        """Return the current observation (render mode `ansi`), or what another render mode of the game names."""
+        """Return the current observation (render mode `ansi`), or what the game's other render mode returns."""
         return self.observation
 
     def recent(self, steps: int | None = None) -> str:

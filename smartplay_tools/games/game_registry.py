@@ -40,8 +40,8 @@ _IMPORTS: ContextVar[bool] = ContextVar("imports", default=True)
 def importing_packages(allowed: bool) -> Iterator[None]:
     """Decide, for the code in this context, whether the settings of installed packages are imported.
 
-    Records come from strangers, and a name in one must not import a package that its reader did not ask for. Those that
-    the program has registered or loaded already are known in any case.
+    Records come from strangers, and a name in one must not import a package that its reader did not ask for. Settings
+    that the program has already registered or loaded are known in any case.
     """
     before = _IMPORTS.set(allowed)
     try:
@@ -56,7 +56,7 @@ def packages_are_imported() -> bool:
 
 
 class PackageNotImportedError(UnknownNameError):
-    """A setting is that of an installed package, which is not to be imported."""
+    """A setting is declared by an installed package that must not be imported."""
 
     def __init__(self, declared: EntryPoint) -> None:
         super().__init__("game", declared.name, ())
@@ -115,7 +115,7 @@ class Games(Mapping[str, "GameSpec"]):
         return game in self._benchmark or any(declared.name == game for declared in self._declared())
 
     def tell_gymnasium(self) -> None:
-        """Register every setting with Gymnasium; those that packages declare by their name alone."""
+        """Register every setting with Gymnasium; settings that packages declare, by name only."""
         for spec in self._specs.values():
             _register_with_gymnasium(spec)
         for declared in self._declared():

@@ -41,12 +41,12 @@ def _register() -> None:
 
 
 class _AfterImport:
-    """A finder that waits for the import of Gymnasium, leaves it to the others, and registers when it is over."""
+    """A finder that waits for the import of Gymnasium, leaves it to the others, and then registers the settings."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return nothing for any other module; Gymnasium as the other finders find it, with one step more."""
+        """Return None for other modules; for Gymnasium, what the other finders return, with a loader that registers."""
         if name != GYMNASIUM:
             return None
         sys.meta_path.remove(self)
@@ -57,7 +57,7 @@ class _AfterImport:
 
 
 class _Registering:
-    """A loader that does what another does, and then registers the settings."""
+    """A loader that runs another one, and then registers the settings."""
 
     def __init__(self, loader: Any) -> None:
         self._loader = loader
@@ -66,7 +66,7 @@ class _Registering:
         return getattr(self._loader, name)
 
     def exec_module(self, module: ModuleType) -> None:
-        """Run the module, as the loader that it has from now on."""
+        """Run the module with its own loader, which it keeps, and register the settings."""
         module.__loader__ = self._loader
         if module.__spec__ is not None:
             module.__spec__.loader = self._loader

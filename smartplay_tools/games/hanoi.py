@@ -98,7 +98,7 @@ class Hanoi(TextGame):
 
     @classmethod
     def worlds(cls, options: Mapping[str, Any]) -> str:
-        """There is one."""
+        """Say that there is only one world."""
         return "has one world: every seed is the same game, so a player that is trained on it cannot be held out of it."
 
     @property

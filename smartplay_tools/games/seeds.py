@@ -18,7 +18,7 @@ def check_seed(seed: object) -> int:
 
 
 def check_seeds(seed: Any, count: int) -> list[int | None]:
-    """Return the seed of each of several worlds: from one number s, s and the following; or one each, None for none."""
+    """Return a seed for each world: s, s + 1, ... from one number s; or one given for each, None for no seed."""
     if seed is None:
         return [None] * count
     is_several = isinstance(seed, Iterable) and not isinstance(seed, str | bytes | Set)

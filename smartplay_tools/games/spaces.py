@@ -11,7 +11,7 @@ from smartplay_tools.errors import InvalidArgumentError
 
 
 class Words(spaces.Text):
-    """A text, as in Gymnasium, that an `AsyncVectorEnv` with shared memory refuses.
+    """Gymnasium's space of texts, except that an `AsyncVectorEnv` with shared memory refuses it.
 
     That class reads its shared memory once, when it is made. For arrays this gives a view of the memory. For a text it
     gives a copy of the content before the first reset, and every later observation is that copy.

@@ -44,8 +44,8 @@ class GameSpec:
     people played for the paper. `challenges` rates how much of each capability the game requires; a setting without
     ratings is not part of the capability scores.
 
-    `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to say
-    something, and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
+    `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to be of use,
+    and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
 
     `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
     `gymnasium_entry_point` and `vector_entry_point` ("module:name") say what `gymnasium.make` and `make_vec` give

@@ -1,7 +1,7 @@
 """What a GGUF file says of itself: the beginning of the file, without the weights.
 
-The format: a magic word, the version, how many tensors and how many facts there are; then the facts (a name, a type, a
-value), then for each tensor its name, its shape, its type and where its weights begin. Numbers are little-endian.
+The format: a magic word, the version, the number of tensors and of facts; then the facts (name, type, value), then for
+each tensor its name, its shape, its type and where its weights begin. Numbers are little-endian.
 https://github.com/ggml-org/ggml/blob/master/docs/gguf.md
 """
 
@@ -22,7 +22,7 @@ NUMBERS = {0: "B", 1: "b", 2: "H", 3: "h", 4: "I", 5: "i", 6: "f", 7: "?", 10: "
 """The types of numbers, as `struct` spells them."""
 
 LONGEST = 10_000_000
-"""More bytes of a text, or values of a list, are in no file that is whole."""
+"""No intact file has a text of more bytes, or a list of more values."""
 
 CACHE_BYTES = 2
 """Bytes of a number in the cache of keys and values, which is kept in half precision."""
@@ -60,7 +60,7 @@ class GGUF:
 
 
 def read_gguf(path: str | Path) -> GGUF:
-    """Return what a model file says of itself; a file that is missing, cut or another format is refused."""
+    """Return what a model file says of itself; a file that is missing, truncated or in another format is refused."""
     file = Path(path).expanduser()
     try:
         size = file.stat().st_size
@@ -71,9 +71,9 @@ def read_gguf(path: str | Path) -> GGUF:
     except OSError as error:
         raise InvalidArgumentError(f"The model file {path} cannot be read: {error.strerror}.") from None
     except (struct.error, ValueError, KeyError):
-        raise InvalidArgumentError(f"{path} is not a whole file in the format GGUF; get it again.") from None
+        raise InvalidArgumentError(f"{path} is not a complete GGUF file; download it again.") from None
     if size <= last:
-        raise InvalidArgumentError(f"{path} ends before its last weights; get it again.")
+        raise InvalidArgumentError(f"{path} ends before its last weights; download it again.")
     return GGUF(file, facts, size)
 
 

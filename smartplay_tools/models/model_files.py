@@ -30,7 +30,7 @@ class KnownModel:
 
     name: str
     package: str
-    """The requirement that the package index knows."""
+    """The package, as a requirement for pip."""
     file: str
     """The model's path in the package's wheel."""
     bytes: int
@@ -50,7 +50,7 @@ class KnownModel:
 
     @property
     def is_intact(self) -> bool:
-        """Whether it is here and has its sha256."""
+        """Whether it is here and its sha256 is right."""
         return self.is_here and sha256_of_file(self.path) == self.sha256
 
 
@@ -110,7 +110,7 @@ def name_of(name: str = "") -> str:
 
 
 def fetch(name: str, say: Callable[[str], None]) -> Path:
-    """Download a known model, unless it is here and intact, and return its path; `say` is told of each step."""
+    """Download a known model, unless it is here and intact, and return its path; `say` gets a line about each step."""
     if name not in KNOWN_MODELS:
         raise InvalidArgumentError(
             f"There is no model {name!r} to download; known: {', '.join(KNOWN_MODELS)}. Any GGUF file can be played "
@@ -142,7 +142,7 @@ def _download(model: KnownModel, folder: Path) -> Path:
     wheels = sorted(folder.glob("*.whl"))
     if "No module named pip" in done.stderr:
         raise InvalidArgumentError(
-            "pip, which downloads the model, is not in this environment, as in those that uv makes: uv pip install pip."
+            "pip, which downloads the model, is not in this environment (uv makes them without it): uv pip install pip."
         )
     if done.returncode or not wheels:
         problem = (done.stderr.strip().splitlines() or ["no wheel came"])[-1]

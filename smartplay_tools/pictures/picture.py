@@ -40,7 +40,7 @@ class Picture:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a record holds of it."""
+        """Its sha256, width and height, which a record holds instead of the file."""
         return {"sha256": self.sha256, "width": self.width, "height": self.height}
 
 

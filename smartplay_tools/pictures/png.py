@@ -3,9 +3,9 @@
 What `zlib` compresses depends on its version, so nothing here is compressed by it. A picture of a game has few pixels,
 each of them repeated `scale` times in both directions, and that is all the compression that is needed. The data is one
 deflate block whose Huffman code is chosen so that a pixel takes 32 bits: three literals of 9 bits, and a match that
-repeats them. A row takes its pixels and a constant, the match that repeats the row, which ends on a whole byte. So the
-pixels of a part of a picture are the same bytes wherever it stands: a picture is put together from encoded tiles, and
-who has shown a tile before can keep it.
+repeats them. A row takes its pixels and a constant, the match that repeats the row, which ends on a whole byte. So a
+tile is the same bytes wherever it stands in a picture: pictures are put together from encoded tiles, which can be kept
+and used again.
 
 Pictures whose pixels are not enlarged, or with rows too long to be repeated, are stored uncompressed.
 """
@@ -62,7 +62,7 @@ def encode(pixels: NDArray[np.uint8], scale: int) -> Picture:
 
 
 class EncodedTiles(NamedTuple):
-    """Parts of pictures of a layout, encoded: each is the same wherever it stands."""
+    """Encoded tiles of a layout: the bytes of a tile are the same wherever it stands in a picture."""
 
     lines: NDArray[np.void]
     """The bytes of each tile's rows of pixels: tiles x rows."""
@@ -115,13 +115,13 @@ class Layout:
         raise NotImplementedError
 
     def begun(self, tiles: EncodedTiles, at: int) -> Canvas:
-        """Return a picture that has tiles from the row of tiles `at` on, and none above."""
+        """Return a canvas that has tiles from the row of tiles `at` on, and none above."""
         lines = bytearray(self.blank.lines)
         first, second = self._lay(lines, tiles, at)
         return Canvas(bytes(lines), first, second)
 
     def picture(self, canvas: Canvas, tiles: EncodedTiles) -> Picture:
-        """Return the picture of a canvas and of the tiles that it misses, in order from the top left."""
+        """Return the picture of a canvas and the tiles that it still lacks, in order from the top left."""
         lines = bytearray(canvas.lines)
         first, second = self._lay(lines, tiles, 0)
         chunk = _chunk(b"IDAT", self._data(lines, canvas.first + first, canvas.second + second))
@@ -165,9 +165,9 @@ class _Stored(Layout):
 class _Compressed(Layout):
     """Pictures whose pixels are words of 32 bits.
 
-    Adler-32's second sum has each byte as often as there are bytes from it to the end: as often as the same byte of the
-    tile at the top left, less the bytes between the two. All are remainders of whole numbers, and the sums over a tile
-    are far below 2**53, so floats have them exactly, in any order.
+    Adler-32's second sum counts each byte as often as there are bytes from it to the end: as often as the same byte of
+    the tile at the top left, less the bytes between the two. All are remainders of whole numbers, and the sums over a
+    tile are far below 2**53, so floats hold them exactly, in any order.
     """
 
     def __init__(self, down: int, across: int, rows: int, columns: int, scale: int) -> None:

@@ -37,7 +37,7 @@ def _patches(width: int, height: int, side: int) -> int:
 
 
 def _claude(width: int, height: int, *, edge: int, most: int) -> int:
-    """Patches of 28 pixels, after scaling down to `edge`; of more than `most`, which are scaled down too, `most`."""
+    """Patches of 28 pixels after scaling down to `edge`; a picture with more than `most` is scaled down to `most`."""
     longest = max(width, height)
     if longest > edge:
         width, height = max(1, width * edge // longest), max(1, height * edge // longest)
@@ -45,7 +45,7 @@ def _claude(width: int, height: int, *, edge: int, most: int) -> int:
 
 
 def _openai_patches(width: int, height: int, *, factor: str, most: int = 1_536) -> int:
-    """Patches of 32 pixels, of a picture that is scaled down to `most` of them, times a model's factor, rounded up."""
+    """Patches of 32 pixels, after scaling down to at most `most` of them, times the model's factor, rounded up."""
     patches = _patches(width, height, 32)
     if patches > most:
         shrink = math.sqrt(32**2 * most / (width * height))
@@ -57,14 +57,14 @@ def _openai_patches(width: int, height: int, *, factor: str, most: int = 1_536) 
 
 
 def _openai_tiles(width: int, height: int, *, base: int, tile: int) -> int:
-    """A base and its share of each tile of 512 pixels, scaled into 2,048 x 2,048 and to a shorter side of 768."""
+    """`base` plus `tile` per 512-pixel tile, after scaling down into 2,048 x 2,048 and to a shorter side of 768."""
     shrink = min(Fraction(1), Fraction(2_048, max(width, height)))
     shrink = min(shrink, Fraction(768, min(width, height)))
     return base + tile * math.ceil(width * shrink / 512) * math.ceil(height * shrink / 512)
 
 
 def _gemini_tiles(width: int, height: int) -> int:
-    """258, and for a side over 384 pixels as many for each tile, whose side is two thirds of the shorter side."""
+    """258; if a side has over 384 pixels, 258 for each tile, whose side is two thirds of the picture's shorter side."""
     if max(width, height) <= 384:
         return 258
     side = max(1, math.floor(min(width, height) / 1.5))

@@ -1,11 +1,11 @@
 """Players, which answer prompts (at random, by rules, with a model, as a person), and the registry of their names.
 
-registry  names of players; `get_player`
-files     players in a file: `FILE.py:CLASS`
-reading   parses the messages of a prompt, for rule players
-model     `ModelPlayer`, the base class of players that call a model: attempts, pauses, limits, clients
-noted     a player in the place of a framework's model, whose prompts are noted
-scripted  a player that gives prepared replies
+player_registry  names of players; `get_player`
+player_files     players in a file: `FILE.py:CLASS`
+prompt_reading   parses the messages of a prompt, for rule players
+model            `ModelPlayer`, the base class of players that call a model: attempts, pauses, limits, clients
+noted            a player in the place of a framework's model, which records the prompts
+scripted         a player that gives prepared replies
 """
 
 from smartplay_tools.players.attempts import BrokenAnswerError, ModelCallError, plain_answer

@@ -1,8 +1,8 @@
-"""The reader of Crafter's pictures: says in the game's words what the pixels show, so that the rules for words apply.
+"""The reader of Crafter's pictures: puts what the pixels show into the game's words, so that the rules for words apply.
 
-By day every cell is compared with all that it can show in the light of every hour, and is told exactly. At night the
-original covers the view with noise, which is the same in red, green and blue: what it leaves are their differences, and
-the most likely cell is taken. In the corners of the darkest hours nothing is left, and grass is assumed.
+By day every cell is compared with all that it can show in the light of every hour, and is identified exactly. At night
+the original covers the view with noise, which is the same in red, green and blue: what it leaves are their differences,
+and the most likely cell is taken. In the corners of the darkest hours nothing is left, and grass is assumed.
 
 Pictures of other sizes than the usual one are not read.
 """
@@ -233,7 +233,7 @@ def _by_night(view: NDArray[np.uint8]) -> Cells:
     fits = [float(_misfit(seen[middle], _middle(daylight))[0, players].min()) for daylight in nights]
     daylight = nights[int(np.argmin(fits))]
     misfit = _misfit(seen, _expected(daylight))
-    misfit[:, _LIKELY.index((_WALKED[0], 0))] -= 1  # grass, where nothing tells
+    misfit[:, _LIKELY.index((_WALKED[0], 0))] -= 1  # grass, where the pixels do not tell
     cells = [_LIKELY[at] for at in misfit.argmin(axis=1)]
     cells[_CENTER] = _LIKELY[players[int(misfit[_CENTER, players].argmin())]]
     return cells

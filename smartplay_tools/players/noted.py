@@ -1,8 +1,8 @@
-"""A player whose prompts are noted in the episode of a host: what another framework shows its model, measured.
+"""A player that records its prompts in the episode of a host: it measures what another framework shows its model.
 
 A framework that manages the context itself sends prompts that this library has not made. With this player behind an
-endpoint in the place of its model, every prompt is counted and put on record as it came (`Episode.note_prompt`), and
-nothing of the framework is changed.
+endpoint in the place of its model, every prompt is counted and recorded as it came (`Episode.note_prompt`), and the
+framework needs no change.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The player `rule-pixels`: reads the pictures of the prompt and then plays as `rule` does.
 
-It shows that a picture says what the words say: by day it plays the same actions. It looks at pictures only, also where
-the words stand beside them. `docs/pictures.md` says what a picture of Crafter cannot say.
+It shows that a picture says what the words say: by day it plays the same actions. It looks at pictures only, even where
+words are sent with them. `docs/pictures.md` says what a picture of Crafter cannot say.
 """
 
 from __future__ import annotations

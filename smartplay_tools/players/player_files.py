@@ -10,7 +10,7 @@ from smartplay_tools.registry import read_file
 
 
 def load_from_file(name: str) -> Callable[..., Any]:
-    """Return what makes the player `FILE.py:CLASS`. A class whose constructor takes no `seed` is made without one."""
+    """Return a function that makes the player `FILE.py:CLASS`, without `seed` if its constructor takes none."""
     factory = read_file(name)
 
     def make(*, seed: int, **options: Any) -> Any:
@@ -20,7 +20,7 @@ def load_from_file(name: str) -> Callable[..., Any]:
 
 
 def takes_seed(factory: Callable[..., Any]) -> bool:
-    """Return whether what makes a player can be given `seed`; True if it cannot be looked at."""
+    """Return whether a factory of players takes `seed`; True if its signature is not known."""
     try:
         parameters = inspect.signature(factory).parameters.values()
     except (TypeError, ValueError):

@@ -116,7 +116,7 @@ class Reading:
 
 
 def is_carried(message: Message) -> bool:
-    """Whether a message tells of the game that was played before this one, in another world."""
+    """Whether a message is about the game that was played before this one, in another world."""
     return message["role"] == "user" and text_of(message).startswith(text_of_prompts("carried"))
 
 

@@ -94,7 +94,7 @@ class RulePlayer:
         return rules.decide(reading)
 
     def _summary(self, reading: Reading) -> str:
-        """What can be seen, in a line; these rules read observations only, so it is of no use to them."""
+        """A line about what is visible; these rules read observations only, so they make no use of it."""
         seen = reading.observations
         newest = f" The newest: {seen[-1].partition(chr(10))[0]}" if seen else ""
         return f"{len(seen)} observations are visible, and I keep no memory of what leaves.{newest}"
@@ -104,9 +104,9 @@ class RuleNotesPlayer(RulePlayer):
     """The rule player with a memory, in games whose rules can keep one.
 
     The memory is written where the budget offers a place for it: as notes where there is `take_notes`, else into a
-    file where there is `memory`, and as the summary where one is asked for. In games in which the order of observations
-    is of no use, the player searches for those that have left where there is `recall`, and writes nothing. What is too
-    long to be shown it reads to its end, where there is `read_result`. `words` says whether the memory is written into
+    file where there is `memory`, and as the summary where one is asked for. In games where the order of observations
+    does not matter, the player uses `recall`, where there is one, to search those that have left, and writes nothing.
+    Where there is `read_result`, it reads long results to their end. `words` says whether the memory is written into
     the player's own replies where it has no other place.
     """
 

@@ -63,7 +63,7 @@ def text(name: str) -> str:
 
 
 def received(messages: list[Message], tools: tuple[ToolSpec, ...] = (), max_tokens: int | None = None) -> Prompt:
-    """Return a prompt that has passed a provider's interface; that it asks for a summary shows in its last message."""
+    """Return a prompt that came through a provider's interface; its last message tells if it asks for a summary."""
     last = messages[-1] if messages and messages[-1]["role"] == "user" else None
     is_request = last is not None and _summary_request().fullmatch(text_of(last)) is not None
     return Prompt(messages, tools, max_tokens, purpose="summary" if is_request else "play")

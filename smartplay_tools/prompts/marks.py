@@ -1,4 +1,4 @@
-"""Where a prompt is marked for a provider's cache, which stores prompts up to marks."""
+"""Where a prompt is marked for a provider's cache, which stores a prompt up to each mark."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from smartplay_tools.messages import Message, pictures_of, text_of
 from smartplay_tools.types import Prompt
 
 CacheMarks = bool | Literal["stable"]
-"""What is marked: the prompt's end and that of its stable part (True), only the latter ("stable"), or nothing."""
+"""What is marked: the ends of the prompt and of its stable part (True), the latter alone ("stable"), or nothing."""
 
 
 def checked_marks(cache: CacheMarks) -> CacheMarks:
@@ -36,7 +36,7 @@ def stable_end(prompt: Prompt, *, one_system_text: bool = False) -> int | None:
 def last_markable(messages: Sequence[Message]) -> int | None:
     """Return the last of messages that can be marked for a provider's cache; None if none can.
 
-    It has a text, and is neither a reply nor a message of pictures (`with_pictures_below`), which has several.
+    Such a message has a text, and is neither a reply nor a message of pictures (`with_pictures_below`).
     """
     return next((at for at in range(len(messages) - 1, -1, -1) if _is_markable(messages[at])), None)
 

@@ -1,22 +1,26 @@
 """Records and the folders that hold them: read, replayed, continued, priced and added up.
 
-record          an episode as its record tells it
-pictures        the pictures that a model was shown, made again
-prompts         every prompt rebuilt from a record and verified
-driver, replays a record played again on a new game and compared
-resumption      an episode continued from its record
-accounts        where the tokens of prompts went, and why turns left them
-shown           how a prompt showed each turn before it
-rows            the results of episodes as plain data
-prices          what tokens cost
-manifest        what a run plays, and its seeds and shards
-caches, requests, charges, tariffs  what a record costs where prompts are cached, under any rule
-run_folder      the folder of a run
-counts, spent   what the events of a record add up to, and what runs have used
-snapshot        how far a run is; run_follower counts it
-parallel        many records read by several processes
-process_pool    processes of which one may die
+record             an episode as its record tells it
+replayed_pictures  the pictures that a model was shown, made again
+conversations      an episode as one conversation, as if there had been no window
+prompts            every prompt rebuilt from a record and verified
+driver, replays    a record played again on a new game and compared
+resumption         an episode continued from its record
+chains             what a trial leaves to the next one
+accounts           where the tokens of prompts went, and why turns left them
+shown              how a prompt showed each turn before it
+annotations        people's notes about the turns of an episode
+rows               the results of episodes as plain data
+prices             what tokens cost
+manifest           what a run plays, and its seeds and shards
+run_folder         the folder of a run
+counts, spent      what the events of a record add up to, and what runs have used
+snapshot           how far a run is; `run_follower` counts it, `time_left` estimates the rest
+parallel           many records read by several processes
+process_pool       processes of which one may die
+blind              the player that repeats a recorded episode
 
+`caches`, `requests`, `request_log`, `charges` and `tariffs` compute what a record costs where prompts are cached.
 Nothing here plays: a model or a player is never called.
 """
 

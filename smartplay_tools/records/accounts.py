@@ -2,7 +2,7 @@
 
 Budget tokens of messages add up, so a prompt is the sum of its parts to the token, and what a turn would have needed is
 known for prompts that it was not in. Only records of conversations that were counted with a tokenizer of this package
-have accounts: any other name in a record could ask for a download.
+have accounts: any other name in a record could cause a download.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ was read; the summary includes the request for one; notes are the calls that tak
 _TASK, _MANUAL, _SUMMARY, _NOTES, _WORDS, _CALLS, _OBSERVATIONS, _MASKED, _OTHER, _TEXTS = range(len(PARTS))
 
 COUNTED_WITH = (DEFAULT_TOKENIZER, "approximate")
-"""The tokenizers that count without a file of somebody else's."""
+"""The tokenizers that count without a downloaded file."""
 
 Tokens = list[int]
 """A number of tokens for each of `PARTS`."""
@@ -63,8 +63,8 @@ class Departure:
     prompt: int
     """The turn whose prompt was the first without it."""
     reason: Reason
-    """It was older than the history; it did not fit; slack gave up more at once than had to go; its pin was gone;
-    a brought strategy did not choose it."""
+    """It was older than the history; it did not fit; slack dropped more at once than had to go; it was no longer
+    pinned; a brought strategy did not choose it."""
     needs: int
     """The tokens that it would have taken."""
     age: int
@@ -108,7 +108,7 @@ class Accounts:
 
     @cached_property
     def _spoken(self) -> list[Tokens]:
-        """What bare replies of the turns before each save."""
+        """The tokens that bare replies save in the turns before each."""
         pairs = zip(self._turns, self._replies, strict=True)
         bare = ((whole, self._parts_of_reply(turn, turn.bare) if turn.is_wordy else whole) for turn, whole in pairs)
         return _sums(_minus(*each) for each in bare)
@@ -205,7 +205,7 @@ class Accounts:
                 room -= needs[turn]
 
     def _needs(self, turn: Turn, oldest: int, view: ViewEvent) -> int:
-        """What a turn would take in a prompt."""
+        """The tokens that a turn would take in a prompt."""
         spoken = turn.spoken(self._counter) if turn.step < view.get("words", 0) else 0
         return sum(self._parts_of(turn, oldest, view.get("pictures", 0))) - spoken
 

@@ -2,8 +2,8 @@
 
 How well it scores on other seeds says how far a setting is solved by memory alone: a model that has seen one good
 episode needs no observation to score as much. RUN is a run's folder, a folder of records or one record. The best
-episode is the one with the highest score among those of the setting with another seed than the one that is played, and
-of several the one with the lowest seed. When its actions are used up, they begin again.
+episode has the highest score among those of the setting whose seed is not the one being played; of several, it is the
+one with the lowest seed. When its actions are used up, they are repeated from the start.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from smartplay_tools.types import Prompt, Reply
 
 
 class BlindPlayer:
-    """Replays the best recorded episode of the setting that it is put to."""
+    """Replays the best recorded episode of the setting that it plays."""
 
     name = "blind"
 

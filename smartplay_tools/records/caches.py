@@ -67,7 +67,7 @@ class CacheRule(BaseModel):
 
 
 def cache_rules(path: Path | None = None) -> dict[str, CacheRule]:
-    """Return the rules by name: those of the package, and those of a file, which come first in question."""
+    """Return the rules by name: those of the package, replaced by those of the same name in a file, and its others."""
     if path is None:
         return dict(_own_rules())
     try:
@@ -90,7 +90,7 @@ def rule_named(name: str, rules: Mapping[str, CacheRule]) -> CacheRule:
 
 
 def rule_of(player: str, player_options: Mapping[str, Any], rules: Mapping[str, CacheRule]) -> CacheRule | None:
-    """Return the rule of a player's model; None if there is no model, or none of the rules is known to hold for it."""
+    """Return the rule of a player's model; None if there is no model, or no rule is known to hold for it."""
     return None if "base_url" in player_options else _rule_for(":".join(provider_of(player)), rules)
 
 
@@ -104,7 +104,7 @@ class CacheFields(NamedTuple):
 
 
 def openai_cache_fields(model: str, base_url: str) -> CacheFields:
-    """Return which fields for the cache a model behind OpenAI's interface takes: none at a server of somebody else."""
+    """Return which fields for the cache a model behind OpenAI's interface takes; other providers' servers take none."""
     is_openai = urlsplit(base_url).hostname == "api.openai.com"
     rule = _rule_for(f"openai:{model}", _own_rules()) if is_openai else None
     return CacheFields(is_openai, rule is not None and rule.marks != "auto")

@@ -25,7 +25,7 @@ def left_by(path: Path) -> Carried:
     try:
         held = store.after(record.calls, None if before is None else getattr(before, store.kept))
     except (*SENSELESS, FileError) as error:
-        raise TranscriptError(f"{path} has calls that cannot have been answered so: {in_one_line(error)}.") from error
+        raise TranscriptError(f"{path} has calls with answers that are impossible: {in_one_line(error)}.") from error
     result = played[-1]["text"] if played else None
     return Carried(record=record.events[-1]["chain"], result=result, **{store.kept: held})
 
@@ -36,7 +36,7 @@ def carried_in(record: Record) -> Carried | None:
 
 
 def chain_fault(record: Record, before: Path | None) -> str | None:
-    """Return why a record is not what follows in its chain, None if it is; `before` is the record of the trial before.
+    """Return why a record does not follow in its chain, None if it does; `before` is the record of the trial before.
 
     The first trial of a chain begins with nothing, and so does every trial of a run that carries nothing.
     """

@@ -25,7 +25,7 @@ PLACES: tuple[Place, ...] = get_args(Place)
 
 
 def marks_of(player_options: Mapping[str, Any]) -> Sequence[Place]:
-    """Return where a player with these options marks its prompts."""
+    """Return where a player with these options marks its prompts for a cache."""
     match player_options.get("cache", True):
         case "stable":
             return ("stable",)
@@ -45,7 +45,7 @@ class ChargedCall(NamedTuple):
 
 @dataclass(frozen=True)
 class Charge:
-    """What calls come to."""
+    """The total of an episode's calls."""
 
     calls: int
     prompt: int

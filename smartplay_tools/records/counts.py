@@ -22,7 +22,7 @@ class _Sum:
     replies: int = 0
     prompt_tokens: int = 0
     peak_prompt_tokens: int = 0
-    """Of the largest prompt."""
+    """The tokens of the largest prompt."""
     reply_tokens: int = 0
     costs: list[float] = field(default_factory=list)
     """The cost of each, if there is a price."""
@@ -96,7 +96,7 @@ class RecordCounts:
         for event in map(self._parsed, self._since_prompt):
             if event["event"] == "view":
                 waiting = event
-            elif event.get("by", "player") == "player":  # a summary is by the player, too
+            elif event.get("by", "player") == "player":  # a summary is a reply of the player, too
                 return Spent()
         if waiting is None:
             return Spent()

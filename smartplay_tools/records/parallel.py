@@ -1,7 +1,6 @@
 """Process many records in parallel, using this process and a pool.
 
-This process works while the others start. What comes of the work does not depend on the number of processes, except
-for its order.
+This process works while the others start. The results do not depend on the number of processes, except for their order.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.process_pool import Lost, ProcessPool
 
 LONGEST_CHUNK = 32
-"""The most records that a process is handed at a time: with fewer, short ones would wait for being handed over."""
+"""The most records in a chunk. With fewer, processes would wait for their next chunk when records are short."""
 
 SHARES = 32
 """The chunks for each process into which fewer records are split, so that all end at about the same time."""
@@ -34,8 +33,8 @@ def parallel_map(
 ) -> Iterator[Iterator[tuple[int, R]]]:
     """Do the work on chunks of the items; the value is an iterator over pairs of a chunk's number and its result.
 
-    They come as they are done. The other processes begin at once, this one when the iterator is asked. `work` and the
-    items must be picklable.
+    Results come in the order of completion. The other processes begin at once, this one when the iterator is first
+    used. `work` and the items must be picklable.
     """
     size = max(1, min(LONGEST_CHUNK, len(items) // (SHARES * processes)))
     chunks = [items[first : first + size] for first in range(0, len(items), size)]
@@ -108,7 +107,7 @@ def _work_on(work: Callable[[Sequence[T]], R], job: tuple[int, Sequence[T]]) -> 
 def worth(processes: int, records: Iterable[Path], size: int, *, plugins: bool = True) -> int:
     """Return how many processes these records are worth: one for every `size` bytes, and at most `processes`.
 
-    Only this one is if it knows games that others do not; `plugins` says whether those import games of packages. A
+    Only this process is used if it has games that others would not have; `plugins`: these import games of packages. A
     record that its run has moved meanwhile, or that cannot be read, counts as empty; reading it will say so.
     """
     if processes == 1 or not _others_know_the_games(plugins):

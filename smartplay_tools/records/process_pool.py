@@ -45,7 +45,7 @@ class Lost:
 
 
 class ProcessPool(Generic[J, A]):
-    """At most `workers` processes that do `work` on jobs; all three must be picklable.
+    """At most `workers` processes that do `work` on jobs; `work`, jobs and answers must be picklable.
 
     A worker calls `begin` before anything else. It is ended if a job takes more than `seconds`.
     """
@@ -72,7 +72,7 @@ class ProcessPool(Generic[J, A]):
         while True:
             while len(self._busy) < self._workers and (job := take()) is not None:
                 self._idle().give(job)
-            if done:  # whoever gets them takes time, in which the workers have their next jobs
+            if done:  # while the caller uses the answers, the workers have their next jobs
                 yield from done
                 done = []
             elif self._busy:
@@ -206,7 +206,7 @@ def _portable(error: Exception) -> Exception:
     error.add_note(traceback.format_exc())
     try:
         copy: Exception = pickle.loads(pickle.dumps(error))
-    except Exception:  # it is made from something else than its message
+    except Exception:  # its constructor takes something other than the message
         return RuntimeError(f"{type(error).__name__}: {error}")
     return copy
 

@@ -80,7 +80,7 @@ class PromptParts(NamedTuple):
     ranges: Sequence[Sequence[int]]
     """The turns, as ranges of their numbers, first and last included."""
     masks: Callable[[Turn], int] | None
-    """Which is the oldest observation that is shown of a turn; None if all are."""
+    """Returns the oldest observation that is shown of a turn; None if all are shown."""
     words: int
     """Replies of turns older than this step are bare."""
     pictures: int
@@ -161,7 +161,7 @@ class Rebuilder:
         )
 
     def _masks(self, view: Event) -> Callable[[Turn], int] | None:
-        """Return which is the oldest observation that a view shows of a turn; None if it shows all."""
+        """Return a function of the oldest observation that a view shows of a turn; None if it shows all."""
         if "oldest" in view:
             masked = frozenset(numbers_in(view.get("hidden", ())))
             return Selection((), 0, -1, view["oldest"], view["notes"], masked=masked).oldest_of

@@ -177,7 +177,7 @@ class Record:
             counts.count_steps()
         return counts
 
-    # What the record is of, and how it ended.
+    # Which episode it is, and how it ended.
 
     @property
     def name(self) -> str:
@@ -324,7 +324,7 @@ class Record:
 
     @property
     def open_call(self) -> Spent:
-        """The call whose reply is not in the record, as unknown use; nothing if an end says that there is none."""
+        """The call whose reply is not in the record, as unknown use; nothing if the record ends without one."""
         if self.ending is not None and not self.was_unanswered:
             return Spent()
         return self._counts.open_call()
@@ -412,7 +412,7 @@ class Record:
 
     @property
     def tools(self) -> list[dict[str, Any]]:
-        """The tools as the model was told of them, each a function of chat completions."""
+        """The tools as the model was shown them, each a function of chat completions."""
         return [{"type": "function", "function": tool} for tool in self._first_head["tools"]]
 
     @cached_property
@@ -444,7 +444,7 @@ class Record:
 
     @cached_property
     def sampled(self) -> dict[tuple[int, Purpose], SampledTokens]:
-        """The tokens of the replies of which the player gave them, by turn and by what their prompt asked for."""
+        """The sampled tokens of replies, where the player gave them, by turn and by the purpose of the prompt."""
         asked: Mapping[Purpose, Sequence[Any]] = {"play": self.messages, "summary": self.summaries}
         replies = ((kind, event) for kind, events in asked.items() for event in events if "sampled" in event)
         return {(event["turn"], kind): SampledTokens.from_record(event["sampled"]) for kind, event in replies}
@@ -511,5 +511,5 @@ class Record:
 
     @property
     def called(self) -> str:
-        """What messages call it."""
+        """The record's name in messages."""
         return self.name or "The record"

@@ -1,4 +1,4 @@
-"""The pictures of a record, which has none itself: made again by playing it, and compared with what it says of them."""
+"""The pictures of a record, which holds only their digests: made again by replay, and compared with these."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def recorded_pictures(
 ) -> Mapping[str, Picture]:
     """Return every picture that the model of a record was shown, by its sha256.
 
-    The record is played again. A picture that it names and that does not come out again is a `TranscriptError`.
+    The record is played again. A picture that the record names and the replay does not make is a `TranscriptError`.
     `tokenizer` is required if the record was counted with a tokenizer object of yours.
     """
     events = read_events(source)

@@ -1,13 +1,13 @@
 """Replay: play a transcript again and compare everything exactly.
 
 A replay verifies three things: that no event was changed, lost or moved (the chain), that the same replies lead to the
-same results and counts (the play), and that every prompt has its sha256. It writes a record of its own; one of the same
-bytes has all three, and otherwise they are looked at one by one. Versions may differ, because a replay is meant to show
-whether another version plays the same. It cannot verify who wrote the replies.
+same results and counts (the play), and that every prompt has its sha256. A replay writes a record of its own: if its
+bytes are the same, all three hold; otherwise they are checked one by one. Versions may differ, because a replay is
+meant to show whether another version plays the same. It cannot verify who wrote the replies.
 
-What is wrong with a record is always a difference, also where the play cannot go on: events that do not have the fields
-of their kind, or come in an order in which nothing can be played. An exception means that there is nothing to compare:
-the file is not a transcript, or the episode that it names cannot be played on this machine.
+Anything wrong with a record is a difference, even where it stops the replay: events that lack the fields of their kind,
+or come in an order in which nothing can be played. An exception means that there is nothing to compare: the file is not
+a transcript, or the episode that it names cannot be played on this machine.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from smartplay_tools.types import EpisodeResult
 
 @dataclass(frozen=True)
 class Replay:
-    """What a replay found."""
+    """The result of a replay."""
 
     events: int
     differences: list[str]

@@ -32,7 +32,7 @@ class Request(NamedTuple):
     units: Sequence[Unit]
     """The tools and the messages, in budget tokens."""
     same: int
-    """How many units at the beginning are those of the request before."""
+    """How many units at the beginning are the same as in the previous request."""
     stable: int
     """How many units end with the last message that is unchanged since the request before; 0 if none is."""
     purpose: Purpose
@@ -41,7 +41,7 @@ class Request(NamedTuple):
     reply: int
     """Tokens of the reply."""
     answer: Unit
-    """The unit that the reply is where it is shown again."""
+    """The reply as a unit of later requests."""
     score: float
     """The score when it was sent."""
     at: float | None
@@ -56,7 +56,7 @@ class RequestLog:
     ratio: Fraction | None
     """The provider's tokens of a prompt to a budget token; None if the provider counted none."""
     remembered: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """What rules that store the same have in common, by what they store."""
+    """Results shared by rules that store the same prefixes, by what they store."""
 
     @cached_property
     def columns(self) -> tuple[list[int], list[int], list[float]]:
@@ -102,8 +102,8 @@ class RequestLog:
 class Prefixes:
     """The prefixes of requests that end with a unit, each with a number; equal ones have the same.
 
-    They are a tree: a prefix is the one before and a unit more. The empty prefix is 0. The number of one that goes on
-    from another is the next, unless it has gone on otherwise before.
+    They form a tree: each prefix extends another by one unit. The empty prefix is 0. A prefix has the number after that
+    of the one it extends, unless that one was extended by another unit before.
     """
 
     def __init__(self, ratio: Fraction | None = None) -> None:
@@ -152,7 +152,7 @@ class Prefixes:
         return self._branches.get((prefix, unit.number))
 
     def _grown(self, prefix: int, units: Sequence[Unit]) -> Sequence[int]:
-        """Number the prefixes that go on from one with each of these units."""
+        """Number the prefixes that extend one by each of these units in turn."""
         first = len(self._units)
         if units and first != prefix + 1:
             self._branches[prefix, units[0].number] = first

@@ -49,7 +49,7 @@ def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> 
         score = scores.get(key[0] - 1, score)
         if key in usages and key in replies:
             same, (tokens, reply) = _common(prompt, before), _counted(usages[key], ratio)
-            # What follows the tools is stable though they change.
+            # Messages after the tools are stable even if the tools change.
             stable = same or 1 + _common(prompt[1:], before[1:])
             stable = stable if stable > 1 else 0
             requests.append(Request(prompt, same, stable, key[1], tokens, reply, replies[key], score, at))
@@ -171,7 +171,7 @@ class _Units:
 
 
 def _written(message: Message) -> Hashable:
-    """What is equal if the canonical JSON of messages is; that of most results need not be written for it."""
+    """A key that is equal if the canonical JSON of messages is; for most results it needs no JSON."""
     if message["role"] == "tool" and len(message) == 3 and isinstance(message["content"], str):
         return message["content"], message["tool_call_id"]
     return canonical_json(message)

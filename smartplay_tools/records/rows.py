@@ -1,7 +1,7 @@
 """Rows: the results of episodes as plain data, read from the records of attempts.
 
-A row is one line of `results.jsonl`. This module is used for playing, statistics and reports, so that `run` and
-`analysis` do not have to import each other.
+A row is one line of `results.jsonl`. Playing, statistics and reports all use this module, so that `runs` and `analysis`
+need not import each other.
 
 An attempt at an episode leaves a record, which alone determines the outcome. An episode that ended by itself, including
 by a spent budget, is a result and has a row. An attempt that failed, was interrupted or was paused by a cap of the run
@@ -86,7 +86,7 @@ def row_fault(row: Any) -> str | None:
 
 
 def read_rows(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the objects of a file of JSON lines, without an incomplete last line; no file has none."""
+    """Yield the objects of a JSON Lines file, without an incomplete last line; a missing file has none."""
     lines, _ = GrowingLines(path).read()
     for number, line in enumerate(lines, start=1):
         yield read_row(path, number, line)
@@ -123,7 +123,7 @@ def unplayed(rows: Iterable[Row]) -> list[str]:
 
 
 def warnings(row: Row) -> list[str]:
-    """Return a sentence for everything in an episode that says nothing about its player, but about its settings."""
+    """Return a sentence for each problem of an episode that comes from its settings, not from its player."""
     sentences, tokens = unplayed([row]), row["tokens"]
     if tokens["overruns"]:
         sentences.append(
@@ -136,7 +136,7 @@ def warnings(row: Row) -> list[str]:
 
 
 def is_unplayed(row: Row) -> bool:
-    """Return whether an episode ended without a single action, for which not its budget is the reason."""
+    """Return whether an episode ended without a single action for a reason other than its budget."""
     return bool(row["steps"] == 0 and row["end_reason"] != "prompt_tokens")
 
 

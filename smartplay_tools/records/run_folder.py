@@ -9,7 +9,7 @@
     timings.jsonl         a row for every attempt: wall time, processor time of the game
 
 Rows can always be computed again from the records. Reading works at any time, also during the run. Only
-`evaluation.run` writes to the folder.
+`evaluation.runs` writes to the folder.
 """
 
 from __future__ import annotations

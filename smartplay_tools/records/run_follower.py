@@ -29,7 +29,7 @@ from smartplay_tools.types import MISTAKES
 
 
 class Result(NamedTuple):
-    """The figures of a finished episode that are kept of its row."""
+    """The figures of a finished episode, kept from its row."""
 
     score: float
     normalized_score: float | None
@@ -117,7 +117,7 @@ class RunFollower:
 
     def _read_rows(self) -> None:
         lines, is_replaced = self._rows.read()
-        if is_replaced or not self._rows.path.exists():  # written anew, as at the end of a run, or deleted
+        if is_replaced or not self._rows.path.exists():  # rewritten, as at the end of a run, or deleted
             self.results = {}
         for line in lines:
             try:

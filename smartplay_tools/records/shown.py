@@ -9,7 +9,7 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import ViewEvent
 
 ShownAs = Literal["whole", "bare", "masked", "notes", "gone"]
-"""As it was said; without the words of its reply; with an observation masked; for the notes in it; not at all."""
+"""In full; without the words of its reply; with an observation masked; only for its notes; not at all."""
 
 
 def shown_turns(record: Record, view: ViewEvent) -> list[ShownAs]:

@@ -42,7 +42,7 @@ class Spent:
         return self._with(other, lambda mine, theirs: round(mine - theirs, DIGITS))
 
     def _with(self, other: Spent, combine: Callable[[Any, Any], Any]) -> Spent:
-        """The figures of both combined; what is not known of one is not known of the result."""
+        """The sums of both; a figure that one of them does not know is unknown in the sum."""
         pairs = {name: (mine, vars(other)[name]) for name, mine in vars(self).items()}
         both: dict[str, Any] = {name: None if None in pair else combine(*pair) for name, pair in pairs.items()}
         return Spent(**both)

@@ -50,7 +50,7 @@ def tariffs_of(
     price: Price | None = None,
     marks: Sequence[Place] = PLACES,
 ) -> list[Tariff]:
-    """Return the tariffs that a user names: rules, or models as `PROVIDER:MODEL`, which have the price of the tables.
+    """Return the tariffs that a user names: rules, or models as `PROVIDER:MODEL` with their price in the tables.
 
     Without names they are all rules. `caches` is a file with further rules; `price` is one for all tariffs.
     """
@@ -69,7 +69,7 @@ def charge_records(
     caches: Path | None = None,
     processes: int = 1,
 ) -> dict[str, Charged | None]:
-    """Return what each of the records, which are named by keys, costs; None for one without prompts.
+    """Return the cost of each record by its key; None for a record without prompts.
 
     `prices` are those of the run by player.
     """

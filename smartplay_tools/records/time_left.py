@@ -4,7 +4,7 @@ A run's speed is not one number: episodes differ in length a hundredfold, player
 and near the end a few long episodes are played alone. So the seconds of a call are measured for each cell, from the
 time that its episodes were under way. The time left is then at least that of the longest episode, and at least that of
 all the work divided by the episodes that are played at a time. No schedule that keeps all places busy takes more than
-the sum of the two (Graham 1966), so that the larger one is right within a factor of two if the lengths are.
+the sum of the two (Graham 1966), so the larger one is right within a factor of two if the estimated lengths are right.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class CellWork:
 
     @property
     def length(self) -> float:
-        """The replies that an episode which waits is expected to take."""
+        """The replies that a waiting episode is expected to take."""
         if not self.finished:
             return min(self.most, max((episode.replies + episode.rest for episode in self.running), default=math.inf))
         # As long as most are still running, those that have finished are the short ones.
@@ -85,7 +85,7 @@ class CellWork:
 
 
 class TimeLeft:
-    """Estimates the time left of a run, from what is seen of it now and then."""
+    """Estimates the time left of a run, from looks at its progress."""
 
     def __init__(self, clock: Clock = time.monotonic) -> None:
         self._clock = clock

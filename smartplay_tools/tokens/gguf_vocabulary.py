@@ -1,8 +1,8 @@
 """The vocabulary of a GGUF file as a tokenizer: counts what the model's own engine counts.
 
 The file holds the tokens and merges of a byte-pair encoding, which the library `tokenizers` runs, and the name of the
-rule by which text is first split. llama.cpp writes each of these rules in code. Those that are here were compared with
-its count; for a model with another one, `hf:` takes the `tokenizer.json` that was published with it.
+rule by which text is first split. llama.cpp has these rules in its code. The counts of those supported here were
+compared with its own; for a model with another rule, `hf:` takes the `tokenizer.json` that was published with it.
 """
 
 from __future__ import annotations

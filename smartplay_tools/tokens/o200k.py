@@ -46,7 +46,7 @@ PATTERN = "|".join(
         r"\s+",
     ]
 )
-"""What cuts a text into the pieces that are encoded one by one, as tiktoken has it; a test compares the two."""
+"""The pattern that cuts a text into pieces, which are encoded one by one; a test compares it with tiktoken's."""
 
 
 @functools.cache

@@ -1,4 +1,4 @@
-"""AppendedFile: a file that lines are appended to, of which any number can be open at once.
+"""AppendedFile: a file to which lines are appended; any number of these can be open at once.
 
 A process may hold few file handles, often 256 or 1,024, and a program may play ten thousand episodes at once. So only
 the files that were written last keep their handle; any other is opened again when it is written. What is written is
@@ -70,7 +70,7 @@ class AppendedFile:
         return file
 
     def _enter(self) -> None:
-        """Keep the handle, and close that of the file that was not written for the longest time if there are many."""
+        """Keep the handle; if there are too many, close that of the file whose last write is longest ago."""
         with _LOCK:
             _OPEN[self._reference] = None
             for reference in list(islice(_OPEN, max(0, len(_OPEN) - HANDLES))):

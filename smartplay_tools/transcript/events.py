@@ -64,7 +64,7 @@ class ViewEvent(TypedDict):
     masked: NotRequired[list[list[int]]]
     """[turn, item] of every result whose observation has left the window; not with a budget that has strategies."""
     purpose: NotRequired[Literal["play", "summary"]]
-    """With strategies: what the prompt asks for. One for a summary has the head of the turn before."""
+    """With strategies: what the prompt asks for. A prompt for a summary has the head of the turn before."""
     oldest: NotRequired[int]
     """With strategies: observations before this one are masked."""
     notes: NotRequired[int | None]
@@ -74,13 +74,13 @@ class ViewEvent(TypedDict):
     pictures: NotRequired[int]
     """With `newest_pictures`: how many of the first pictures of the conversation are left out."""
     anchors: NotRequired[int]
-    """With `first_turns`: how many of the first turns are pinned; those before the run stand before the summary."""
+    """With `first_turns`: how many first turns are pinned; those before the run of newest turns precede the summary."""
     hidden: NotRequired[list[list[int]]]
-    """With a brought strategy: ranges of the turns of which it has every observation masked."""
+    """With a brought strategy: ranges of the turns whose observations it masks."""
     texts: NotRequired[list[Any]]
     """With a brought strategy: its texts, each as [turn, text], a user message before that turn."""
     summary: NotRequired[int]
-    """With strategies: how many `summary` events there were before; the text of the last one is shown."""
+    """With strategies: the number of `summary` events so far; the text of the last one is shown."""
     question: NotRequired[int]
     """In the paper's protocol: 1 or 2, the step of the current observation, and the first step of the history."""
     step: NotRequired[int]
@@ -159,7 +159,7 @@ class CallEvent(TypedDict):
     is_error: bool
     done: bool
     data: dict[str, Any]
-    """What the record holds of the answer: `picture`, for one, has the sha256, width and height of a picture shown."""
+    """The result's data: `picture`, for example, is the sha256, width and height of the picture shown."""
     cut: bool
     """Whether the answer was cut to its cap."""
     host: NotRequired[Literal["edited", "refused"]]
@@ -171,7 +171,7 @@ class CallEvent(TypedDict):
 
 
 class SentEvent(TypedDict):
-    """A prompt that a host which owns the context has sent to its model, and the reply, as they were counted here."""
+    """A prompt that a host with its own context sent to its model, and the reply, as counted here."""
 
     event: Literal["sent"]
     turn: int

@@ -93,7 +93,7 @@ class TranscriptWriter:
                 file.seek(len(expected))
             else:
                 file.close()
-                raise TranscriptError(f"{path} is not as it was written, so it cannot be continued.")
+                raise TranscriptError(f"{path} was changed after it was written, so it cannot be continued.")
             writer._file = AppendedFile(writer.path, file)
             writer._times = TimesWriter.if_kept(writer.path, len(events))
         except OSError as error:
@@ -120,7 +120,7 @@ class TranscriptWriter:
             except OSError as error:
                 self.close()
                 raise TranscriptError(
-                    f"{self.path} cannot be written on: {error.strerror}; the record ends there."
+                    f"{self.path} can no longer be written: {error.strerror}; the record ends there."
                 ) from error
 
     def close(self) -> None:
@@ -181,7 +181,7 @@ def is_event(value: object) -> bool:
 
 
 def kind_of(line: bytes) -> str:
-    """Return the kind of the event on a line without parsing the line as it is written here; "" for no event."""
+    """Return the kind of the event on a line, "" for no event; a line that this package wrote is not parsed."""
     if line.startswith(KIND):
         return line[len(KIND) : line.find(b'"', len(KIND))].decode("ascii", "replace")
     try:
@@ -219,7 +219,7 @@ def append_exception(path: str | Path, error: str, traceback: str | None = None)
 
 
 def broken_links(events: Iterable[Event]) -> Iterator[int]:
-    """Yield the numbers, from 1, of the events whose chain does not follow from the event and the one before."""
+    """Yield the numbers, from 1, of the events whose chain does not follow from the event and the chain before it."""
     before = ""
     for number, event in enumerate(events, start=1):
         plain = {name: value for name, value in event.items() if name != "chain"}
@@ -247,7 +247,7 @@ def comparable(events: Iterable[Event]) -> list[Any]:
 
 
 def write_records(records: Mapping[str, str], folder: str | Path) -> list[Path]:
-    """Write records that another program kept to files of a folder, name -> text, and return the files.
+    """Write records that another program kept (file name -> text) to a folder, and return the files.
 
     An existing file is a `TranscriptError`.
     """

@@ -29,7 +29,7 @@ def chain_after(before: str, line: bytes) -> str:
 
 
 def with_chain(line: bytes, chain: str) -> bytes:
-    """Return an event's line with its chain as the last field, from its line without."""
+    """Return an event's line with its chain added as the last field."""
     return b'%b, "chain": "%b"}' % (line[:-1], chain.encode("ascii"))
 
 

@@ -1,9 +1,9 @@
 """Times of a record's events, in a file beside the record: for traces that are made afterwards.
 
 A record has no times, because they differ from run to run. With `keep_times` they are kept in a second file,
-`NAME.times` beside `NAME.jsonl`, which is in no hash and no result: it may be deleted at any time, and nothing but
-traces misses it. Each line is a JSON list of two integers: how many events the record had by then, and the time in
-nanoseconds since 1970 (UTC). Lines that a killed process did not write are missing.
+`NAME.times` beside `NAME.jsonl`, which is part of no hash and no result: it may be deleted at any time, and only traces
+need it. Each line is a JSON list of two integers: how many events the record had by then, and the time in nanoseconds
+since 1970 (UTC). Lines that a killed process did not write are missing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _keeping: list[object] = []
 
 
 def keep_times() -> Callable[[], None]:
-    """Keep the times of every record that this process opens from now on; return a function that ends this.
+    """Keep the times of every record that this process opens from now on; return a function that stops it.
 
     Records in lists have no file beside them. Workers of an evaluation in processes have to call it themselves.
     """
@@ -39,7 +39,7 @@ def times_file(record: str | Path) -> Path:
 def read_times(record: str | Path, events: int) -> list[int | None]:
     """Return the time of each of a record's events in nanoseconds since 1970; None where it was not kept.
 
-    `events` is their number. Without a file of times, or with one of another record, it is a `TranscriptError`.
+    `events` is their number. Raises a `TranscriptError` if there is no file of times, or one of another record.
     """
     path = times_file(record)
     try:

@@ -1,4 +1,4 @@
-"""Budgets: what an agent may see and spend, what becomes of its past, and the words for each of it."""
+"""Budgets: what an agent may see and spend, what becomes of its past, and how each field reads in words."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ STRATEGIES: Mapping[str, Any] = {
     "newest_pictures": None,
     "strategy": None,
 }
-"""The fields of a budget that say what becomes of the past, and their defaults: it is dropped."""
+"""The fields of a budget that say what becomes of the past, and their defaults, under which it is dropped."""
 
 WORDS = ("beyond_history", "beyond_result", "strategy")
-"""Those of them whose values are words; the others are numbers."""
+"""The fields among these whose values are words; those of the others are numbers."""
 
 
 class Budget(Recorded):
@@ -84,13 +84,13 @@ class Budget(Recorded):
 
     @property
     def strategies(self) -> tuple[str, ...]:
-        """The fields that say what becomes of the past, other than that it is dropped."""
+        """The names of the fields that keep some of the past, instead of dropping it."""
         return tuple(name for name, default in STRATEGIES.items() if getattr(self, name) != default)
 
     def describe(self, *, beside: Budget | None = None) -> str:
-        """Return the budget in words: `history 5, prompts <= 700`. What `beside` has, too, is left out.
+        """Return the budget in words: `history 5, prompts <= 700`, without the fields that are equal in `beside`.
 
-        Without `beside` these are the defaults, so the default budget is an empty text.
+        By default `beside` is the default budget, whose own text is empty.
         """
         beside = beside or Budget()
         differing = (name for name in Budget.model_fields if getattr(self, name) != getattr(beside, name))

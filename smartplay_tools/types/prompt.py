@@ -1,4 +1,4 @@
-"""Prompts, replies, and the players that answer the one with the other."""
+"""Prompts, replies, and the players that answer prompts with replies."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Prompt:
 
     @property
     def tool_choice(self) -> Literal["auto", "none"]:
-        """What a provider is told about tools: a summary is written in words, though the tools are sent with it."""
+        """The provider's tool choice: a summary is written in words, although the tools are sent with its prompt."""
         return "none" if self.asks_for_summary else "auto"
 
     def settings(
@@ -70,7 +70,7 @@ class Prompt:
         """Return a caller's own settings of a model with those of this prompt.
 
         Of two caps on the reply the smaller one applies. The tool choice is the caller's, unless tools must not be
-        called; one that forbids the model to play is an `InvalidArgumentError`.
+        called; a choice with which the model cannot play is an `InvalidArgumentError`.
 
         Arguments:
             own: the caller's settings.

@@ -1,4 +1,4 @@
-"""The base class of recorded data: fields that came later are left out at their earlier meaning."""
+"""The base class of recorded data, which leaves out newer fields where older versions meant the same."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler
 
 
 class Recorded(BaseModel):
-    """Data of a record. Fields that came later are left out at the values of before, so that older records stay valid.
+    """Data of a record. A newer field is left out at the value that older records imply, so these stay valid.
 
-    `model_fields` and attributes have them all.
+    `model_fields` and attributes have all fields.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     later: ClassVar[Mapping[str, Any]] = {}
-    """The fields that came later, and what it means in a record that one is missing; a default can be another value."""
+    """The newer fields, each with the value that a record without it has; the default can be another value."""
 
     @model_serializer(mode="wrap")
     def _without_what_was_before(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -32,7 +32,7 @@ class Recorded(BaseModel):
 
     @classmethod
     def from_record(cls, data: Mapping[str, Any]) -> Self:
-        """Return the data of a record, in which a field that came later may be missing."""
+        """Return the data of a record, in which newer fields may be missing."""
         return cls(**{**cls.later, **data})
 
 

@@ -100,7 +100,7 @@ class EpisodeResult(Recorded):
     idle_replies: int
     """Replies without a tool call."""
     fallback_actions: int = 0
-    """Answers in which the paper's protocol found no action, so that the first one was played."""
+    """Answers in which the paper's protocol found no action, so that the game's first action was played."""
     tokens: Tokens
     cut_results: int
     refused_notes: int = 0
@@ -118,9 +118,9 @@ class EpisodeResult(Recorded):
     empty_summaries: int = 0
     """Summaries of which nothing was left to show, so that the earlier one stood."""
     over_prompts: int = 0
-    """Prompts of a host that owns the context which were longer than `prompt_tokens`; they were counted, not cut."""
+    """Prompts over `prompt_tokens` of a host that owns the context; they were counted, not cut."""
     unusable_usages: int = 0
-    """Usages that a provider reported with numbers that cannot be tokens; they count as none."""
+    """Usages reported by a provider whose numbers cannot be token counts; they are ignored."""
     end_reason: EndReason
     error: str | None = None
     """The exception's type and message for an end whose name ends in `_error`; its traceback is in the transcript."""
@@ -148,7 +148,8 @@ class EpisodeResult(Recorded):
 
 
 MISTAKES = ("illegal_actions", "malformed_calls", "idle_replies", "fallback_actions")
-"""The counts of an `EpisodeResult` that are a model's mistakes; the batch policy decides about refused calls."""
+"""The counts of an `EpisodeResult` that are a model's mistakes; refused calls are not, as the batch policy decides
+those."""
 
 
 def facts_as_html(title: str, facts: Mapping[str, str]) -> str:

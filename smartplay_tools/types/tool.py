@@ -29,7 +29,7 @@ ObservationForm = Literal["text", "picture", "both"]
 
 @dataclass(frozen=True, slots=True)
 class ToolSpec:
-    """A tool as it is described to the model; `parameters` is JSON Schema, of the game's tools one for strict modes."""
+    """A tool as it is described to the model; `parameters` is JSON Schema, of the game's tools a strict one."""
 
     name: str
     description: str

@@ -13,8 +13,7 @@ from smartplay_tools.types.recorded import Count, Recorded
 class SampledTokens(Recorded):
     """A reply in the tokens that the model drew, for training on records; no prompt, count or score depends on them.
 
-    Text that is split into tokens again can give others than those that were drawn, for which alone the probabilities
-    hold.
+    Tokenising the text again can give tokens other than those drawn, and the probabilities hold only for those drawn.
     """
 
     later: ClassVar[Mapping[str, Any]] = {"logprobs": None, "prompt": None}
@@ -50,12 +49,12 @@ class Usage(Recorded):
     cached: int = 0
     written: int = 0
     written_1h: int = 0
-    """The part of `written` that is kept for an hour, where a provider tells it apart."""
+    """The part of `written` that is kept for an hour, where a provider reports it separately."""
     reasoning: int = 0
     requests: int = 1
     """The attempts made for one reply, each of which is billed."""
     cut: int = 0
-    """Replies that the provider ended at their length, by their `finish_reason`."""
+    """Replies that the provider cut at their length limit, by their `finish_reason`."""
 
     @classmethod
     def reported(cls, event: Mapping[str, Any]) -> Usage | None:

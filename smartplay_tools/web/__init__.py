@@ -1,4 +1,4 @@
-"""What every server of this package asks of a request: an expected Host and Origin, the token, an end, and a size.
+"""What every server of this package requires of a request: Host, Origin, token, and limits of time and size.
 
 A page on the internet can make a browser send requests to a server on the same machine, under a name of its own that
 leads to 127.0.0.1. So a server answers only to names that it expects, and to pages of origins that it expects. An

@@ -15,9 +15,9 @@ class Names:
     """The names under which a server is reached, and the web pages that may use it.
 
     Arguments:
-        hosts: names beside this machine's own, with or without a port.
-        origins: web pages that may use the server from a browser, such as `https://inspector.example.org`, beside those
-            of the hosts themselves.
+        hosts: names in addition to this machine's own, with or without a port.
+        origins: web pages that may use the server from a browser, such as `https://inspector.example.org`, in addition
+            to those of the hosts.
     """
 
     def __init__(self, hosts: Sequence[str] = (), origins: Sequence[str] = ()) -> None:
@@ -53,8 +53,8 @@ def is_loopback(host: str) -> bool:
 def is_from_own_page(origin: str | None, site: str | None, host: str | None) -> bool:
     """Return whether a request that changes something comes from a page of the server itself, or from no page at all.
 
-    `origin`, `site` and `host` are the headers Origin, Sec-Fetch-Site and Host. Another server on the same machine has
-    an expected origin, but a page of it is another page.
+    `origin`, `site` and `host` are the headers Origin, Sec-Fetch-Site and Host. Another server on the same machine also
+    has an expected origin, but its pages are not this server's.
     """
     if site not in (None, "same-origin", "none"):
         return False

@@ -1,4 +1,4 @@
-"""What a server takes in: requests that come whole, in time and in limited size; and what servers refuse with."""
+"""What a server takes in: requests that come whole, in time and in limited size; and the responses to others."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ UNAUTHORIZED = PlainTextResponse("Unauthorized", 401, headers={"WWW-Authenticate
 class Bounded:
     """An application whose requests arrive whole; a body that is too large or does not come in time is refused.
 
-    What is too large is read to its end and thrown away: a client listens for an answer when it has sent everything.
+    A body that is too large is read to its end and dropped: a client listens for the answer when it has sent
+    everything.
 
     Arguments:
         app: the application.

@@ -1,6 +1,6 @@
-"""What every request must have before a server that plays for money or score looks at it.
+"""The guard before a server: what a request must have before the server looks at it.
 
-A Host and, from a browser, an Origin that were allowed by name, against pages of other sites that reach servers on this
+A Host and, from a browser, an Origin that were allowed by name, because pages of other sites can reach servers on this
 machine; and the token, if there is one. Then the body is read, if it is not too large.
 """
 
@@ -33,7 +33,7 @@ BROWSER_HEADERS = (
 """Headers that clients in a browser send."""
 
 Admit = Callable[[Request], Awaitable[Response | None]]
-"""Says what else speaks against a request: a response that refuses it, or None. It may change the request's scope."""
+"""An application's own conditions: returns the response that refuses a request, or None. It may change the scope."""
 
 
 def guarded(
@@ -49,9 +49,9 @@ def guarded(
     Arguments:
         app: the application.
         admit: the application's own conditions, asked when Host and Origin are right.
-        hosts: the names under which the server is reached, beside this machine's own; with or without a port.
-        origins: the web pages that may use it from a browser, such as `https://inspector.example.org`, beside those
-            of the hosts themselves.
+        hosts: the names under which the server is reached in addition to this machine's own, with or without a port.
+        origins: the web pages that may use it from a browser, such as `https://inspector.example.org`, in addition to
+            those of the hosts.
         largest: the most bytes of a body.
     """
     names = Names(hosts, origins)
@@ -86,7 +86,7 @@ class Guard:
         admit: the application's own conditions, asked when Host and Origin are right.
         names: the expected hosts and origins.
         largest: the most bytes of a body.
-        headers: those of a refusal.
+        headers: the headers of a refusal.
     """
 
     def __init__(

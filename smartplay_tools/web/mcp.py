@@ -156,7 +156,7 @@ def _initialized(hosted: Hosted, params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _about(hosted: Hosted) -> dict[str, Any]:
-    """What a server says of itself: a model behind a window has tools only, and no use for a host's instructions."""
+    """What a server says of itself; a server for a model behind a window has tools only."""
     capabilities = CAPABILITIES if hosted.is_read_by_host else {"tools": CAPABILITIES["tools"]}
     return {"capabilities": capabilities, "instructions": INSTRUCTIONS}
 

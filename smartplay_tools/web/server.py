@@ -25,12 +25,12 @@ GRACE = 1
 
 
 class Server:
-    """An application on an address, which is taken at once; `run` serves until it is stopped, `with` in a thread.
+    """A server for an application. Its address is bound at once; `run` serves until it is stopped, `with` in a thread.
 
     Arguments:
         app: the application.
         host, port: where to listen; port 0 is a free one.
-        lifespan: whether the application wants to be told of its start and its end.
+        lifespan: whether the application handles the lifespan events of ASGI.
         websockets: whether it serves web sockets.
     """
 
@@ -57,7 +57,7 @@ class Server:
 
     @property
     def is_stopping(self) -> bool:
-        """Whether the server was told to stop, which an application asks whose streams do not end by themselves."""
+        """Whether the server was told to stop; an application with endless streams checks it to end these."""
         return self._server.should_exit
 
     def run(self) -> None:

@@ -37,7 +37,7 @@ class Gone:
 
     result: EpisodeResult | None
     why: str
-    """A sentence for whoever asks for the episode."""
+    """A sentence for those who ask for the episode."""
 
 
 class Hosted(Protocol):
@@ -71,7 +71,7 @@ class Store(ABC, Generic[H]):
     Arguments:
         folder: the folder of the transcripts; without it, episodes are lost when the process ends.
         most: the largest number of open episodes.
-        idle: seconds without a call after which an episode is closed; one that was never asked for waits.
+        idle: seconds without a request after which an episode is closed; an episode without any request yet is kept.
         clock: the time in seconds.
     """
 
@@ -106,7 +106,7 @@ class Store(ABC, Generic[H]):
         return self.add(begin)
 
     def hosted(self) -> list[H]:
-        """Return what is open."""
+        """Return all open episodes."""
         with self._lock:
             return [*self._waiting.values(), *(hosted for hosted, _ in self._hosted.values())]
 
@@ -115,7 +115,7 @@ class Store(ABC, Generic[H]):
         return self._gone.get(handle)
 
     def add(self, make: Callable[[str], H], handle: str | None = None) -> str:
-        """Give a handle, a new one by default, to what a function makes of it; `FullError` if too many are open."""
+        """Add the episode that a function makes for a handle (default: a new one); `FullError` if too many are open."""
         handle = handle or secrets.token_urlsafe(24)
         self._close_idle()
         with self._lock:

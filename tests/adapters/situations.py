@@ -111,8 +111,8 @@ def forgets(row: Window, log: pytest.LogCaptureFixture) -> None:
     _, held = played(row, MOVES, "forgets")
     _, plain = played(row, MOVES, "")
     assert [prompt.messages for prompt in held.sent] == [prompt.messages for prompt in plain.sent]
-    gone = [record.getMessage() for record in log.records if "are gone from" in record.message]
-    (tokens,) = [re.match(r"[1-9]\d* messages with (\d+) tokens of text .* paid", text) for text in gone]
+    gone = [record.getMessage() for record in log.records if "have left the agent's own list" in record.message]
+    (tokens,) = [re.match(r"[1-9]\d* messages with (\d+) tokens of text .* pay for", text) for text in gone]
     assert tokens
 
 

@@ -172,7 +172,7 @@ def test_a_langchain_agent_is_sent_the_pictures_and_keeps_words_in_its_state():
         sp.Episode("Crafter-v0", seed=1, observation="picture", budget=budget, transcript=events) as episode,
     ):
         model = langchain_openai.ChatOpenAI(model="m", base_url=server.base_url, api_key="k")
-        with pytest.raises(sp.InvalidArgumentError, match="say pictures=True if the model sees them"):
+        with pytest.raises(sp.InvalidArgumentError, match="pass pictures=True if the model sees them"):
             SmartPlayMiddleware(episode)
         agent = agents.create_agent(model, middleware=[SmartPlayMiddleware(episode, pictures=True)])
         state = agent.invoke({"messages": []})
@@ -280,7 +280,7 @@ def test_pydantic_ai_has_pictures_where_the_interface_takes_them(interface):
             openai_client = openai.AsyncOpenAI(base_url=server.base_url, api_key="k")
             kind = OpenAIChatModel if interface == "chat" else OpenAIResponsesModel
             model = kind("m", provider=OpenAIProvider(openai_client=openai_client))
-        with pytest.raises(sp.InvalidArgumentError, match="say pictures=True if the model sees them"):
+        with pytest.raises(sp.InvalidArgumentError, match="pass pictures=True if the model sees them"):
             SmartPlay(episode)
         agent = pydantic_ai.Agent(model, capabilities=[SmartPlay(episode, pictures=True)])
         agent.run_sync("Play.")

@@ -201,7 +201,7 @@ def test_a_pilot_plays_one_episode_a_cell_and_the_run_goes_on(tmp_path):
     before = RunFolder(tmp_path).rows()
     assert [(row["player"], row["trial"]) for row in before] == [("rule", 0), ("random", 0)]
     assert "The whole run:" in stderr
-    assert "without --pilot goes on" in stderr
+    assert "without --pilot continues" in stderr
     assert run(*command, "--out", tmp_path)[0] == 0
     after = RunFolder(tmp_path).rows()
     assert len(after) == 6

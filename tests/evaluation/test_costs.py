@@ -88,7 +88,7 @@ def test_other_commands_show_a_column_for_each_rule(swept: str) -> None:
 def test_a_table_is_not_asked_for_where_there_is_none(swept: str) -> None:
     for words in (["results", swept], ["compare", swept], ["sweep", "--games", BANDIT]):
         refused = CliRunner().invoke(app, [*words, "--cache", "vllm", "--json"])
-        assert (refused.exit_code, "--cache adds a table, which JSON has not" in refused.output) == (2, True)
+        assert (refused.exit_code, "--cache adds a table, which JSON cannot hold" in refused.output) == (2, True)
 
 
 @pytest.mark.slow

@@ -126,7 +126,7 @@ def test_a_zip64_file_is_refused_behind_the_longest_comment(bundle, tmp_path):
     path.write_bytes(whole[:at] + end + locator + whole[at : at + 20] + struct.pack("<H", 0xFFFF) + b" " * 0xFFFF)
     with zipfile.ZipFile(path) as readable:
         assert len(readable.infolist()) == count
-    assert refused(path) == "The bundle is a zip64 file, which no bundle has to be."
+    assert refused(path) == "The bundle is a zip64 file, which a bundle never needs to be."
 
 
 def many_episodes(plan: dict[str, Any], count: int = 60_000) -> None:

@@ -238,18 +238,18 @@ def test_a_prompt_is_read_beside_any_other(show, tmp_path):
     page = show(record(tmp_path / "beside.jsonl", BANDIT, history=3), "#episode=beside&turn=20")
     page.wait_for_function("() => shown.episode?.key === 'beside' && document.getElementById('slider').value === '20'")
     page.keyboard.press("p")
-    assert page.get_by_role("spinbutton", name="beside the prompt of turn").input_value() == "19"
-    assert page.text_content("#difference") == "2 messages here alone, 2 messages there alone."
+    assert page.get_by_role("spinbutton", name="compared with the prompt of turn").input_value() == "19"
+    assert page.text_content("#difference") == "2 messages only here, 2 messages only there."
     assert "of turn 19" in page.locator("#messages .message.new").first.text_content()
     assert page.locator("#messages .gone").count() == 0, "it is the prompt, until another one is asked for"
-    page.get_by_role("spinbutton", name="beside the prompt of turn").fill("19")
+    page.get_by_role("spinbutton", name="compared with the prompt of turn").fill("19")
     assert "of turn 15" in page.locator("#messages .message.gone").first.text_content()
-    page.get_by_role("spinbutton", name="beside the prompt of turn").fill("20")
+    page.get_by_role("spinbutton", name="compared with the prompt of turn").fill("20")
     assert page.locator("#messages .new, #messages .gone").count() == 0
-    page.get_by_role("spinbutton", name="beside the prompt of turn").fill("30")
+    page.get_by_role("spinbutton", name="compared with the prompt of turn").fill("30")
     page.locator("#episode-title").click()
     page.keyboard.press("ArrowRight")
-    assert page.get_by_role("spinbutton", name="beside the prompt of turn").input_value() == "31", (
+    assert page.get_by_role("spinbutton", name="compared with the prompt of turn").input_value() == "31", (
         "it stays as far away"
     )
 

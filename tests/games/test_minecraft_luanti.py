@@ -473,7 +473,9 @@ def test_a_server_that_hangs_is_ended_when_python_is_killed(program, folders):
 
 def test_without_a_server_the_remedy_is_named(monkeypatch):
     monkeypatch.setenv(VARIABLE, "/nowhere")
-    with pytest.raises(sp.InvalidArgumentError, match="SMARTPLAY_LUANTI is '/nowhere', and there is no Luanti server"):
+    with pytest.raises(
+        sp.InvalidArgumentError, match="SMARTPLAY_LUANTI is '/nowhere', where there is no Luanti server"
+    ):
         sp.Episode("MinedojoCreative0-v0", seed=0, engine="luanti")
     check = next(check for check in check_engines() if check.engine == "luanti")
     assert not check.works

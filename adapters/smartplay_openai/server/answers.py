@@ -1,4 +1,4 @@
-"""What both endpoints answer with: JSON, streams of events, refusals as OpenAI words them."""
+"""The responses of both endpoints: JSON, streams of events, refusals as OpenAI words them."""
 
 from __future__ import annotations
 
@@ -80,9 +80,9 @@ async def refuse_http(request: Request, error: HTTPException) -> Response:
 
 
 def model_object(name: str) -> dict[str, Any]:
-    """Return what the list of models says of one."""
+    """Return a model's entry in the list of models."""
     return {"id": name, "object": "model", "created": 0, "owned_by": "smartplay-tools"}
 
 
 HANDLERS: dict[Any, Any] = {RequestError: refuse, HTTPException: refuse_http, Exception: fail}
-"""How an application answers what is raised."""
+"""How an application answers exceptions."""

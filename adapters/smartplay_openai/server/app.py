@@ -54,8 +54,8 @@ def endpoint_app(
     Arguments:
         players: the players.
         api_key: a key that requests must have.
-        limits: simulated limits of a paid service; what exceeds them is refused.
-        hosts: the names under which it is reached, beside this machine's own; with or without a port.
+        limits: simulated limits of a paid service; requests that exceed them are refused.
+        hosts: the names under which it is reached, in addition to this machine's own; with or without a port.
         origins: the web pages that may use it from a browser.
     """
     endpoint = _Endpoint(players, limits or SimulatedLimits())

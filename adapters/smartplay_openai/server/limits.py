@@ -19,7 +19,7 @@ class SimulatedLimits:
 
     Arguments:
         context_tokens: a longer prompt, in budget tokens, is refused as `context_length_exceeded`.
-        busy_every: one of this many requests is refused with status 429.
+        busy_every: N, where every Nth request is refused with status 429.
         retry_after: the seconds that such a refusal asks to wait.
     """
 
@@ -29,7 +29,7 @@ class SimulatedLimits:
     _requests: itertools.count[int] = field(default_factory=lambda: itertools.count(1), init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Raise an error for limits with which nothing would ever be answered."""
+        """Raise an error for limits under which no request would ever be answered."""
         if self.context_tokens is not None and self.context_tokens < 1:
             raise InvalidArgumentError(f"context_tokens={self.context_tokens} would refuse every prompt.")
         if self.busy_every is not None and self.busy_every < 2:
@@ -38,7 +38,7 @@ class SimulatedLimits:
     def check_rate(self) -> None:
         """Count a request; raise `RequestError` if it is to be refused."""
         if self.busy_every is not None and next(self._requests) % self.busy_every == 0:
-            problem = f"Rate limit reached: this endpoint refuses one of {self.busy_every} requests. Ask again."
+            problem = f"Rate limit reached: this endpoint refuses one in {self.busy_every} requests. Try again."
             headers = {"retry-after": f"{self.retry_after:g}"}
             raise RequestError(429, problem, code="rate_limit_exceeded", kind="requests", headers=headers)
 

@@ -4,7 +4,7 @@
     /v1/messages/count_tokens                           the tokens of its latest prompt
     /mcp/HANDLE                                         its tools, for the host's agent
 
-Requests have no power over the window; what of them is ignored is named in the header `x-smartplay-ignored`, and is
+Requests cannot change the window; the parts of them that are ignored are named in the header `x-smartplay-ignored`, and
 logged once an episode.
 """
 
@@ -42,7 +42,7 @@ from smartplay_tools.web import LARGEST_REQUEST, FullError, Server, carries, che
 from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 
 PREFIX = "smartplay/"
-"""What stands before the handle in the name of a model."""
+"""The prefix of the handle in the name of a model."""
 
 FORMATS: Sequence[HostFormat] = (CHAT_FORMAT, RESPONSES_FORMAT, MESSAGES_FORMAT)
 
@@ -68,8 +68,8 @@ def window_app(
 
     Arguments:
         store: the episodes that can be played.
-        token: what requests carry as API key or bearer token; with None, who knows a handle may play.
-        hosts: the names under which it is reached, beside this machine's own; with or without a port.
+        token: what requests carry as API key or bearer token; with None, anybody who knows a handle may play.
+        hosts: the names under which it is reached, in addition to this machine's own; with or without a port.
         origins: the web pages that may use it from a browser.
     """
 
@@ -111,10 +111,10 @@ class WindowEndpoint(Server):
 
     Arguments:
         player: who plays: one player for all episodes, or a function that returns one for a seed.
-        host, port: where to listen; port 0 is a free one. The address is taken at once.
+        host, port: where to listen; port 0 is a free one. The address is bound at once.
         token: what requests carry as API key or bearer token.
         hosts, origins: names under which it is reached, and web pages that may use it.
-        folder: where the records go; episodes then go on after a restart.
+        folder: where the records go; episodes then continue after a restart.
         closing: the name of a tool by which frameworks want a run to be closed, as smolagents does; None for none.
         only_game_tools: whether the agent's other tools are hidden from the model. A coding agent has a dozen, which
             take thousands of tokens of every prompt.
@@ -149,7 +149,7 @@ class WindowEndpoint(Server):
         return self.store.open(game, seed=seed, **options)
 
     def serve(self, episode: Episode, **continued: Any) -> str:
-        """Give a handle to an episode that is made already; `continued` are the arguments of `WindowStore.serve`."""
+        """Give a handle to an existing episode; `continued` are the arguments of `WindowStore.serve`."""
         return self.store.serve(episode, **continued)
 
     def model(self, handle: str) -> str:
@@ -165,7 +165,7 @@ class WindowEndpoint(Server):
         return self._episode(handle).functions()
 
     def ignored(self, handle: str) -> str:
-        """Say what of the host's own messages and fields has not reached the model."""
+        """Say which of the host's own messages and fields have not reached the model."""
         return self.store.ignored(handle)
 
     def result(self, handle: str) -> EpisodeResult | None:
@@ -249,7 +249,7 @@ async def _episode(store: WindowStore, model: Any) -> WindowEpisode:
 
 
 async def _list_models(request: Request) -> Response:
-    """Answer GET /v1/models: nothing is listed, because who knows a handle may play."""
+    """Answer GET /v1/models: nothing is listed, because anybody who knows a handle may play."""
     return json_response({"object": "list", "data": []})
 
 

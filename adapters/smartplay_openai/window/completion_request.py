@@ -1,4 +1,4 @@
-"""A request of a host's agent, as far as the window endpoint looks at it: call ids, results, tools and other facts.
+"""What the window endpoint reads from a request of a host's agent: call ids, results, tools and other facts.
 
 Messages are not checked, because they have no power over the window: a request with a picture, with items of a kind
 that is new, or with a history that a provider would refuse is as good as any other.
@@ -17,10 +17,10 @@ from smartplay_tools.messages import words_of
 
 @dataclass
 class Ignored:
-    """What of a request's messages and fields does not reach the model."""
+    """The parts of a request's messages and fields that do not reach the model."""
 
     characters: Counter[str] = field(default_factory=Counter)
-    """By the role of the messages."""
+    """The characters of ignored messages, by role."""
     kinds: Counter[str] = field(default_factory=Counter)
     """Parts and items that have no text, by their type."""
     fields: Sequence[str] = ()
@@ -38,7 +38,8 @@ class CompletionRequest:
     """What a request says.
 
     `results` are the tool results in it by call id, as they were sent, `body` its text, in which call ids are looked
-    for wherever a framework may have put them: smolagents, for one, writes calls and results into the text of messages.
+    for wherever a framework may have put them: smolagents, for example, writes calls and results into the text of
+    messages.
     """
 
     tools: Sequence[ToolSpec]
@@ -54,7 +55,7 @@ class CompletionRequest:
     answer_schema: Mapping[str, Any] | None = None
     """The JSON Schema that the text of an answer has to have."""
     continues: bool = False
-    """Whether it has only what is new, and the tools are those of the request before."""
+    """Whether it has only new messages, and the tools are those of the previous request."""
     is_of_sub_agent: bool = False
     messages: Sequence[Any] = ()
     """The host's own messages; none where it sends only what is new."""

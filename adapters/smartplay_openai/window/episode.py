@@ -1,4 +1,4 @@
-"""One episode behind the window endpoint: whatever a host's agent sends and however often, each turn is played once.
+"""One episode behind the window endpoint: each turn is played once, whatever a host's agent sends and however often.
 
 There are two ways in. `reply` answers a request for a completion: if the request knows the latest reply, the next turn
 begins, and if it does not, the latest reply has not arrived, and is given again. `call` plays a tool call that the
@@ -46,8 +46,8 @@ NO_RESULT = "Error: The host's agent gave no result for this call."
 """The result of a foreign call that the host's next request does not have."""
 
 SUMMARIES = (
-    "A summary that it asked this endpoint for cost nothing. One by another model was a call with at least these "
-    "tokens, paid for beside the budget, which does not count it."
+    "A summary asked of this endpoint cost nothing. A summary by another model was a call with at least these tokens, "
+    "which you pay for and the budget does not count."
 )
 """What the summaries of a host's own messages cost."""
 
@@ -64,7 +64,7 @@ class WindowEpisode:
         player: who is asked with the window's prompts.
         session: the session that a record was continued with.
         closing: the name of a tool by which frameworks want a run to be closed, as smolagents does.
-        shown: what of the host's the model is shown.
+        shown: what the model is shown of the host's own messages and tools.
     """
 
     is_read_by_host = False
@@ -200,7 +200,7 @@ class WindowEpisode:
                 self._turn = None
 
     def _goes_on_from(self, reply: PendingReply, request: CompletionRequest) -> bool:
-        """Whether the request comes after a reply, of which it knows at least one call. Nothing comes after the end."""
+        """Whether the request follows a reply, because it has at least one of its calls. Nothing follows the end."""
         return any(request.holds(slot.host_id) for slot in reply.sent)
 
     # A turn.
@@ -271,7 +271,7 @@ class WindowEpisode:
             self._failure = RequestError(500, problem, code="player_failed")
             raise self._failure from error
         spent = reply.usage or self._counted(message)
-        # Whatever the host is sent is whole; clients raise errors where an answer says that it was cut.
+        # The host is always sent a whole reply; clients raise errors where an answer says that it was cut.
         self._spent += spent.model_copy(update={"cut": 0})
         return Reply(message, reply.usage)
 
@@ -279,7 +279,7 @@ class WindowEpisode:
         """Return our count of a reply and of the prompt it answers."""
         return Usage(prompt=self.prompt_tokens, reply=self.episode.counter.message(message))
 
-    # What the host gets.
+    # What the host is sent.
 
     def _pending(self, turn: Turn, usage: Usage, names: Mapping[str, str], foreign: Set[str]) -> PendingReply:
         return PendingReply.of(turn, usage, names=names, foreign=foreign, call_id=self._call_id)
@@ -305,11 +305,11 @@ class WindowEpisode:
         return ToolResult(text, is_error=True, done=self.episode.done, data={"step": self.episode.progress.steps})
 
     def ignored_of(self, request: CompletionRequest) -> str:
-        """Say what of a request does not reach the model."""
+        """Say which parts of a request do not reach the model."""
         return self._notices.of(request, self._tell_apart(request))
 
     @property
     def ignored(self) -> str:
-        """What of the host's requests has not reached the model."""
+        """The parts of the host's requests that have not reached the model."""
         side = [f"{count:,} requests {kind}" for kind, count in self._side.counts.items()]
         return ", ".join(filter(None, [self._notices.latest, *side]))

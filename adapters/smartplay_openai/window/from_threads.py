@@ -1,4 +1,4 @@
-"""An episode as functions for the tools of an agent call it, from threads that are not the server's."""
+"""Calls of an episode's tools from threads that are not the server's, in which an agent's tools run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from smartplay_tools import ToolResult, ToolSpec
 
 @dataclass(frozen=True)
 class FromThreads:
-    """The tools of an episode, and what plays a call of them."""
+    """The tools of an episode, and a function that plays a call of one."""
 
     tools: tuple[ToolSpec, ...]
     call: Callable[[str, Any], ToolResult]

@@ -1,4 +1,4 @@
-"""Which of the host's tools are the game's, under whatever name the host has them; which are foreign; which closes.
+"""Which of the host's tools are the game's, under whatever names; which are foreign; and which one closes a run.
 
 MCP clients put the server's name before a tool's, as in `mcp__smartplay__act`. The model behind the window knows the
 game's own names, so calls are renamed on their way to the host.

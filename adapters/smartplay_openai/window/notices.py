@@ -1,4 +1,4 @@
-"""What of a host's requests does not reach the model: it is said with each answer, and logged once an episode."""
+"""The parts of a host's requests that do not reach the model: named with each answer, and logged once an episode."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ log = logging.getLogger("smartplay_openai.window")
 
 @dataclass(frozen=True)
 class Shown:
-    """What of the host's agent the model is shown beside the game's window; all of it is counted."""
+    """What the model is shown of the host's agent in addition to the game's window; all of it is counted."""
 
     only_game_tools: bool = False
     """Whether the host's other tools are hidden."""
@@ -22,7 +22,7 @@ class Shown:
     """Whether the host's instructions in its first request are shown."""
 
     def ignored(self, request: CompletionRequest, tools: HostTools) -> Iterator[str]:
-        """Yield what of a request the model is not shown."""
+        """Yield the parts of a request that the model is not shown."""
         for role, count in request.ignored.characters.items():
             if count and not (self.system and role in ("system", "developer")):
                 yield f"{role} messages ({count:,} characters)"
@@ -33,10 +33,10 @@ class Shown:
 
 
 class Notices:
-    """What an episode's requests had that was ignored.
+    """The ignored parts of an episode's requests.
 
     Arguments:
-        handle: the episode's.
+        handle: the episode's handle.
         shown: what the model is shown.
     """
 
@@ -46,11 +46,11 @@ class Notices:
         """What was ignored of the latest request that had something to ignore."""
 
     def of(self, request: CompletionRequest, tools: HostTools) -> str:
-        """Say what of a request the model is not shown."""
+        """Say which parts of a request the model is not shown."""
         return ", ".join(self._shown.ignored(request, tools))
 
     def note(self, request: CompletionRequest, tools: HostTools) -> None:
-        """Take note of a request, and log the first of which something is ignored."""
+        """Take note of a request, and log the first one with ignored parts."""
         ignored = self.of(request, tools)
         if ignored and not self.latest:
             log.warning("%s: the model sees the game's window only; ignored: %s.", self._handle, ignored)

@@ -80,7 +80,7 @@ class ResponsesFormat(HostFormat):
 
 
 def flat_tools(body: Mapping[str, Any]) -> tuple[Any, dict[str, tuple[str, str]]]:
-    """Return a request's tools with those of namespaces beside the others, and which flat name is which of these."""
+    """Return a request's tools, those of namespaces flattened, and the namespaced name behind each flat name."""
     tools = body.get("tools")
     if not isinstance(tools, list):
         return tools, {}
@@ -98,7 +98,7 @@ def flat_tools(body: Mapping[str, Any]) -> tuple[Any, dict[str, tuple[str, str]]
 
 
 def _hear(items: list[Any], ignored: Ignored) -> list[str]:
-    """Count what of the items does not reach the model; return the texts of the system.
+    """Count the parts of the items that do not reach the model; return the system texts.
 
     Consecutive items of the assistant are one reply; one without a call is the host's, because ours have calls.
     """

@@ -1,4 +1,4 @@
-"""Requests that the model is not asked: those of a host's agent for titles, plans and summaries, and of its sub-agents.
+"""Requests that never reach the model: those of a host's agent for titles, plans and summaries, and of its sub-agents.
 
 They are answered in words, or in the plainest JSON of the schema that they ask for, cost nothing, are logged once an
 episode for each kind, and counted. Where a host hides the game's tools behind a tool search, its search is called.
@@ -46,7 +46,7 @@ class SideRequests:
     """The requests of one episode that are answered in words.
 
     Arguments:
-        handle: the episode's.
+        handle: the episode's handle.
         episode: the episode.
         is_ours: says whether a request mentions any call that the endpoint has sent.
     """
@@ -92,7 +92,7 @@ class SideRequests:
 
 
 def in_schema(request: CompletionRequest, text: str) -> str:
-    """Return a text as a request wants it: as the plainest JSON of its schema, if it has one."""
+    """Return a text in the form that a request asks for: as the plainest JSON of its schema, if it has one."""
     return text if request.answer_schema is None else filled(request.answer_schema, text)
 
 

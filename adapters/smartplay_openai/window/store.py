@@ -22,7 +22,7 @@ class WindowStore(Store[WindowEpisode]):
     Arguments:
         player: who plays: one player for all episodes, or a function that returns one for a seed.
         closing: the name of a tool by which frameworks want a run to be closed; None for none.
-        shown: what of the host's the model is shown.
+        shown: what the model is shown of the host's own messages and tools.
         options: `folder`, `most` and `idle`, as for the episodes of the MCP server.
     """
 
@@ -54,9 +54,9 @@ class WindowStore(Store[WindowEpisode]):
                 await player.aclose()
 
     def serve(self, episode: Episode, *, handle: str | None = None, session: AgentSession | None = None) -> str:
-        """Give a handle to an episode that is made already, with a context of its own ("window").
+        """Give a handle to an existing episode whose context is "window".
 
-        An episode that was continued from its record has its earlier `handle` and the `session` that goes on.
+        An episode that was continued from its record has its earlier `handle` and the `session` that continues.
         """
         player = self._player_of(episode.config.seed)
 
@@ -66,7 +66,7 @@ class WindowStore(Store[WindowEpisode]):
         return self.add(make, handle)
 
     def ignored(self, handle: str) -> str:
-        """Say what of a host's own messages and fields has not reached the model; `KeyError` for an unknown handle."""
+        """Say which of a host's messages and fields have not reached the model; `KeyError` for an unknown handle."""
         episode = None if handle in self._ignored else self.find(handle)
         return self._ignored[handle] if episode is None else episode.ignored
 

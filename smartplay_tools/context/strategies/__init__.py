@@ -1,8 +1,8 @@
-"""Strategies: what becomes of the past, one object for each way to deal with it.
+"""Strategies: what becomes of the past, one class for each way to deal with it.
 
 Each is a class in a file of its own: the field of `Budget` that asks for it, what it refuses, the tools it adds, the
-tokens it reserves, what it hides, pins or asks for. `Strategies` makes the objects of one episode, which combine; the
-rest of the package asks it and names none of them. To add one, write its class, list it in `KINDS` and add its field to
+tokens it reserves, what it hides, pins or asks for. `Strategies` creates the objects of one episode and combines them;
+the window and the episode ask it, not the classes. To add one, write its class, list it in `KINDS` and add its field to
 `Budget`.
 """
 

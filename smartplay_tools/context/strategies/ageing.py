@@ -15,7 +15,7 @@ from smartplay_tools.types import Budget
 
 
 class Stretches:
-    """The turns that are too old because of the turns without a step that follow them directly, told turn by turn."""
+    """Finds, turn by turn, which turns are too old because too many turns without a step follow them."""
 
     def __init__(self, follow: int | None, share: Fraction | int = 1) -> None:
         """`follow` is how many may follow, None for any number; `share` of them may in a window that moves."""
@@ -25,7 +25,7 @@ class Stretches:
         self.first = self.first_after_move = 0
         """The first turn that is not too old, for a window that stays and for one that moves.
 
-        All earlier ones are too old, or have such a turn after them.
+        All earlier turns are too old, or a later turn is.
         """
 
     def append(self, turn: int, *, has_step: bool) -> None:
@@ -68,7 +68,7 @@ class Ageing(BudgetStrategy):
         return moved(step, before, history, 1 if self.drops else self._share)
 
     def stretches(self, history: int | None) -> Stretches:
-        """Return what ages turns without a step; a window that moves has slack."""
+        """Return the object that ages turns without a step; a window that moves has slack."""
         return Stretches(history if self._by_turn else None, self._share)
 
 
@@ -78,5 +78,5 @@ def drops_old_turns(budget: Budget) -> bool:
 
 
 def turns_leave(budget: Budget, history: int | None) -> bool:
-    """Whether turns ever leave a window, since they are too old or the prompt is full; `history` is in numbers."""
+    """Whether turns ever leave a window, because they are too old or the prompt is full; `history` is in numbers."""
     return budget.prompt_tokens is not None or (history is not None and drops_old_turns(budget))

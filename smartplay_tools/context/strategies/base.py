@@ -19,7 +19,7 @@ class ToolAnswer:
 
     text: str
     data: Mapping[str, Any] = field(default_factory=dict)
-    """What the record holds of the call."""
+    """The data of the result, which the record keeps."""
     is_cut: bool | None = None
     """Whether the text was cut to a cap of its own; None if the cap is that of all results."""
     mistake: str | None = None

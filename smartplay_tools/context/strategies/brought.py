@@ -2,7 +2,7 @@
 
 `Budget.strategy` is a name of the group of entry points `smartplay_tools.strategies`, one that this program has
 registered, or `FILE.py:CLASS`; options may follow, as in `FILE.py:CLASS:turns=3`. A name in a record never imports a
-file: a record can come from a stranger. What the user has named himself in this process is used again.
+file: a record can come from a stranger. A class that the user has named in this process is used again.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _LOADED: dict[str, Loaded] = {}
 
 
 def register_strategy(name: str, make: Callable[..., Strategy]) -> None:
-    """Make a strategy known by a name in this process, in a notebook, say; a package has an entry point instead."""
+    """Register a strategy by a name in this process, as a notebook does; a package declares an entry point instead."""
     if not name or ":" in name or name == "none" or name in _REGISTRY:
         raise InvalidArgumentError(f"{name!r} cannot be the name of a strategy, or is taken; choose another.")
     _LOADED[name] = Loaded(make, None)
@@ -90,7 +90,7 @@ def recorded_strategy(name: str, digest: str | None) -> Loaded:
             return held
     if place in _LOADED:
         raise InvalidArgumentError(
-            f"{place} is not what it was when the record was made; name the file as it was then with --strategy."
+            f"{place} has changed since the record was made; name an unchanged copy of the file with --strategy."
         )
     raise InvalidArgumentError(
         f"The record was played with the strategy {place}; name it with --strategy to import it."
@@ -113,7 +113,7 @@ def make_strategy(name: str, loaded: Loaded) -> Strategy:
 
 
 def parted(name: str) -> tuple[str, dict[str, Any]]:
-    """Return where a strategy is and its options: `FILE.py:CLASS:turns=3` has one. A value that is not JSON is text."""
+    """Split a name such as `FILE.py:CLASS:turns=3` into place and options; a value that is not JSON is text."""
     parts, options = name.split(":"), {}
     while len(parts) > 1 and "=" in parts[-1]:
         key, _, value = parts.pop().partition("=")

@@ -1,7 +1,7 @@
-"""Choices: what a strategy of somebody else's is shown of the past, and what it answers.
+"""Choices: what a brought strategy is shown of the past, and what it returns.
 
-Everything that it is given is read lazily, so what a strategy does not look at costs nothing, and everything is a copy,
-so what it does with it changes nothing.
+The past is read lazily, so what a strategy does not look at costs nothing, and given as copies, so a strategy cannot
+change it.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class PastTurn:
     shows: tuple[int, ...]
     """The observations that its results show, in their order."""
     tokens: int
-    """What it takes as it would be shown now, old observations masked."""
+    """Its tokens as it would be shown now, old observations masked."""
     masked_tokens: int
-    """What it takes with all its observations masked."""
+    """Its tokens with all its observations masked."""
     is_pinned: bool
     """Whether it is shown in any case; its tokens are not part of the room."""
     turn: Turn = field(repr=False)
@@ -68,7 +68,7 @@ class PastTurns(Sequence[PastTurn]):
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """What has happened until a turn's end, which the next prompt may show."""
+    """Everything up to the end of a turn, which the next prompt may show."""
 
     turns: Sequence[PastTurn]
     """Every turn, the newest last."""
@@ -79,7 +79,7 @@ class Past:
     pinned: tuple[int, ...]
     """The turns that are shown in any case: the newest, the latest that shows the newest observation, the notes."""
     text_tokens: Callable[[str], int]
-    """Returns what a text of a choice takes."""
+    """Returns the tokens that a text of a choice takes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +99,13 @@ class Strategy(Protocol):
     """A way to deal with the past that anybody can bring: a class with this one method.
 
     An object belongs to one episode and may remember. Its constructor takes the options that its name has
-    (`FILE.py:CLASS:turns=3`). It must be a function of what it was given: no clock, no randomness of its own.
+    (`FILE.py:CLASS:turns=3`). A choice must follow from what the strategy was given: no clock, no randomness of its
+    own.
     """
 
     def choose(self, past: Past, room: int | None) -> Choice:
         """Return what the next prompt shows; called once after every turn, in order.
 
-        `room` is what `prompt_tokens` leaves beside the head and the pinned turns; None without a cap.
+        `room` is the tokens that `prompt_tokens` leaves after the head and the pinned turns; None without a cap.
         """
         ...

@@ -1,9 +1,8 @@
-"""Documents: the observations of an episode as texts that can be searched, the first result that showed each.
+"""Documents: the observations of an episode as texts that can be searched, each as the first result showed it.
 
 They are read into an index of words as turns are added, so that the first search of a long episode takes no longer than
-the next one. Games say the same again and again, so the index is one of texts: documents that differ by their steps
-alone share one. Scores are BM25 over those documents that a prompt does not show: what is shown counts as without
-words.
+the next one. Observations repeat, so texts are indexed once: documents that differ only in their steps share one.
+Scores are BM25 over the documents that a prompt does not show; the others count as empty.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ if TYPE_CHECKING:
     from smartplay_tools.context.view import View
 
 K1, B = 1.2, 0.75
-"""How soon a word that is repeated stops to count, and how much the length of a document counts."""
+"""How soon repetitions of a word stop counting, and how much the length of a document counts."""
 DECIMALS = 9
 """The decimals to which scores are rounded, so that they order documents alike on every machine."""
 BATCH = 32
-"""How many of the best documents are put into order at first."""
+"""How many of the best documents are sorted at first."""
 WORD = re.compile(r"[^\W_]+")
 STEP = re.compile(r"0|[1-9][0-9]{0,17}")
 """A step as a word."""
@@ -45,15 +44,15 @@ class Documents:
         self._turns = 0
         """How many turns have been read."""
         self._text_of = array("i")
-        """The number of each document's text."""
+        """The index of each document's text in `_texts`."""
         self._words_before = [0]
-        """The words of the documents before each."""
+        """The number of words in the documents before each."""
         self._texts: list[str] = []
         """The texts, each what follows the step in its documents."""
         self._numbers: dict[str, int] = {}
-        """The number of each text."""
+        """The index of each text."""
         self._counts, self._lengths = array("d"), array("d")
-        """For each text, its documents, and the words of one of them."""
+        """For each text, the number of its documents, and the number of words in each of these."""
         self._places: dict[str, array[int]] = defaultdict(lambda: array("i"))
         """For each word, the texts that have it, as often as they have it; a step is not in a text."""
 

@@ -1,4 +1,4 @@
-"""The strategies that there are, and those of one episode, which act together."""
+"""All strategies, and those of one episode, which act together."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ class Strategies:
         self.ageing = Ageing(budget, counter)
         """What becomes of turns that are too old."""
         self.summaries = next((strategy for strategy in asked if isinstance(strategy, Summaries)), None)
-        """What asks the agent for words when turns leave; None where nothing does."""
+        """The strategy that asks for summaries when turns leave; None without it."""
         self.thoughts = next((strategy for strategy in asked if isinstance(strategy, Thoughts)), None)
-        """What strips old replies of their words; None where they keep them."""
+        """The strategy that strips old replies of their words; None without it."""
         self.pictures = next((strategy for strategy in asked if isinstance(strategy, Pictures)), None)
-        """What leaves older pictures out; None where they stay."""
+        """The strategy that leaves out older pictures; None without it."""
         self.anchors = next((strategy.most for strategy in asked if isinstance(strategy, Anchors)), 0)
         """How many of the first turns stay, as far as they fit."""
         self.recall = next((strategy for strategy in asked if isinstance(strategy, Recall)), None)
-        """What searches the observations that have left; None where nothing does."""
+        """The strategy that searches observations that have left; None without it."""
         self.offload = next((strategy for strategy in asked if isinstance(strategy, Offload)), None)
-        """What keeps the rest of observations that are too long; None where it is cut."""
+        """The strategy that keeps the rest of observations that are too long; None without it."""
         self.memory = next((strategy for strategy in asked if isinstance(strategy, MemoryFiles)), None)
-        """The files that the agent keeps; None where it keeps none."""
+        """The strategy that keeps the agent's files; None without it."""
         self.tools = tuple(tool for strategy in asked for tool in strategy.tools)
         """The tools that they add."""
         self.reserve = sum(strategy.reserve for strategy in asked)
@@ -59,7 +59,7 @@ class Strategies:
     def bring(self, digest: str | None, *, is_recorded: bool) -> None:
         """Make the strategy that the budget names, if it names one; `digest` is that of its file.
 
-        What `is_recorded` imports nothing that the user has not named.
+        With `is_recorded` nothing is imported that the user has not named.
         """
         if self._name is not None:
             loaded = recorded_strategy(self._name, digest) if is_recorded else load_strategy(self._name)

@@ -15,9 +15,9 @@ ROOT = "/memories"
 LEVELS = 2
 """How many levels below a folder its listing shows."""
 NUMBER_WIDTH = 6
-"""The width of the numbers of lines."""
+"""The width of a line number."""
 AROUND = 2
-"""How many lines before and after a change its answer shows."""
+"""How many lines the answer shows before and after a change."""
 
 
 class FileError(Exception):
@@ -26,11 +26,11 @@ class FileError(Exception):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command answers, and what it changes."""
+    """The answer to a command, and what the command changes."""
 
     text: str
     changes: Mapping[str, str | None] = field(default_factory=dict)
-    """The new text of files by path; None for a file that is no longer there."""
+    """The new texts of files, by path; None deletes a file."""
 
 
 class Files:
@@ -53,7 +53,7 @@ class Files:
     # The commands.
 
     def view(self, path: str, view_range: Sequence[int] | None = None) -> Outcome:
-        """Show a file with the numbers of its lines, or what a folder has."""
+        """Show a file with line numbers, or list a folder."""
         _check(path)
         if path in self.texts:
             lines = self.texts[path].split("\n")
@@ -75,7 +75,7 @@ class Files:
         return Outcome(f"File created successfully at: {path}", {path: file_text})
 
     def str_replace(self, path: str, old_str: str, new_str: str) -> Outcome:
-        """Replace what occurs once in a file."""
+        """Replace a text that occurs once in a file."""
         text = self._file(path)
         places = list(_places(text, old_str))
         if not places:
@@ -104,7 +104,7 @@ class Files:
         return Outcome(f"The file {path} has been edited.", {path: text if text.endswith("\n") else f"{text}\n"})
 
     def delete(self, path: str) -> Outcome:
-        """Delete a file, or a folder with what is below it."""
+        """Delete a file, or a folder with everything below it."""
         _check(path)
         if path == ROOT:
             raise FileError(f"Cannot delete the {ROOT} directory itself")
@@ -114,7 +114,7 @@ class Files:
         return Outcome(f"Successfully deleted {path}", dict.fromkeys(gone))
 
     def rename(self, old_path: str, new_path: str) -> Outcome:
-        """Give a file another path, or a folder with what is below it."""
+        """Move a file, or a folder with everything below it, to another path."""
         _check(old_path)
         _check(new_path)
         if old_path == ROOT:
@@ -131,7 +131,7 @@ class Files:
         changes |= {new_path + path[len(old_path) :]: self.texts[path] for path in moved}
         return Outcome(f"Successfully renamed {old_path} to {new_path}", changes)
 
-    # What there is.
+    # Look-ups.
 
     def _file(self, path: str) -> str:
         _check(path)

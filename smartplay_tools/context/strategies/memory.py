@@ -1,7 +1,7 @@
 """Memory: a tool with which the agent keeps files, none of which is in view unless it looks.
 
-The tool has the commands of Anthropic's `memory_20250818`, and is offered as that where the provider has it. What the
-files hold, their paths included, never exceeds the cap. The files are a fold over the calls on record.
+The tool has the commands of Anthropic's `memory_20250818`, and is offered as that tool where the provider has it. What
+the files hold, their paths included, never exceeds the cap. The files are a fold over the calls on record.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class MemoryFiles(BudgetStrategy):
         self.tools = (StrategyTool(memory_spec(self._cap), None, self._usage, self._answer),)
 
     def _answer(self, values: Mapping[str, Any]) -> ToolAnswer:
-        """Carry out a command, unless the files would then be larger than the cap and larger than they are."""
+        """Carry out a command, unless it would make the files larger than they are and larger than the cap."""
         given = {name: value for name, value in values.items() if value is not None}
         if problem := _problem(given):
             return ToolAnswer(f"{problem} {self._usage}", mistake="malformed")

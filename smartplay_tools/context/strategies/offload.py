@@ -1,7 +1,7 @@
-"""Offload: of a result that is too long the beginning is shown, and a tool reads on.
+"""Offload: the beginning of a result that is too long is shown, and a tool reads on.
 
-A cut loses its rest. Here the rest stays with the episode, in pages that fit the same cap, and the last line of every
-page names the next one. Pages are made of the game's own text, so a replay makes them again.
+A cut loses the rest of a result. Here the rest stays with the episode, in pages that fit the same cap, and the last
+line of every page names the next page. Pages are made of the game's own text, so a replay makes them again.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class Pages:
     """The pages of one result, each made when it is asked for."""
 
     def __init__(self, number: int, text: str, first_cap: int, cap: int, count: truncation.Count) -> None:
-        """`first_cap` is the cap on what the result shows, `cap` that on the pages after it."""
+        """`first_cap` is the cap on what the result shows, `cap` the cap on each later page."""
         self._number, self._rest, self._count = number, text, count
         self._next_cap, self._cap = first_cap, cap
         self._pages: list[str] = []

@@ -33,7 +33,7 @@ class Recall(BudgetStrategy):
         self._cap, self._count = budget.recall_tokens, counter.text
         self._documents = Documents()
         self._view: View | None = None
-        """What the prompt showed whose reply is being answered; None before the first, and without a conversation."""
+        """The view of the prompt whose reply is being answered; None before the first, and without a conversation."""
         usage = f'Call {RECALL_TOOL} with {{"query": "..."}}.'
         self.tools = (StrategyTool(recall_spec(self._cap), "query", usage, self._answer),)
 
@@ -67,7 +67,7 @@ class Recall(BudgetStrategy):
             )
 
     def answers(self, view: View) -> None:
-        """Take the prompt whose reply is answered next."""
+        """Take the view of the prompt whose reply is answered next."""
         self._view = view
         self._documents.read(view.turns)
 

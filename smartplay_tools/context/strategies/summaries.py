@@ -2,8 +2,8 @@
 
 A window with `Budget.summary_tokens` asks the agent for a summary whenever turns are about to leave. So that neither
 the question nor the longest answer can end an episode, a window that moves leaves room for both: `reserve` tokens. The
-message that is shown never takes more than its part of them. Tokens of joined texts do not add up, so the text is cut
-as it will be shown, behind its frame.
+message that shows a summary never takes more than its share of them. The tokens of joined texts do not add up, so the
+text is cut as it will be shown, after the words that introduce it.
 """
 
 from __future__ import annotations
@@ -85,5 +85,5 @@ class Summaries(BudgetStrategy):
 
 
 def summaries_of(budget: Budget, counter: TokenCounter) -> Summaries | None:
-    """Return what asks for summaries and shows them, for readers of records; None where the budget asks for none."""
+    """Return the strategy of summaries, for readers of records; None where the budget asks for none."""
     return Summaries(budget, counter) if Summaries.is_asked_for(budget) else None

@@ -1,11 +1,11 @@
 """One number for what a window costs: the area under the curve of score against the cap on prompts.
 
 Caps lie on a logarithmic axis, "no cap" at the largest prompt of any episode that had none, and the curve is joined by
-straight lines. Scores are relative: 0 is the random player's on the same seeds, 1 that of full context. An area of 1 is
-thus a player whom no cap costs anything, and 0 one that plays at random under every cap; it is not clipped to that
+straight lines. Scores are relative: 0 is the random player's on the same seeds, 1 that of full context. So at 1 no cap
+costs the player anything, and at 0 it plays no better than random under every cap; an area is not clipped to that
 range. A cap that is too small for one of the compared strategies, but not for all, counts as the random score there, so
-that all are measured over one range of caps. The area depends on that grid by 0.01 to 0.02, so only areas over the same
-grid are compared.
+that all are measured over one range of caps. The area varies with the grid of caps by 0.01 to 0.02, so only areas over
+the same grid are compared.
 
 The interval is a jackknife over seeds: everything of a seed is left out together.
 """
@@ -75,8 +75,8 @@ class _Curve:
 def areas(rows: Sequence[Row], *, compared: int | None = None) -> list[Area]:
     """Return the areas of all players and strategies that were played under caps on prompts.
 
-    A family of one cap is not a curve and has no entry. `random` has to be among the players. `compared` is of how many
-    differences the intervals hold together; by default all those of these rows.
+    A family of one cap is not a curve and has no entry. `random` has to be among the players. `compared` is the number
+    of differences whose intervals hold together; by default all those of these rows.
     """
     groups = by_cell(row for row in rows if row["end_reason"] != "run_budget")
     lines: dict[str, list[_Curve]] = {cell.game: [] for cell, _ in groups}

@@ -1,9 +1,9 @@
-"""What a difference between two sides shows, in one word, and how many pairs a difference needs to be seen.
+"""What a difference between two sides shows, in one word, and how many pairs it takes to see a difference.
 
 The words are "different" if the 95 % interval excludes 0; else "equivalent" if the 90 % interval lies within the
-margin (two one-sided tests at 5 %); else "undecided". An interval that contains 0 is never a sign that nothing differs,
-so what is undecided stands beside the smallest difference that this number of pairs would probably have shown (MDE).
-There is no default margin: how much does not matter is a decision about the game.
+margin (two one-sided tests at 5 %); else "undecided". An interval that contains 0 never proves that nothing differs, so
+an undecided comparison comes with the smallest difference that this number of pairs would probably have shown (MDE).
+There is no default margin: which difference does not matter depends on the game.
 """
 
 from __future__ import annotations
@@ -122,9 +122,9 @@ class Needed:
 
     difference: float
     sd: float
-    """Of the pilot's differences."""
+    """The standard deviation of the pilot's differences."""
     pairs: int
-    """Of the pilot."""
+    """The pairs of the pilot."""
     mde: tuple[float, ...]
     """What the pilot's number of pairs shows, for each of `POWERS`."""
     needed: tuple[int, ...]

@@ -30,7 +30,7 @@ def crossing(falling: Callable[[float], float], low: float, high: float, steps: 
 
 
 def beyond(falling: Callable[[float], float]) -> float:
-    """Return a power of 2 at which a falling function is not positive any more."""
+    """Return a power of 2 at which a falling function is no longer positive."""
     high = 1.0
     while falling(high) > 0:
         high *= 2

@@ -145,7 +145,7 @@ def _side(column: Column) -> str:
 
 
 def _latex_cell(text: str) -> str:
-    """A cell: what is indented stays so, a minus sign is one, and a bracket at the start is not an argument."""
+    """A cell that keeps its indentation and its minus sign, and whose leading bracket is not read as an argument."""
     inner = text.lstrip(" ")
     escaped = re.sub(r"(?<![\w-])-(?=\d)", "$-$", _latex(inner))
     return "\\quad " * ((len(text) - len(inner)) // 2) + ("{}" if escaped.startswith("[") else "") + escaped

@@ -1,4 +1,4 @@
-"""Gates of pipelines: what a run has to reach, alone or against a run that was kept, as checks with a verdict each."""
+"""Gates of pipelines: what a run has to reach, alone or against a stored run, as checks with a verdict each."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def mean_gates(rows: Sequence[Row], fail_if: Sequence[RowCondition]) -> Iterator
 
 
 def baseline_gates(rows: Sequence[Row], baseline: Sequence[Row], margin: Margin) -> Iterator[Gate]:
-    """Yield a gate for every pairing with a run that was kept: it fails if this run is worse than within the margin.
+    """Yield a gate for every pairing with a stored run: it fails if this run is worse by more than the margin.
 
-    What is undecided passes, and its message says so: a gate that fails by chance is soon ignored.
+    An undecided pairing passes, and its message says so: a gate that fails by chance is soon ignored.
     """
     comparison = compare({"baseline": baseline, "run": rows}, margin=margin)
     for each in comparison.pairings:

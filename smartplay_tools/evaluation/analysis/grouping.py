@@ -33,12 +33,12 @@ CAPS = tuple(name for name in Budget.model_fields if name not in (*WORDS, "resul
 """The fields that are the same in every game."""
 
 USUAL = {**dict(Rules()), "tokenizer": DEFAULT_TOKENIZER}
-"""The defaults of a condition, its budget apart."""
+"""The defaults of a condition, except its budget."""
 
 
 @dataclass(frozen=True)
 class PlayedCell:
-    """What all episodes of a cell have in common: a planned cell as its rows tell it, the budget in numbers."""
+    """What all episodes of a cell have in common: a planned cell as its rows describe it, the budget in numbers."""
 
     game: str
     engine: str | None
@@ -126,7 +126,7 @@ def conditions(cells: Sequence[PlayedCell]) -> list[Condition]:
 
 
 class _AskedField:
-    """What a run can have asked for in a field of the budget, told from the numbers of all its cells."""
+    """What a run may have asked for in a field of the budget, inferred from the numbers of all its cells."""
 
     def __init__(self, field: str, cells: Sequence[PlayedCell]) -> None:
         self._field = field

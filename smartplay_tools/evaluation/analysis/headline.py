@@ -30,7 +30,7 @@ INTERVALS = "[ ]: 95 % interval of the mean"
 PRIVILEGED = "*: privileged, it knows the game's state and not only its messages"
 
 MANY_CUTS = 0.01
-"""The share of cut results from which on a table has a warning."""
+"""The share of cut results at which a table begins to warn."""
 
 TERMS: Mapping[str, str] = {
     "n": "finished episodes",
@@ -86,7 +86,7 @@ def shared(summary: RunSummary) -> str:
 
 
 def warnings(cells: Iterable[CellSummary]) -> list[str]:
-    """Return the warnings that a reader has to know before comparing these cells."""
+    """Return the warnings to read before comparing these cells."""
     cells = list(cells)
     notes = [PRIVILEGED] if any(cell.privileged for cell in cells) else []
     if unplayed := sum(cell.unplayed for cell in cells):

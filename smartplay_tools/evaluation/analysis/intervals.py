@@ -10,10 +10,10 @@ like; docs/metrics.md has the table, and the slow tests show how often each inte
 
 The bootstrap is bias-corrected and accelerated (BCa; Efron, "Better Bootstrap Confidence Intervals", 1987), because
 scores of games are skewed, and its level is expanded, because samples are small (Hesterberg, "What Teachers Should Know
-about the Bootstrap", 2015). For means there is less to do than usual, which counts at ten thousand episodes: samples of
-the same size share their resamples, and the skewness has a closed form instead of leaving out every episode once. An
-interval depends on the values alone: the generator has a fixed seed and the values are sorted, so neither the workers
-nor the order of completion can change it.
+about the Bootstrap", 2015). For means there is less to compute than usual, which matters at ten thousand episodes:
+samples of the same size share their resamples, and the skewness has a closed form instead of leaving out every episode
+once. An interval depends on the values alone: the generator has a fixed seed and the values are sorted, so neither the
+workers nor the order of completion can change it.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class MeanEstimate:
     """The reason why there is no interval, or that all episodes are equal."""
     all_equal: bool = False
     sd: float | None = field(default=None, compare=False)
-    """The standard deviation of the episodes; None of a single one and of sums."""
+    """The standard deviation of the episodes; None for a single episode and for sums."""
 
 
 def with_ends(name: str, estimate: MeanEstimate | None) -> dict[str, float | None]:
@@ -195,7 +195,7 @@ def _expanded(n: int, confidence: float) -> float:
 
 
 def _remembered(keys: Sequence[bytes], compute: Callable[[list[int]], list[Interval]]) -> list[Interval]:
-    """The intervals with these keys; `compute` is asked for those that are not known, by their positions."""
+    """The intervals with these keys; `compute` returns those that are not known yet, by their positions."""
     intervals = {key: _known_intervals[key] for key in keys if key in _known_intervals}
     missing = [at for at, key in enumerate(keys) if key not in intervals]
     if missing:

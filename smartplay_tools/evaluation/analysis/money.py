@@ -129,7 +129,7 @@ def costs_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTab
 def rules_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTable:
     """Return what every cell costs with a line for each tariff: an episode, a point of score, what is read and written.
 
-    Nothing stands for a point where the mean score is not above 0.
+    The cost of a point is left empty where the mean score is not above 0.
     """
     rows: list[tuple[str, ...]] = []
     for cell in cells:

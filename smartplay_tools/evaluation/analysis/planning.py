@@ -21,7 +21,7 @@ NOTES = (
 
 @dataclass(frozen=True)
 class Planned:
-    """What a pairing needs, or why that cannot be said."""
+    """The trials that a pairing needs, or why they are not known."""
 
     game: str
     name: str

@@ -32,7 +32,7 @@ class RowCondition:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Return the condition that a text says."""
+        """Return the condition that a text states."""
         match = _FORM.fullmatch(text)
         if match is None or match[1] not in MEASURES:
             names = ", ".join(MEASURES)
@@ -40,7 +40,7 @@ class RowCondition:
         return cls(match[1], match[2], float(match[3]))
 
     def __call__(self, row: Row) -> bool:
-        """Whether it holds for an episode; without the measure it does not."""
+        """Whether the condition holds for an episode; an episode without the measure does not meet it."""
         value = MEASURES[self.measure](row)
         return value is not None and self.holds(value)
 

@@ -1,11 +1,11 @@
 """Stopping a comparison when it is decided, without more errors than a comparison of fixed length has.
 
-Who looks at an interval after every pair, and stops when it excludes 0, is wrong far more often than it says. Two
-tests by betting are valid at any time instead (aGRAPA; Waudby-Smith and Ramdas, "Estimating Means of Bounded Random
-Variables by Betting", 2024): capital is staked against a mean before each pair, as the pairs before it advise, and if
-the mean is the true one, the capital ever reaches 20 times itself in at most one of 20 runs. That holds for all
-independent differences between known bounds, rare failures included. Its price is pairs: where the cap is below about
-50, a comparison of fixed length decides more.
+Looking at an interval after every pair, and stopping when it excludes 0, errs far more often than the interval says.
+Two tests by betting are valid at any time instead (aGRAPA; Waudby-Smith and Ramdas, "Estimating Means of Bounded Random
+Variables by Betting", 2024): before each pair, capital is staked against a mean, guided by the earlier pairs; if the
+mean is the true one, the capital ever grows twentyfold in at most one of 20 runs. That holds for all independent
+differences between known bounds, rare failures included. The price is more pairs: with a cap below about 50, a
+comparison of fixed length decides more often.
 
 Pairs count in the order of the plan, not of completion: long episodes, which end last, score differently.
 """
@@ -59,7 +59,7 @@ class Evidence:
 
 
 def judge(differences: Sequence[float], bounds: Bounds, margin: float, comparisons: int = 1) -> Evidence:
-    """Judge differences in their order, of which there must be some; `comparisons` share the errors of 5 %."""
+    """Judge differences, at least one, in their order; `comparisons` share the error rate of 5 %."""
     values = np.asarray(differences, dtype=float)
     first = [int(at) for at in decided_at(values, bounds, margin, comparisons)]
     used = min(*first, len(values) - 1) + 1
@@ -106,7 +106,7 @@ def _log_capital(x: Values, against: Sequence[float] | Values) -> Values:
     counts = np.arange(1, x.shape[-1] + 1)
     average = (means + np.cumsum(x, axis=-1)) / (counts + 1)
     variance = (PRIOR_VARIANCE + np.cumsum((x - average) ** 2, axis=-1)) / (counts + 1)
-    # A stake is what the values before it advise.
+    # A stake depends on the values before it.
     before = np.broadcast_to(means, (*average.shape[:-1], 1))
     average = np.concatenate([before, average[..., :-1]], axis=-1)
     variance = np.concatenate([np.full_like(before, PRIOR_VARIANCE), variance[..., :-1]], axis=-1)

@@ -3,7 +3,7 @@
 table     what a board shows of checked submissions, as plain data
 site      the pages
 
-Nothing is believed: scores come from the rows that the check computed from records, and "verified by replay" from the
+No claim is trusted: scores come from the rows that the check computed from records, and "verified by replay" from the
 check itself. A submission that is not verified is listed with what was found, without a score.
 """
 

@@ -32,7 +32,7 @@ REPLAYS = 1
 """Episodes of every game and budget that the replay page of a submission shows."""
 
 CACHES = ("none", "openai-5-6", "anthropic-512", "vllm")
-"""The rules of caches under which the table and that page say what episodes cost."""
+"""The rules of caches under which the table and the replay page say what episodes cost."""
 
 
 def build_board(

@@ -1,23 +1,28 @@
 """Playing the episodes of a run and keeping their records.
 
-plan          the episodes of a run, their seeds and keys
-players       the players of a run and their options
-agents        programs that play episodes in their own way
-attempt       playing and recording one planned episode
-executors/    running attempts in processes, on an event loop or on a cluster
-limits        caps on the tokens and cost of a whole run
-estimate      the expected tokens, cost and time of a run
-run_writer    writing the run's folder
-run_options   how a run is played: executor, workers, shard, caps, prices
-scheduler     the choice of the next episode, and the handling of every finished attempt
-progress      the one thread that writes the status file and shows a run while it is played
-notebooks     the notebook methods of runs and sweeps
-runner        `evaluate`
-sweeps        runs over a grid of budgets, compared with full context
-merge         merging shards
-audit         replaying every episode of a run
-browser_play  the episodes that a person plays in the browser
-challenge     an episode to play and the score to beat, as the address of a link
+plan           the episodes of a run, their seeds and keys
+run_file       the arguments of `eval` as a file
+players        the players of a run and their options
+agents         programs and functions that play episodes in their own way
+probe, faults  the check of a run's models, and the sentences for what it finds
+attempt        playing and recording one planned episode
+executors/     running attempts in processes, on an event loop or on a cluster
+limits         caps on the tokens and cost of a whole run
+estimate       the expected tokens, cost and time of a run
+sending        which players and games can be sent to other processes
+lock, signals  one process at a time plays a run, and Ctrl-C stops it between two turns
+run_writer     writing the run's folder
+run_options    how a run is played: executor, workers, shard, caps, prices
+scheduler      the choice of the next episode, and the handling of every finished attempt
+run_progress   the one thread that writes the status file and shows a run while it is played
+tracking       the figures of a run, sent to an experiment tracker
+notebooks      the notebook methods of runs and sweeps
+runner         `evaluate`
+sweeps         runs over a grid of budgets, compared with full context
+merge          merging shards
+audit          replaying every episode of a run
+browser_play   the episodes that a person plays in the browser
+challenge      an episode to play and the score to beat, as the address of a link
 """
 
 from smartplay_tools.episode.cells import most_calls

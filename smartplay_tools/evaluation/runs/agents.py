@@ -1,7 +1,7 @@
-"""Agents, which play episodes in their own way: a run hands them one at a time, and its record says what came of it.
+"""Agents, which play episodes in their own way: a run hands them one at a time, and its record holds the outcome.
 
-An agent brings the model that it asks, or has it asked by an endpoint. So what a call may cost is reserved where the
-episode makes its prompt: an agent that is refused one hears that the episode is over.
+An agent calls a model itself or through an endpoint. So the cost of a call is reserved when the episode makes its
+prompt; if the prompt is refused, the agent is told that the episode is over.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs.signals import StopFlag
 
 LOOK_SECONDS = 0.1
-"""Seconds between two looks whether an episode is over or the run stops."""
+"""Seconds between two checks whether an episode is over or the run stops."""
 
 AgentFunction: TypeAlias = Callable[[AgentSession], Any] | Callable[["Episode"], Any]
 """Plays an episode; may be asynchronous. The name of its argument says what it takes.
@@ -32,7 +32,7 @@ makes a session with the host's messages and tools in its head, or for a session
 
 
 class AgentFailedError(SmartPlayError):
-    """An agent has failed, or has not played at all."""
+    """An agent failed, or did not play at all."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,12 @@ class Held:
         return self.episode.result is not None or self.stop.is_set()
 
     async def wait_for(self, playing: asyncio.Future[Any]) -> None:
-        """Wait until what plays is done or the run stops."""
+        """Wait until the agent's task is done or the run stops."""
         while not playing.done() and not self.stop.is_set():
             await asyncio.wait([playing], timeout=LOOK_SECONDS)
 
     def leave(self, why: str) -> None:
-        """End the episode because its agent does not go on; one that never asked its model has not played."""
+        """End the episode because its agent has stopped; an agent that never asked its model has failed."""
         if self.is_over:
             return
         if not self.episode.stats.turns and not self.episode.stats.tool_calls:
@@ -66,7 +66,7 @@ class Held:
 
 
 class Watch:
-    """Waits for episodes that others play, and looks at all of them at once: hundreds may wait, for hours."""
+    """Waits for episodes that others play, checking all of them at once: there may be hundreds, for hours."""
 
     def __init__(self) -> None:
         self._waiting: dict[asyncio.Event, Held] = {}
@@ -115,7 +115,7 @@ class FunctionAgent:
         self._takes_session = argument_of(function) == "session"
 
     async def play(self, held: Held) -> None:
-        """Call the function with what it takes; when the run stops, the episode is closed under it."""
+        """Call the function with the episode or its session; when the run stops, the episode is closed."""
         threads = ThreadPoolExecutor(1, "agent")
         given = AgentSession(held.episode) if self._takes_session else held.episode
         playing: asyncio.Future[Any] = (

@@ -128,9 +128,9 @@ def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
 
 
 def _earlier(task: Task) -> list[Event]:
-    """The record of an earlier attempt, unless that began with something else than what the trial before has left.
+    """The record of an earlier attempt, unless it began with something other than what the trial before has left.
 
-    The strategy of the episode's plan is imported, which a record may not do by itself.
+    This imports the strategy that the plan names; a record alone may not import one.
     """
     assert task.previous is not None
     if (strategy := task.planned.cell.budget.strategy) is not None:
@@ -314,7 +314,7 @@ def _on_record(task: Task) -> Iterator[None]:
 
 
 def _append(record: Path, error: BaseException, *words: str) -> None:
-    """Record why an attempt has ended; on a full disk no attempt can go on, so that the run has to end."""
+    """Record why an attempt has ended; on a full disk no attempt can continue, so the run ends."""
     try:
         if not is_disk_full(error):
             append_exception(record, *words)

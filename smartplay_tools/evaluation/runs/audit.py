@@ -22,7 +22,7 @@ from smartplay_tools.records.rows import LATER, Row, row_of
 from smartplay_tools.records.run_folder import RunFolder
 
 WORTH_A_PROCESS = 300_000
-"""Bytes of records for which another process is started: fewer are mostly replayed before it is ready."""
+"""Bytes of records for which another process is started: fewer are usually replayed before it is ready."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def audit(
     strategy: str | None = None,
     rows: Sequence[Row] | None = None,
 ) -> Iterator[EpisodeAudit]:
-    """Yield a finding for every finished episode of a run, as they come.
+    """Yield the audit of every finished episode of a run, in the order of completion.
 
     At most `workers` processes replay them, including this one, and only this one if no other knows a game that it has
     registered. `tokenizer` names the records' tokenizer if its file was moved, `strategy` is the

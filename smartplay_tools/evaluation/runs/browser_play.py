@@ -32,7 +32,7 @@ from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.types import Budget
 
 BESIDE = ("rule", "random")
-"""The players whose score is shown beside a person's."""
+"""The players whose scores are shown beside a person's."""
 
 LONGEST_BESIDE = 300
 """Steps of the longest game that they play while a person waits."""
@@ -90,7 +90,7 @@ class BrowserPlay:
         return self
 
     def begun(self, until: ExitStack) -> BrowserPlay:
-        """Begin, if it has not yet, to be left when `until` is closed."""
+        """Begin, unless it has begun; it is left when `until` is closed."""
         if self._thread.ident is None:
             until.enter_context(self)
         return self

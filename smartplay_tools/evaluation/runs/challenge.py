@@ -103,7 +103,7 @@ def _cell(game: str, given: dict[str, str]) -> CellConfig:
 def _check_portable(strategy: str | None, *others: Any) -> None:
     if strategy is not None or any(isinstance(value, str) and OF_ONE_MACHINE.search(value) for value in others):
         raise InvalidArgumentError(
-            "A strategy, texts or a tokenizer of one's own cannot be part of a challenge: other machines lack them."
+            "A challenge cannot have a strategy, texts or a tokenizer of your own: other machines lack them."
         )
 
 

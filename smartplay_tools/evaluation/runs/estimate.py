@@ -49,7 +49,7 @@ ASSUMED_REPLY_TOKENS = 150
 """Default tokens of a model's reply: some sentences and a tool call. The range is from half to twice of it."""
 
 STAND_INS = {"text": ("rule", "random"), "picture": ("random",), "both": ("rule", "random")}
-"""Who plays in place of a model, by what observations are: no rules read the pictures of every game and size."""
+"""The players in place of a model, by the form of observations: no rules read the pictures of every game and size."""
 FREE = frozenset(name for name, place in PLAYERS.items() if place.startswith("smartplay_tools.")) - {"human"}
 """Players that cost nothing, so that they can play in an estimate."""
 
@@ -90,8 +90,8 @@ class Estimate:
     prompt_tokens: Range
     reply_tokens: Range
     cost: Range | None
-    """US dollars: with the hits of the provider's cache in the samples, to without any and with everything written to
-    it. None if the price of the player's model is not known."""
+    """US dollars: from the cache hits of the samples, to no hits and everything written to the provider's cache. None
+    if the price of the player's model is not known."""
     call_seconds: Range
     """Seconds that the player's replies take, one after another."""
     cut_share: float
@@ -254,7 +254,7 @@ def _cached(cell: CellConfig, record: Record) -> tuple[float, float]:
 
 
 def _player(cell: CellConfig, name: str, seed: int) -> Any:
-    """The player that plays the sample; without the cell's options if they are those of a function of the user's."""
+    """The player that plays the sample; without the cell's options if they are for a function of the user's."""
     try:
         return get_player(name, seed=seed, **(cell.player_options if name == player_of(cell) else {}))
     except InvalidArgumentError:
@@ -281,7 +281,7 @@ class _Wordy:
 
 
 def _extended(sample: _Sample, cell: CellConfig, calls: int | None) -> _Sample:
-    """Return a sample extrapolated to `calls` to play, plus its share of calls for summaries.
+    """Return a sample extrapolated to `calls` prompts to play, plus its share of prompts for summaries.
 
     The budget of the episode may allow fewer.
     """

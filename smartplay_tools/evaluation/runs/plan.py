@@ -143,7 +143,7 @@ def plan_suite(
     player_options: Mapping[str, Any] | None = None,
     given: Iterable[str] = (),
 ) -> Plan:
-    """Plan a fixed suite; `given` names what else was asked for, and what the suite fixes cannot be."""
+    """Plan a fixed suite; `given` are the other arguments, of which those that the suite fixes are refused."""
     if refused := sorted(set(given) & set(FIXED)):
         raise InvalidArgumentError(
             f"The suite {suite.name} fixes {', '.join(refused)}; leave that out, or name games instead of the suite."

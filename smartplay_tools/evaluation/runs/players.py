@@ -58,7 +58,7 @@ class PlayerConfig(BaseModel):
 
 
 Players: TypeAlias = Sequence[str | PlayerConfig] | Mapping[str, PlayerFactory | AgentFunction]
-"""The players of a run: names, configs, or names with what makes the players, or with agents."""
+"""The players of a run: names, configs, or names with functions that make the players, or with agents."""
 
 
 def read_players(players: Players) -> list[PlayerConfig]:

@@ -38,7 +38,7 @@ MOST_TOKENS = 1000
 
 @dataclass(frozen=True)
 class Probe:
-    """The findings of some turns with a model; None if a fact is unknown."""
+    """What some turns with a model have shown; None if a fact is unknown."""
 
     player: str
     reachable: bool
@@ -88,7 +88,7 @@ class Probe:
 
     @property
     def playable(self) -> bool:
-        """Whether it can be reached, and a call of it could be played."""
+        """Whether the model can be reached, and a call of it could be played."""
         return self.reachable and bool(self.played)
 
 
@@ -133,7 +133,7 @@ def _played(config: PlayerConfig, player: ModelPlayer, price: Price | None) -> P
 
 
 def _address(config: PlayerConfig, error: str) -> str:
-    """A hint at an address without `/v1`, if that is what a refusal may come from."""
+    """A hint about an address without `/v1`, if that may be the cause of a refusal."""
     url = config.options.get("base_url")
     if not isinstance(url, str) or "404" not in error or urlsplit(url).path.rstrip("/"):
         return ""

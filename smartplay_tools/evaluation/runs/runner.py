@@ -66,7 +66,7 @@ class Run(InNotebook):
     spared: int = 0
     """Planned episodes that were not needed, since their comparisons were decided."""
     decisions: tuple[Decision, ...] = ()
-    """What a run that stops when it is decided has shown."""
+    """The decisions of a run that stops when its comparisons are decided."""
     refused: str | None = None
     """Why the run was ended early: a model's server refuses every request."""
     waiting: int = 0
@@ -180,7 +180,7 @@ def run_plan(
         scheduler = Scheduler(folder, part, setup, tracking.heard)
         with following(folder, show):
             try:
-                # Where a comparison is to be decided early, what costs nothing is played before a model begins.
+                # Where a comparison is to be decided early, players that cost nothing play before models begin.
                 order = list(by_executor.items())[:: 1 if comparisons is None else -1]
                 for name, episodes in order:
                     chosen = executors[name](options.workers or default_workers(name), caps, scheduler.spent)
@@ -207,7 +207,7 @@ def run_plan(
 
 @contextmanager
 def _disk(folder: RunFolder, plan: Plan) -> Iterator[None]:
-    """Say what is kept and what to do if there is no space left for the run's files."""
+    """If there is no space left for the run's files, raise an error that says what is kept and what to do."""
     try:
         yield
     except Exception as error:
@@ -221,7 +221,7 @@ def _disk(folder: RunFolder, plan: Plan) -> Iterator[None]:
 
 
 def _display(plan: Plan, on_progress: OnProgress | None) -> Display:
-    """Return what shows a run below the cell of a notebook, and nothing elsewhere."""
+    """Return the display of a run below a notebook's cell; elsewhere one that shows nothing."""
     if on_progress is not None or not plan.episodes or not is_notebook():
         return not_shown
     from smartplay_tools.evaluation.pages.notebook import shown_below_the_cell

@@ -73,7 +73,7 @@ class Setup:
     repriced: Collection[str] = ()
     """Players whose price has changed since the run was played before."""
     comparisons: Comparisons | None = None
-    """What ends the run early when it is decided."""
+    """The comparisons that end the run early when they are decided."""
 
 
 class Scheduler:
@@ -137,7 +137,7 @@ class Scheduler:
             for outcome in executor.run(self.take, self.again):
                 attempts[outcome.task.planned.key] += 1
                 self._settle(outcome)
-            if attempts.total() == before:  # those that are left wait for an episode that has no result
+            if attempts.total() == before:  # the remaining ones wait for an episode that has no result
                 break
         self.cap_reached = self.cap_reached or self._capped
         if self._unpriced:
@@ -165,7 +165,7 @@ class Scheduler:
 
     @property
     def decisions(self) -> list[Decision]:
-        """What the comparisons of a run that stops when it is decided have shown."""
+        """The decisions of a run that stops when its comparisons are decided."""
         return [] if self._setup.comparisons is None else self._setup.comparisons.decisions(self._rows)
 
     @property

@@ -125,8 +125,8 @@ def grid(
     """Return the cells of a grid.
 
     `vary` has lists of values by axis (`AXES`); `budget` holds the fields that do not vary, `rules` are those of
-    `make_cells`. A value that is named twice, or by a number and as "game", makes one cell. Combinations that say
-    something of the past that cannot be enforced, such as summaries at slack 0, are left out and named.
+    `make_cells`. A value that is named twice, or by a number and as "game", makes one cell. Combinations whose strategy
+    cannot be enforced, such as summaries at slack 0, are left out and named.
     """
     axes = _axes(vary or {}, rules)
     fixed_rules = {name: [rules.pop(name, getattr(Rules(), name))] for name in RULE_AXES if name not in axes}
@@ -180,7 +180,7 @@ def _axes(vary: Mapping[str, Sequence[Any]], rules: dict[str, Any]) -> dict[str,
 
 
 def _split_by_reserve(cells: Iterable[CellConfig]) -> tuple[list[CellConfig], list[str]]:
-    """The cells without those whose prompts are too small for what their strategy adds, and why those are left out.
+    """Return the cells whose prompts can hold what their strategy adds, and why the others are left out.
 
     Prompts that are too small for the game alone have nothing to do with a strategy; planning refuses them.
     """

@@ -43,7 +43,7 @@ TRACKERS = Registry(
 
 
 class Tracking:
-    """Sends a run to a tracker; without a name, to none. `on_progress` hears of every attempt after it."""
+    """Sends a run to a tracker, if one is named. `on_progress` is called after the tracker with every attempt."""
 
     def __init__(self, name: str | None, run: str, manifest: Manifest, on_progress: OnProgress | None = None) -> None:
         """Begin the run in the tracker; a client that is missing or refuses is an `InvalidArgumentError`."""
@@ -62,7 +62,7 @@ class Tracking:
             raise InvalidArgumentError(f"The tracker {name} cannot begin a run: {error}") from error
 
     def heard(self, progress: RunProgress) -> None:
-        """Send what has been finished."""
+        """Send the finished episodes."""
         for row in (*progress.kept, *([] if progress.row is None else [progress.row])):
             self._rows.append(row)
             cell = _name(row)
@@ -96,7 +96,7 @@ class Tracking:
             getattr(self._tracker, method)(*figures, **how)
         except Exception as error:  # whatever a client does without its server
             self._tracker = None
-            warnings.warn(f"The tracker gets nothing more of this run, which goes on: {error}", stacklevel=2)
+            warnings.warn(f"The tracker gets nothing more of this run, which continues: {error}", stacklevel=2)
 
 
 def _name(row: Row) -> str:

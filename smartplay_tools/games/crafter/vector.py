@@ -39,14 +39,14 @@ class CrafterVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
 
     Arguments: `observation`, "text", "image", "semantic" or "symbolic"; `engine`, "compiled" (numba, the extra `rl`)
     or "fast" (Python), by default compiled where numba is installed, and otherwise fast with a warning;
-    `autoreset_mode`, as in Gymnasium; `threads`, how many step the worlds of the compiled engine; `text` and
-    `opening_noop`, as for a single world; `semantic`, whether `info` has the maps; `copy`, whether each step returns
-    new arrays or fills the same array again; `max_episode_steps`, where an episode is truncated, 10,000 by
+    `autoreset_mode`, as in Gymnasium; `threads`, the number of threads that step the worlds of the compiled engine;
+    `text` and `opening_noop`, as for a single world; `semantic`, whether `info` has the maps; `copy`, whether each step
+    returns new arrays or fills the same array again; `max_episode_steps`, where an episode is truncated, 10,000 by
     default; `history` is accepted but unused, since only the `info` of the text game has a history.
     """
 
     closed = True
-    """Nothing is open until the worlds are made: older releases of Gymnasium close what refused its options."""
+    """Nothing is open until worlds are made: older releases of Gymnasium close environments that refused options."""
 
     def __init__(
         self,

@@ -28,7 +28,7 @@ class Messenger(TextGame):
     that you were caught.
 
     Attributes:
-        sentences: which sentences are played, as the argument says it.
+        sentences: which sentences are played, in the form of the argument.
     """
 
     actions = words.ACTIONS
@@ -71,7 +71,7 @@ class Messenger(TextGame):
 
     @classmethod
     def worlds(cls, options: Mapping[str, Any]) -> str:
-        """Which split was played, and what its names tell."""
+        """Say which split was played, and whether names in it tell the roles."""
         split = options.get("split", "test")
         roles = rules.roles_of(split)
         fixed = {name: own for name, own in roles.items() if len(own) == 1}

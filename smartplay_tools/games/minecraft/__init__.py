@@ -7,6 +7,8 @@ The tasks and the text are the same for all engines, which are interchangeable:
     text           the observation text, in the original's words
     engines        the interface of an engine, and the table of engines
     game           `Minecraft`, the environment that combines them
-    doctor         checks which engines work on this machine
+    engine_checks  checks which engines work on this machine
     voxel/         the embedded engine: a world of blocks in NumPy
+    luanti/        the engine Luanti, as a server without a screen
+    minedojo/      MineDojo, the engine of the paper, in an environment of its own
 """

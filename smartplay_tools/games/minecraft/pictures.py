@@ -20,7 +20,7 @@ SCALE = 12
 """How many times the pixels are enlarged: a picture has 204 x 204, because models read smaller ones badly."""
 
 DIMMEST = 96
-"""The brightness, of 256, of what is as far away as can be seen."""
+"""The brightness, of 256, of things at the farthest visible distance."""
 
 _Colour = tuple[int, int, int]
 
@@ -68,7 +68,7 @@ BLOCKS: Mapping[str, _Colour] = {
     "lily pad": (30, 130, 50),
     "vines": (70, 130, 30),
 }
-"""By the name of a block in corrected texts: the colour of it at hand."""
+"""The colour of a block at hand, by its name in corrected texts."""
 
 ANIMALS: Mapping[str, _Colour] = {
     "chicken": (255, 250, 235),
@@ -84,7 +84,7 @@ ANIMALS: Mapping[str, _Colour] = {
     "squid": (35, 60, 90),
     "polarbear": (248, 246, 240),
 }
-"""By the name of an animal."""
+"""The colour of an animal, by its name."""
 
 
 def draw(seen: Observation) -> NDArray[np.uint8]:

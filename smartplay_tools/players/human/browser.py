@@ -1,8 +1,8 @@
-"""A person in a browser as a player: what a prompt asks is shown by a page, and what the page sends is the reply.
+"""A person in a browser as a player: a page shows the prompt, and what the page sends is the reply.
 
-The page gets the prompt's messages and nothing else, so what has left the window is not there. What is not an answer to
-the prompt is refused and never played, because the play is measured and not the typing. A page may be opened twice or
-be behind, so an answer names the prompt that it belongs to.
+The page gets the prompt's messages and nothing else, so what has left the window is not there. Input that is not an
+answer to the prompt is refused and never played, because the play is measured and not the typing. A page may be opened
+twice or be out of date, so an answer names its prompt.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class BrowserPlayer:
         """Notified when there is another prompt, an answer, or the person has left."""
         self.has_left = False
         self.number = 0
-        """Counts the prompts and whatever else is shown."""
+        """The number of the state that is shown: a prompt, a result or anything else."""
         self._prompt: Prompt | None = None
         self.asked: dict[str, Any] | None = None
         """The prompt that waits for an answer, as JSON for the page; None if there is none."""

@@ -3,8 +3,8 @@
 One imagined win and one imagined loss are added to the visible results of each machine, so that a good machine that
 loses its first pull is tried again.
 
-What can be known from the games before is how often a better and a worse machine win, not which is which: they are put
-in random order. With that carried over, the machine is pulled that is more probably the better one.
+Earlier games can teach how often a better and a worse machine win, but not which is which: their order is random. With
+this carried over, the rules pull the machine that is more probably the better one.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Pulls = dict[int, tuple[int, int]]
 
 
 def decide(reading: Reading) -> Message:
-    """Pull a machine of which nothing is visible, else the one with the best mean."""
+    """Pull a machine that has no visible result, else the one with the best mean."""
     return pull(reading, count_pulls(reading, {}))
 
 
@@ -51,7 +51,7 @@ Ranks = list[list[int]]
 
 
 def _ranks(reading: Reading) -> Ranks | None:
-    """Return what is known from the games before, None for nothing: the last one is added to what it knew itself."""
+    """Return what earlier games have taught, None for nothing: the last game's pulls, added to what it knew already."""
     if (before := earlier(reading)) is None:
         return None
     counts = [list(counts) for counts in before.facts.get("machines", {}).values()]

@@ -24,13 +24,13 @@ RECALLED = re.compile(r"^Step (\d+), after (?:act|observe)\(.*\):$", re.MULTILIN
 FILE = "/memories/notes.txt"
 """The file of the memory, where the player keeps files."""
 PATH_TOKENS = 10
-"""At least the tokens of its path."""
+"""At least as many tokens as the path has."""
 CONTENT = f"Here's the content of {FILE} "
 NUMBERED = re.compile(r"^ *\d+\t", re.MULTILINE)
 IDS = {NOTES_TOOL: "notes"}
 """How the ids of calls begin, where that is not the name of the tool."""
 CHARACTERS_A_TOKEN = 2
-"""Fewer than any line here has: the player does not know the tokenizer, and notes that are too long are refused."""
+"""A safe guess, fewer than in any line here: the player does not know the tokenizer, and long notes are refused."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def line(facts: dict[str, Any]) -> str:
 
 
 def newest_quoted(reading: Reading) -> str | None:
-    """Return the memory that covers most of those which the messages quote, in whatever form; None without any."""
+    """Return the memory that covers most among those quoted in the messages, in whatever form; None without any."""
     memories: list[dict[str, Any]] = []
     for message in reading.prompt.messages:
         for place in re.finditer("Notes: ", text_of(message)):
@@ -110,7 +110,7 @@ def summary_cap(reading: Reading) -> int | None:
 
 
 def fits(text: str, cap: int) -> bool:
-    """Whether a text has surely no more tokens than a cap."""
+    """Whether a text certainly has no more tokens than a cap."""
     return len(text) <= CHARACTERS_A_TOKEN * cap
 
 
@@ -120,14 +120,14 @@ def noted(message: Message, text: str) -> Message:
 
 
 def file_cap(reading: Reading) -> int | None:
-    """Return how many tokens the file of the memory may have beside its path; None where there is no tool for files."""
+    """Return how many tokens the memory's file may have, its path not counted; None without a tool for files."""
     described = [tool.description for tool in reading.prompt.tools if tool.name == MEMORY_TOOL]
     match = CAP.search(described[0]) if described else None
     return int(match[1]) - PATH_TOKENS if match else None
 
 
 def looked_up(message: Message) -> Message:
-    """Return a reply that looks at the file of the memory, before it does anything but play; playing waits."""
+    """Return a reply that looks at the memory's file first; an action in it is dropped, to be decided again."""
     if any(each["function"]["name"] == "act" for each in calls_of(message)):
         message = {"role": "assistant", "content": None, "tool_calls": []}
     return _with_call(message, MEMORY_TOOL, command="view", path=FILE)

@@ -30,7 +30,7 @@ def score_against_trial(rows: Sequence[Row]) -> Figure:
     """Draw the mean score of every trial of a chain over all chains, with and without `carry`, a panel for each game.
 
     Without `carry` trials are put into chains of the same length, whose seeds are the same. Bars are 95 % intervals,
-    each of the trials in one place of all chains, which are independent.
+    each over the trials at one position of all chains, which are independent.
     """
     cells = by_cell(rows)
     lengths = {cell.rules["chain"] for cell, _ in cells if cell.rules["carry"] is not None}

@@ -30,7 +30,7 @@ WIDE = 2.4
 
 @figure
 def prompt_rows(rows: Sequence[tuple[str, Record, int]]) -> Figure:
-    """Draw one prompt in each row: its name, the record that it is of, and the turn that it asks for."""
+    """Draw one prompt in each row, given as its name, its record, and the turn that it asks for."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch, Rectangle
 

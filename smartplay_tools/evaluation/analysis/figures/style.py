@@ -93,7 +93,7 @@ def panels(count: int, *, columns: int = 2, size: tuple[float, float] = (4.6, 3.
     columns = min(columns, count)
     rows = -(-count // columns)
     drawn = Figure(figsize=(size[0] * columns, size[1] * rows + 0.5))
-    # In inches: between two rows, a title keeps off the axis above it.
+    # In inches: between two rows, a title needs a gap to the axis above it.
     drawn.set_layout_engine("constrained", h_pad=0.1 if rows > 1 else None)
     axes = list(drawn.subplots(rows, columns, squeeze=False).flat)
     for spare in axes[count:]:
@@ -161,7 +161,7 @@ def spread(index: int, count: int) -> float:
 def from_zero(axes: Axes, values: Iterable[float]) -> None:
     """Let the axis of scores begin at 0, or below if there are negative scores."""
     lowest, top = min(values), axes.get_ylim()[1]
-    # A mark at the lowest place is seen whole.
+    # A marker at the lowest score is not cut off.
     near = lowest < 0.05 * top
     axes.set_ylim(bottom=lowest - 0.06 * (top - lowest) if lowest < 0 or near else 0)
 
@@ -198,7 +198,7 @@ def save_figure(
 ) -> list[Path]:
     """Write a figure as STEM.png, STEM.svg and STEM.pdf, or in some of these formats, and return the paths.
 
-    With `svg_text` the words of an SVG are text, which can be searched and edited but looks as the fonts of its reader;
+    With `svg_text` the words of an SVG are text, which can be searched and edited but depends on the reader's fonts;
     else they are paths, which look the same everywhere.
     """
     import matplotlib

@@ -1,14 +1,14 @@
-"""Bundles: a run's folder with its metadata in one zip file, written the same for the same run, and read as hostile.
+"""Bundles: a run's folder with its metadata in one zip file, written the same for the same run, and read without trust.
 
     submission.json       who submits what (`metadata`)
     environment.json      the packages that prepared the bundle, and those that played
-    rollout-card.json     what the scores are computed from, by which rules, and without what (`card`)
+    rollout-card.json     what the scores are computed from, by which rules, and without what (`rollout_cards`)
     manifest.json         the plan of the run, as in its folder
     results.jsonl         the rows
     episodes/KEY.jsonl    the records of finished episodes
     attempts/KEY.N.jsonl  the records of attempts without a result
 
-A bundle comes from a stranger, so nothing in it is believed when it is unpacked. A name decides where a file goes only
+A bundle comes from a stranger, so nothing in it is trusted when it is unpacked. A name decides where a file goes only
 if it is exactly one of those above; sizes are counted while they are unpacked, not read from the file; links, encrypted
 files, doubled names and other compressions are refused. What is refused is a `BundleError` with one sentence.
 """
@@ -33,7 +33,7 @@ NAMES = re.compile(
     r"|attempts/[0-9a-f]{16}\.[1-9][0-9]{0,5}\.jsonl",
     re.ASCII,
 )
-"""What a file of a bundle may be called."""
+"""The names that a file of a bundle may have."""
 
 REQUIRED = ("submission.json", "manifest.json", "results.jsonl")
 
@@ -155,7 +155,7 @@ def _check_directory(path: Path, size: int, limits: Limits) -> None:
         raise BundleError("The bundle is not a readable zip file: it has no list of files at its end.")
     (listed,) = struct.unpack_from("<L", tail, at + 12)
     if _END_64 in tail[max(0, at - _LOCATOR_64_SIZE) : at] or listed == 0xFFFFFFFF:
-        raise BundleError("The bundle is a zip64 file, which no bundle has to be.")
+        raise BundleError("The bundle is a zip64 file, which a bundle never needs to be.")
     if listed > limits.directory_bytes:
         raise BundleError(f"The bundle's list of files has {listed:,} bytes; {limits.directory_bytes:,} are allowed.")
 

@@ -52,12 +52,12 @@ NOT_PROVED = (
 """What the check cannot prove, whatever the bundle holds."""
 
 MOST_OTHER_ROWS = 1_000
-"""Rows of no planned episode, after which the results are not read on."""
+"""The most rows without a planned episode; after that many, no more results are read."""
 
 
 @dataclass
 class Checked:
-    """What the check of a submission found."""
+    """The result of the check of a submission."""
 
     bundle: str
     """The name of the file."""
@@ -230,7 +230,7 @@ class _Check:
             self._checked.issued = ours
 
     def _check_coverage(self, plan: SubmittedPlan) -> Iterator[Finding]:
-        """Hold plan and records against each other."""
+        """Compare the plan with the records."""
         planned = {episode.key for episode in plan.episodes}
         records = {path.stem for path in (self._folder / "episodes").iterdir()}
         if missing := sorted(planned - records):
@@ -242,7 +242,7 @@ class _Check:
             yield error("coverage", f"{len(others)} attempts are at no planned episode: {some(others)}.")
 
     def _check_rows(self, plan: SubmittedPlan, rows: dict[str, bytes]) -> Iterator[Finding]:
-        """Hold plan and rows against each other; `rows` gets the lines of the planned episodes by their keys.
+        """Compare the plan with the rows; `rows` gets the lines of the planned episodes by their keys.
 
         There may be millions of other lines, so few of them are read.
         """
@@ -322,7 +322,7 @@ class _Check:
             self._checked.findings.append(remark("record", text))
 
     def _check_results(self, plan: SubmittedPlan) -> Iterator[Finding]:
-        """Hold the results in the metadata against those of the records."""
+        """Compare the results in the metadata with those of the records."""
         submission = self._checked.submission
         assert submission is not None
         modified = any(finding.kind == "prompts" for finding in self._checked.findings)
@@ -334,7 +334,7 @@ class _Check:
             yield error("results", "The results in submission.json are not those of the records.")
 
     def _check_card(self, plan: SubmittedPlan) -> Iterator[Finding]:
-        """Hold the rollout card, which older bundles do not have, against the records."""
+        """Compare the rollout card, which older bundles do not have, with the records."""
         if not (self._folder / card.NAME).exists() or len(self._checked.rows) < len(plan.episodes):
             return
         expected = card.rollout_card(len(plan.episodes), self._checked.rows, self._checked.attempts)

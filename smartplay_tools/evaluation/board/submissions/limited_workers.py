@@ -1,4 +1,4 @@
-"""The check of records under limits of time and memory: one that crosses them is given up, and the rest is checked.
+"""The check of records under limits of time and memory: one that crosses them is given up, and the others are checked.
 
 A record from a stranger can make a game slow or large.
 """

@@ -34,7 +34,7 @@ class _Part(BaseModel):
 
 
 class ContactInfo(_Part):
-    """Who can be asked."""
+    """A person to contact."""
 
     email: Name | None = None
     name: Name | None = None
@@ -78,7 +78,7 @@ class CellResult(_Part):
 
     game: Name
     budget: dict[str, Any]
-    """What was asked for in the budget; empty for the default budget."""
+    """The budget as asked for; empty for the default budget."""
     episodes: int
     score: float
     normalized_score: float | None = None

@@ -33,7 +33,7 @@ def prepare_submission(
         facts: fields of `submission.json`; versions and results are filled in.
         player: whose episodes are submitted, where the run has several players.
 
-    A run that is not finished, a shard, or metadata that say what is not so, is an `InvalidArgumentError`.
+    An unfinished run, a shard, or metadata that contradict the run, are an `InvalidArgumentError`.
     """
     folder, out = RunFolder(run), Path(out)
     if out.suffix != ".zip":
@@ -44,7 +44,7 @@ def prepare_submission(
     if missing := len(keys) - len(rows):
         raise InvalidArgumentError(
             f"{missing} of {len(keys)} episodes are not finished; a submission holds all of its run. The command that "
-            "played it goes on."
+            "played it continues it."
         )
     submission = _submission(facts, rows)
     for finding in check_suite(read_plan(manifest.to_json()), submission.suite, submission.submission_type):

@@ -1,7 +1,7 @@
-"""One record of a submission, checked: replayed, its row computed anew, its budget and prompts held against it.
+"""The check of one record: it is replayed, its row computed anew, and its prompts compared with its budget.
 
-It runs in a process of its own (`workers`), under limits of time and memory. Whatever a hostile record makes go wrong
-is a finding, not a traceback.
+It runs in a process of its own (`limited_workers`), under limits of time and memory. Whatever a hostile record makes go
+wrong is a finding, not a traceback.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ VERSIONS = TypeAdapter(Annotated[dict[Name, Name], Field(max_length=50)])
 """What the versions in a record look like."""
 
 Say: TypeAlias = Callable[[str, str, str], Finding]
-"""Makes what only a custom submission may have an error or a remark."""
+"""Makes a finding that is an error in a standard submission, and a remark in a custom one."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _count(record: Record, checked: CheckedRecord) -> None:
 
 
 def _check_host(record: Record, key: str, say: Say, *, has_host_part: bool) -> Iterator[Finding]:
-    """What was not left to the library: who saw the game, what a host put into prompts, and which calls it played."""
+    """What the library did not decide: who saw the game, what a host put into prompts, and which calls it played."""
     if record.reveals:
         yield error("privileged", "The player was given the game itself, and so knew what no prompt says.", key)
     if record.pictures:
@@ -204,7 +204,7 @@ def _check_budget(record: Record, key: str) -> Iterator[Finding]:
 
 
 def _check_end(record: Record, key: str, say: Say) -> Iterator[Finding]:
-    """What a replay takes from the end as it is recorded."""
+    """Check what a replay takes from the recorded end."""
     if record.end_reason in EXTERNAL_ENDS:
         why = f"{record.end_reason}: {record.result.detail}" if record.result.detail else record.end_reason
         yield say("end", f"The host ended the episode ({why}), not the game, a budget or the player.", key)
@@ -286,7 +286,7 @@ def _check_continuations(record: Record, continued: set[str], key: str) -> Itera
         for versions in recorded:
             VERSIONS.validate_python(versions)
     except ValueError as fault:
-        yield error("record", f"The versions in the record are none: {in_one_line(fault)}.", key)
+        yield error("record", f"The versions in the record are invalid: {in_one_line(fault)}.", key)
     if record.result.versions != recorded[-1]:
         yield error("record", "The versions at the end of the record are not those that played it.", key)
 

@@ -97,7 +97,7 @@ class SubmittedPlan(Manifest):
 
 
 def read_plan(manifest: Any) -> SubmittedPlan:
-    """Return the plan in a manifest; one that is none is an `InvalidArgumentError` that names the field."""
+    """Return the plan in a manifest; an invalid one is an `InvalidArgumentError` that names the field."""
     try:
         return SubmittedPlan.model_validate(manifest)
     except ValidationError as invalid:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 REPLAYED = (
     "Drawn from the game itself: the recorded actions were played again when this page was made, and every state "
-    "hash in the record was met. "
+    "hash in the record was reproduced. "
 )
 SAW = {
     "text": "The player saw the text only.",
@@ -81,7 +81,7 @@ class Drawings:
         return {"files": files, "missing": None}
 
     def _made_of(self, record: Record, make: Callable[[Record], Drawn]) -> Drawn | str:
-        """What is made of a record, or why nothing is."""
+        """Return what a function makes of a record, or why it makes nothing."""
         try:
             return make(record)
         except _NoDrawingError as error:

@@ -51,11 +51,11 @@ class ShownEpisode:
 def reading(
     sources: Sequence[Source], letter: str, *, workers: int = 1, plugins: bool = False
 ) -> Iterator[Callable[[], list[ShownEpisode]]]:
-    """Read the episodes of a run; the value returns them, in the order of their sources, when it is called.
+    """Read the episodes of a run; return a function that returns them, in the order of their sources.
 
     At most `workers` processes read them, including this one, and fewer if there is little to read. The others begin at
-    once, this one when the value is called. `plugins` says whether they import games of installed packages; a game
-    that only this process knows is not drawn in any other, so it then reads alone.
+    once, this one when that function is called. `plugins` says whether they import games of installed packages; a game
+    that only this process knows cannot be drawn elsewhere, so this process then reads alone.
     """
     processes = worth(workers, (source.transcript for source in sources), WORTH_A_PROCESS, plugins=plugins)
     with parallel_map(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes) as chunks:

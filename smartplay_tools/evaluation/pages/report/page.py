@@ -157,7 +157,7 @@ def render_runs(
     tariffs: Sequence[Tariff] = (),
     site: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return the page of runs: it begins with their tables, the first episode, that alone, or all side by side.
+    """Return the page of runs, which opens with their tables, their first episode, only that, or all side by side.
 
     `site` is what the page knows of the site that serves it (`served`).
     """
@@ -169,7 +169,7 @@ def render_runs(
         "mistakes": lambda result: sum(result[name] for name in MISTAKES),
     }
     pages = [
-        # The figures are of all.
+        # Figures are drawn once, for all runs.
         _page_of_run(run, runs if run is runs[0] else (), tariffs, workers=workers, plugins=plugins)
         for run in runs
     ]
@@ -233,7 +233,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
 
 
 def _chosen(runs: Sequence[ShownRun]) -> dict[str, int] | None:
-    """How many of how many episodes the page holds; None if all."""
+    """The number of episodes on the page, and of all; None if it holds all."""
     held = sum(len(run.sources.episodes) for run in runs)
     left_out = sum(len(run.sources.left_out) for run in runs)
     return {"held": held, "all": held + left_out} if left_out else None

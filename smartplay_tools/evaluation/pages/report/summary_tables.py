@@ -92,7 +92,7 @@ def rules(facts: Mapping[str, Any]) -> str:
 
 @functools.lru_cache(64)
 def _budget_in_words(numbers: str, usual_calls: int | None) -> str:
-    """What a budget has beside the usual one; a run has few of them."""
+    """What differs from the usual budget; a run has few budgets."""
     usual = Budget(result_tokens=None, tool_calls=usual_calls)
     return ResolvedBudget(**json.loads(numbers)).describe(beside=usual)
 

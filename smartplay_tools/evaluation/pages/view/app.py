@@ -55,7 +55,7 @@ PERIOD = 1.0
 """Seconds between two looks at the folders."""
 
 STEPS = 5
-"""How often in a period a stream looks whether the server stops."""
+"""How often in a period a stream checks whether the server is stopping."""
 
 MOST_COMPARED = 4
 """Episodes that are shown side by side."""
@@ -81,11 +81,11 @@ def view_app(
     Arguments:
         runs: the runs that it shows; a `RunList` finds new ones while the site is served.
         token: what a request has to carry; with None, everybody who reaches the server may read.
-        hosts: the names under which the server is reached, beside this machine's own.
+        hosts: the names under which the server is reached, in addition to this machine's own.
         play: the games that a person plays in the browser; their runs are among `runs`.
         plugins: whether games of installed packages that records name are imported, to draw them.
         annotate: whether visitors may write notes about turns, which are kept beside the records.
-        is_stopping: asked by streams, which would not end by themselves.
+        is_stopping: checked by streams, which would not end by themselves.
     """
     key = None if play is None and not annotate else secrets.token_urlsafe(24)
     listed = runs if isinstance(runs, RunList) else RunList(always=runs)
@@ -114,7 +114,7 @@ def view_app(
 
 
 class _Conditions:
-    """What a request is asked before it comes in, beside its Host and its Origin."""
+    """The conditions of a request in addition to its Host and its Origin."""
 
     def __init__(self, token: str | None, key: str | None) -> None:
         self._token, self._key = token, key
@@ -123,13 +123,13 @@ class _Conditions:
         return self._entry(request) or self._change(request)
 
     def _change(self, request: Request) -> Response | None:
-        """What changes something comes from the page that plays; a browser sends much for other sites, too."""
+        """Refuse a change that does not come from a page of the site: a browser also sends requests of other sites."""
         if request.method in ("GET", "HEAD") or self._key is None:
             return None
         origin, site, host = (request.headers.get(name) for name in ("origin", "sec-fetch-site", "host"))
         if is_from_own_page(origin, site, host) and _same(request.headers.get(KEY, ""), self._key):
             return None
-        return PlainTextResponse("Only the page that does this may do it; load it again.", 403, HEADERS)
+        return PlainTextResponse("Only the site's own page may do this; reload it.", 403, HEADERS)
 
     def _entry(self, request: Request) -> Response | None:
         if self._token is None or carries(request, self._token):
@@ -243,7 +243,7 @@ class _Site:
         last = None
         while not await request.is_disconnected():
             now = json.dumps(await run_in_threadpool(lambda: list(map(_now, self._runs.current()))))
-            # A comment now and then lets the server notice that nobody listens any more.
+            # A comment now and then lets the server notice that nobody is listening.
             yield f"data: {now}\n\n" if now != last else ": nothing new\n\n"
             last = now
             for _ in range(STEPS):
@@ -277,7 +277,7 @@ def _split(address: str) -> tuple[str, str, str]:
     """The run's name, the kind and the stem in what names a record."""
     parts = address.rsplit("/", 2)
     if len(parts) != 3:
-        raise InvalidArgumentError(f"{address!r} names no episode; it is RUN/KIND/STEM.")
+        raise InvalidArgumentError(f"{address!r} is not the address of an episode, which is RUN/KIND/STEM.")
     return parts[0], parts[1], parts[2]
 
 

@@ -4,11 +4,11 @@
 /challenge?...                    what a challenge is about, with a button that takes it
 /api/challenge                    POST: take a challenge, given as the query of its link
 /play/GAME                        the page of a game
-/api/play/GAME?after=N            what is to be shown, as soon as it is something else than number N
+/api/play/GAME?after=N            the state to show, as soon as it is not number N
 /api/play/GAME/reply              POST: the answer to a prompt
 /api/play/GAME/picture            POST: a picture of the game, which the record notes
 /api/play/GAME/next               POST: another episode
-/api/play/GAME/beside             what others score: the paper's models, and players of ours in the same world
+/api/play/GAME/beside             the scores of others: the paper's models, and our players in the same world
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class PlayedGames(Protocol):
         ...
 
     def run_of(self, name: str) -> PlayedRun:
-        """Return the run of a game or of a challenge; `InvalidArgumentError` if it is not to be played here."""
+        """Return the run of a game or of a challenge; `InvalidArgumentError` if it cannot be played here."""
         ...
 
     def read(self, link: str) -> Challenged:
@@ -220,7 +220,7 @@ class _Playing:
 
 
 def _other_rules(cell: CellConfig) -> str:
-    """The rules and options that are not the usual ones, in words."""
+    """The rules and options that differ from the defaults, in words."""
     usual = Rules()
     differing = {name: getattr(cell, name) for name in RULES if getattr(cell, name) != getattr(usual, name)}
     return ", ".join(f"{name} {value}" for name, value in {**differing, **cell.options}.items())

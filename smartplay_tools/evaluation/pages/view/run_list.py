@@ -12,10 +12,10 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.pages.view.site_runs import SiteRun, ViewedRun
 
 DEEPEST = 3
-"""How many folders below the one that is named runs are looked for."""
+"""How many levels below a named folder are searched for runs."""
 
 PERIOD = 1.0
-"""Seconds after which folders are looked through again."""
+"""Seconds after which folders are searched again."""
 
 
 class RunList:

@@ -24,7 +24,7 @@ class ServedPages:
     """Makes the pages; a record is named as in an address: `KIND/STEM`."""
 
     def __init__(self, *, plugins: bool, key: str | None = None) -> None:
-        """`key` is what a request has to show that writes a note; None if nobody may."""
+        """`key` is the key that a request to write a note must carry; None if nobody may write one."""
         self._plugins, self._key = plugins, key
         self._reports: OrderedDict[tuple[str, ...], tuple[Any, str]] = OrderedDict()
         self._lock = threading.Lock()

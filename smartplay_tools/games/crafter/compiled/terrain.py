@@ -51,7 +51,7 @@ _MEADOW, _MOUNTAINS, _DEEP, _IN_CAVE, _IN_TUNNEL = 0.5, 0.15, 0.3, 0.15, 0.4
 _HAS_COAL, _HAS_IRON, _HAS_DIAMOND, _HAS_LAVA = 0.0, 0.4, 0.18, 0.35
 _BEACH, _SHORE, _LAKE, _IS_SANDY, _HAS_TREE = 0.25, 0.35, 0.3, -0.2, 0.0
 
-# What a cell's terrain is beside its material: the numbers that are drawn for it, the first first, and its being a
+# What a cell's terrain has in addition to its material: the numbers drawn for it, in their order, and whether it is a
 # tunnel.
 ASKS_COAL, ASKS_IRON, ASKS_DIAMOND, ASKS_TREE, IS_TUNNEL = 1, 2, 4, 8, 16
 # Which values are too close to a threshold: those of land, water and mountains, or those of the other fields.

@@ -66,7 +66,7 @@ def _find_program(named: str | None) -> Path:
         if program := next(filter(_is_program, places), None):
             return program.resolve()
         raise InvalidArgumentError(
-            f"{VARIABLE} is {named!r}, and there is no Luanti server: set it to the server's program."
+            f"{VARIABLE} is {named!r}, where there is no Luanti server: set it to the server's program."
         )
     candidates = [Path(folder) / name for folder in _PROGRAM_FOLDERS for name in _PROGRAMS]
     candidates += [Path(path) for name in _PROGRAMS if (path := shutil.which(name))]

@@ -1,4 +1,4 @@
-"""A running Luanti server, which is sent commands line by line.
+"""A running Luanti server, which takes commands line by line.
 
 Commands and answers go through two pipes, of which this process holds one end each. However this process ends, its ends
 are closed, and the guard then stops the server and removes its folder.

@@ -87,7 +87,7 @@ class WorkerProcess:
             if "error" in answer:
                 raise EngineError(f"MineDojo has failed in {name!r}: {str(answer['error']).rstrip('.')}.")
             return answer["ok"]
-        except BaseException as error:  # an interrupt, too, leaves an answer that nobody reads
+        except BaseException as error:  # an interrupt, too, would leave an unread answer
             error.add_note(f"The end of the worker's log:\n{self._log_tail()}")
             self.end()
             raise

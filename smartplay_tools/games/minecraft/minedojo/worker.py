@@ -90,7 +90,7 @@ class Minedojo:
         return _observation(self._environment.reset())
 
     def act(self, actions: list[list[int]], goal: list[int]) -> dict[str, Any]:
-        """Play actions, a tick each, until one but the first ends in a goal biome."""
+        """Play actions, a tick each; stop after any but the first that ends in a goal biome."""
         array = importlib.import_module("numpy").array
         seen: dict[str, Any] = {}
         for number, action in enumerate(actions):

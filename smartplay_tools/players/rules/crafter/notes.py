@@ -105,7 +105,7 @@ def _letter(kinds: int | None) -> str:
 
 
 def decide(reading: Reading) -> Message:
-    """Act on the notes of the last reply and the observation that followed it, and write them on."""
+    """Act on the notes of the last reply and the observation that followed it, and write updated notes."""
     message, text = remember(reading, None)
     return {**message, "content": text} if text else message
 

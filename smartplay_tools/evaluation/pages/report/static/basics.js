@@ -28,7 +28,7 @@ function shape(tag, attributes = {}, ...children) {
   return fill(document.createElementNS(SVG, tag), attributes, children);
 }
 
-// A picture with a name for those who do not see it.
+// A picture with a name for screen readers.
 function picture(width, height, name, ...children) {
   const attributes = { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": name };
   return shape("svg", attributes, ...children);
@@ -38,7 +38,7 @@ function label(x, y, text, attributes = {}) {
   return shape("text", { x, y, ...attributes }, String(text));
 }
 
-// Data lie in the page as base64 of gzipped JSON, and are unpacked when somebody asks for them.
+// Data are in the page as gzipped JSON in base64, and are unpacked when they are needed.
 async function unpack(id) {
   const bytes = Uint8Array.from(atob($(id).textContent), (character) => character.charCodeAt(0));
   const plain = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));

@@ -16,7 +16,7 @@ async function showComparison(asked) {
   if (keys.join("\n") !== compared.keys.join("\n")) {
     compared.keys = keys;
     const episodes = await Promise.all(keys.map(openEpisode));
-    if (keys !== compared.keys) return true; // somebody has gone on meanwhile
+    if (keys !== compared.keys) return true; // another episode was opened meanwhile
     compared.episodes = episodes.map((episode) => ({ ...episode, steps: stepsOf(episode) }));
     nameThem();
     describeComparison();
@@ -84,7 +84,7 @@ function turnAt({ steps }) {
   return steps[Math.min(compared.step, steps.length) - 1]?.turn ?? 0;
 }
 
-// --- Them ------------------------------------------------------------------------------------------------------------
+// --- The episodes ----------------------------------------------------------------------------------------------------
 
 // What they have in common, and a name for each of what differs: run, player, budget, game, seed.
 function nameThem() {
@@ -104,7 +104,7 @@ function nameThem() {
   compared.names = compared.keys.map((key, at) => words(at, true) || key);
 }
 
-// What an episode's budget has that others have not; what is as usual is named only where nothing else is.
+// How an episode's budget differs from the others'; defaults are named only where nothing else differs.
 function budgetOf({ asked }, varied) {
   const own = varied.filter((name) => asked[name] !== page.usual[name]);
   const named = own.length ? own : varied.includes("beyond_history") ? ["beyond_history"] : varied;
@@ -158,7 +158,7 @@ function firstDifference() {
   return firstStep((episode, at) => `${actionAt(episode, at)}\n${episode.steps[at]?.call.text}`);
 }
 
-// The first step that not all of them played with the same number of observations in sight.
+// The first step at which they did not all have the same number of observations in sight.
 function firstDifferenceInSight() {
   return firstStep((episode, at) => episode.turns[episode.steps[at]?.turn]?.view?.shown_steps);
 }

@@ -6,7 +6,7 @@ const served = JSON.parse(document.body.dataset.site ?? "null");
 
 const LIST = "smartplay-list";
 
-// Seconds between two questions at least; more where the answer takes long to make.
+// The least seconds between two requests; more where an answer takes long to make.
 const PAUSE = 0.3;
 
 function connectSite() {
@@ -70,7 +70,7 @@ async function followRecord() {
   }
 }
 
-// The new state of the episode; who stands at its last turn, and follows, goes on to the new last one.
+// Show the new state of the episode; a page that follows it, and is at its last turn, moves to the new last turn.
 async function takeIn(packed, isPlaying) {
   const key = shown.episode.key;
   const follows = $("follow").checked && shown.turn >= lastTurn();

@@ -1,5 +1,6 @@
 "use strict";
-// Notes of people about turns. They are in a file beside the record; a site that was started for that writes them.
+// Notes of people about turns. They are in a file beside the record; a site that was started with --annotate writes
+them.
 
 function notesOf(episode) {
   return new Map((episode.notes ?? []).map(({ turn, note }) => [turn, note]));
@@ -18,7 +19,7 @@ function renderNote() {
 
 function openNote() {
   if (!served?.notes) {
-    $("announce").textContent = "Notes are written in a site that was started with smartplay-tools view --annotate.";
+    $("announce").textContent = "To write notes, start the site with smartplay-tools view --annotate.";
     return;
   }
   $("note-text").value = notesOf(shown.episode).get(shown.turn) ?? "";

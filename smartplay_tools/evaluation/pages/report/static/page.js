@@ -137,7 +137,7 @@ function onKey(event) {
   if (typing) return;
   if (event.key === "?") return $("keys").showModal();
   if (event.key === "t") return toggleTheme();
-  // What has a meaning of its own for the element in focus keeps it.
+  // Keys that the focused element uses itself keep their meaning.
   const own = event.target.matches("button, summary, a")
     ? [" "]
     : event.target.matches("[type=range]")

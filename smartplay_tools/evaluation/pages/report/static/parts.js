@@ -8,7 +8,7 @@ function partsInAll(episode) {
   return page.parts.map((_, at) => prompts.reduce((sum, { parts }) => sum + parts[at], 0));
 }
 
-// One bar of parts, with a sentence for those who do not see it.
+// One bar of parts, with a sentence for screen readers.
 function partsBar(parts, name) {
   const total = parts.reduce((sum, count) => sum + count, 0);
   const words = page.parts.flatMap((part, at) => (parts[at] ? [`${page.partWords[part]} ${percent(parts[at] / total)}`] : []));

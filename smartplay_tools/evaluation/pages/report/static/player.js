@@ -8,7 +8,7 @@ async function showEpisode(key, turn) {
   shown.asked = key;
   if (shown.episode?.key !== key) {
     const episode = await openEpisode(key);
-    if (shown.asked !== key) return; // somebody has gone on meanwhile
+    if (shown.asked !== key) return; // another episode was opened meanwhile
     shown.asked_about = shown.beside = null;
     useEpisode(episode);
   }
@@ -17,7 +17,7 @@ async function showEpisode(key, turn) {
   goTo(turn ?? 0);
 }
 
-// Make an episode the one that is shown; where it stands stays as it is.
+// Show an episode, without changing its turn.
 function useEpisode(episode) {
   shown.episode = episode;
   const tokens = episode.turns.map(({ view }) => view?.tokens ?? 0);

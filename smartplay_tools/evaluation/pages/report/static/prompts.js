@@ -45,7 +45,7 @@ function requestMessages(episode, words, number) {
   return requestParts(episode, words, number)?.map((part) => part.message) ?? null;
 }
 
-// It shows what the prompt of the turn before showed, without the turns that stay, and a question.
+// It shows what the prompt of the previous turn showed, without the turns that stay, and a question.
 function requestParts(episode, words, number) {
   const view = episode.turns[number]?.request;
   if (!view) return null;
@@ -91,7 +91,7 @@ function isLeftOut(episode, view, at, item) {
   return episode.picture_numbers.get(`${at}.${item}`) < view.pictures;
 }
 
-// The same with where each message is from: `turn` (none for the head), and whether it was `marked`.
+// The same, with the origin of each message: its `turn` (none for the head), and whether it was `marked`.
 function promptParts(episode, words, number) {
   const view = episode.turns[number]?.view;
   if (!view) return null;

@@ -51,7 +51,7 @@ function saidIn(turn, episode) {
   ].filter(Boolean);
 }
 
-// What a message carries beside its words: reasoning, and what its provider wants back unchanged.
+// What a message carries in addition to its words: reasoning, and what its provider wants back unchanged.
 function thoughtsOf(message) {
   const items = (message.provider_items ?? []).map((item) => JSON.stringify(item, null, 1));
   const thoughts = [message.reasoning_content, ...items].filter(Boolean);
@@ -180,7 +180,8 @@ function renderPrompt(everything = false) {
   const changes = difference(parts, promptParts(episode, page.words, other) ?? []);
   const count = (change) => changes.filter((part) => part.change === change).length;
   $("difference").textContent =
-    other === turn ? "" : `${plural(count("new"), "message")} here alone, ${plural(count("gone"), "message")} there alone.`;
+    other === turn ? "" : `${plural(count("new"), "message")} only here, ${plural(count("gone"), "message")} only
+    there.`;
   // What is not in this prompt is shown when somebody has asked for another one beside it.
   const listed = shown.beside === null ? changes.filter((part) => part.change !== "gone") : changes;
   const cards = listed.map((part) => () => messageCard(part));

@@ -1,5 +1,5 @@
 "use strict";
-// Why a turn was in a prompt or not: what it needed, what there was, what would have kept it, and what it said.
+// Why a turn was in a prompt or not: what it needed, what was free, what would have kept it, and what it said.
 
 // Ask about a turn, which a click on the band does.
 function askAbout(turn) {

@@ -112,7 +112,7 @@ function paintLand(canvas, drawing, step, textures) {
   pen.fillRect(states[step].at[0] + land.x, states[step].at[1] + land.y, 1, 1);
 }
 
-// Large enough for what the whole episode gets to see, so that the map does not jump while one plays.
+// Large enough for everything that the episode sees, so that the map does not jump during play.
 function unseenLand(states) {
   const [west, east] = extent(states.map(({ at }) => at[0]));
   const [north, south] = extent(states.map(({ at }) => at[1]));

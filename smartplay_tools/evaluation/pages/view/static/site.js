@@ -7,7 +7,7 @@ function toggleTheme() {
   document.documentElement.dataset.theme = now === "dark" ? "light" : "dark";
 }
 
-// Keys do what a table says, unless somebody writes, or a list of keys is open.
+// Keys do what a table says, unless a field is being typed in or the list of keys is open.
 function connectKeys(keys) {
   const press = (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open) return;
@@ -26,7 +26,7 @@ function connectKeys(keys) {
   $("close-keys").addEventListener("click", () => $("keys").close());
 }
 
-// Only a page with the key may change something; what is refused is said where the page has a place for it.
+// Only a page with the key may change something; a refusal is shown where the page has a place for it.
 async function send(path, body = {}) {
   const headers = { "Content-Type": "application/json", "X-SmartPlay-Key": document.body.dataset.key };
   const answer = await fetch(path, { method: "POST", headers, body: JSON.stringify(body) });

@@ -6,7 +6,7 @@
 const HEIGHT = 34;
 const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "end", "date", "notes"];
 const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "date", "notes"]);
-// The least width of each column in pixels, and how much of the room that is left it takes.
+// The least width of each column in pixels, and its share of the room that is left.
 const WIDTHS = {
   ...{ status: [86, 0], game: [236, 1.2], player: [70, 0.8], budget: [112, 1.7], seed: [104, 0], trial: [44, 0] },
   ...{ score: [64, 0], normalized: [92, 0], steps: [54, 0], tokens: [76, 0], cost: [66, 0], mistakes: [78, 0] },
@@ -135,7 +135,7 @@ function list() {
     const place = site.at[site.sort];
     const sign = site.down ? -1 : 1;
     const compare = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b)));
-    // What has no value stands last, whichever way the list is sorted.
+    // Episodes without a value come last, whichever way the list is sorted.
     site.listed.sort((a, b) => (a[place] === null) - (b[place] === null) || sign * compare(a[place], b[place]));
   }
   site.lines = linesOf(site.listed, $("group").value, site.closed);
@@ -261,7 +261,7 @@ function recall() {
   site.down = asked.get("down") === "1";
 }
 
-// What the page of an episode needs to know of this list, and this list when somebody comes back.
+// What an episode's page needs to know of this list, and what this list needs when it is shown again.
 function remember() {
   const records = site.listed.map(address).filter(Boolean);
   const place = { selected: site.selected, top: $("list").scrollTop, marked: site.marked };
