@@ -6,6 +6,7 @@ error where they exist, as in the errors of OpenAI's, Anthropic's and httpx's cl
 
 from __future__ import annotations
 
+import math
 import random
 import time
 from collections.abc import Mapping
@@ -144,12 +145,14 @@ def _wish(error: Exception) -> float | None:
     headers = _headers(error)
     for header, unit in (("retry-after-ms", 0.001), ("retry-after", 1.0)):
         try:
-            return float(headers[header]) * unit
+            seconds = float(headers[header]) * unit
         except (KeyError, ValueError):
             continue
+        if not math.isnan(seconds):
+            return seconds
     try:
         return parsedate_to_datetime(headers["retry-after"]).timestamp() - time.time()
-    except (KeyError, ValueError):
+    except (KeyError, ValueError, OverflowError):
         return None
 
 

@@ -302,7 +302,9 @@ def test_the_server_says_how_long_to_wait():
     assert pause(retry_after_ms="250", retry_after="1") == 0.25
     assert 25 < pause(retry_after=formatdate(time.time() + 30, usegmt=True)) <= 30
     assert pause(retry_after=formatdate(time.time() - 30, usegmt=True)) == 0
-    assert pause(retry_after="soon") <= 0.5
+    for nonsense in ("soon", "nan", "", "Mon, 99999999999999999999 Jan 2020 00:00:00 GMT"):
+        assert 0.375 <= pause(retry_after=nonsense) <= 0.5
+    assert pause(retry_after_ms="nan", retry_after="7") == 7
 
 
 def test_pauses_double_up_to_a_limit():
