@@ -30,6 +30,14 @@ from smartplay_tools.pictures import NO_PICTURES, Picture
 ITEM = "langchain_message"
 """The type of the provider item that holds the parts of a reply other than text and calls."""
 
+ENDS = ("finish_reason", "stop_reason", "stopReason", "done_reason")
+"""The fields of a reply's metadata in which providers' packages keep why it ended."""
+
+AT_ITS_LENGTH = frozenset(
+    {"length", "max_output_tokens", "max_tokens", "model_context_window_exceeded", "model_length"}
+)
+"""What providers say there of a reply that they ended at its length, in small letters."""
+
 CALL_PARTS = {"tool_use": "id", "function_call": "call_id"}
 """The types of parts that are calls, at Anthropic and OpenAI, with the name of the field that has the call's id."""
 
@@ -60,10 +68,10 @@ def from_langchain(message: BaseMessage) -> Message:
 
 
 def usage_of(message: AIMessage) -> Usage | None:
-    """Return the usage that the provider reported with a reply."""
-    usage = message.usage_metadata
+    """Return the usage that the provider reported with a reply, and whether it was cut at its length."""
+    usage, cut = message.usage_metadata, int(_is_cut(message.response_metadata))
     if usage is None:
-        return None
+        return Usage(cut=cut) if cut else None
     parts: Mapping[str, Any] = usage.get("input_token_details", {})
     # Anthropic's writes are split by how long they are kept, and its sum is then 0.
     short, written_1h = (parts.get(f"ephemeral_{kept}_input_tokens") or 0 for kept in ("5m", "1h"))
@@ -74,7 +82,15 @@ def usage_of(message: AIMessage) -> Usage | None:
         written=parts.get("cache_creation") or short + written_1h,
         written_1h=written_1h,
         reasoning=usage.get("output_token_details", {}).get("reasoning") or 0,
+        cut=cut,
     )
+
+
+def _is_cut(metadata: Mapping[str, Any]) -> bool:
+    """Whether a reply was ended at its length, wherever its provider says so."""
+    details = metadata.get("incomplete_details")  # of OpenAI's Responses
+    reasons = [details.get("reason") if isinstance(details, Mapping) else None, *map(metadata.get, ENDS)]
+    return any(isinstance(reason, str) and reason.lower() in AT_ITS_LENGTH for reason in reasons)
 
 
 def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessage:

@@ -254,6 +254,27 @@ def test_usage_is_taken_over():
     assert usage_of(AIMessage("")) is None
 
 
+@pytest.mark.parametrize(
+    ("metadata", "cut"),
+    [
+        pytest.param({"finish_reason": "length"}, 1, id="ChatOpenAI"),
+        pytest.param({"incomplete_details": {"reason": "max_output_tokens"}}, 1, id="ChatOpenAI with Responses"),
+        pytest.param({"stop_reason": "max_tokens"}, 1, id="ChatAnthropic"),
+        pytest.param({"finish_reason": "MAX_TOKENS"}, 1, id="ChatGoogleGenerativeAI"),
+        pytest.param({"stopReason": "max_tokens"}, 1, id="ChatBedrockConverse"),
+        pytest.param({"done_reason": "length"}, 1, id="ChatOllama"),
+        pytest.param({"finish_reason": "tool_calls", "incomplete_details": None}, 0, id="whole"),
+        pytest.param({"incomplete_details": {"reason": "content_filter"}}, 0, id="filtered"),
+    ],
+)
+def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(metadata, cut):
+    counts = {"input_tokens": 9, "output_tokens": 4, "total_tokens": 13}
+    reply = AIMessage("I thi", response_metadata=metadata, usage_metadata=counts)
+    assert usage_of(reply) == sp.Usage(prompt=9, reply=4, cut=cut)
+    without = AIMessage("I thi", response_metadata=metadata)
+    assert usage_of(without) == (sp.Usage(cut=1) if cut else None)
+
+
 def test_all_system_messages_become_one():
     head = [{"role": "system", "content": "a"}, {"role": "user", "content": "b"}, {"role": "system", "content": "c"}]
     assert [(type(m), m.content) for m in to_langchain(head)] == [(SystemMessage, "a\n\nc"), (HumanMessage, "b")]
