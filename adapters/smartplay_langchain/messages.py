@@ -20,6 +20,7 @@ from langchain_core.messages import (
     ToolCall,
     ToolMessage,
 )
+from langchain_core.messages.ai import UsageMetadata
 
 from smartplay_tools import Message, Usage
 from smartplay_tools.json_text import object_in
@@ -84,6 +85,22 @@ def usage_of(message: AIMessage) -> Usage | None:
         reasoning=usage.get("output_token_details", {}).get("reasoning") or 0,
         cut=cut,
     )
+
+
+def usage_metadata_of(usage: Usage) -> UsageMetadata:
+    """Return a player's usage as LangChain's."""
+    details: Any = {  # the last is Anthropic's alone
+        "cache_read": usage.cached,
+        "cache_creation": usage.written,
+        "ephemeral_1h_input_tokens": usage.written_1h,
+    }
+    return {
+        "input_tokens": usage.prompt,
+        "output_tokens": usage.reply,
+        "total_tokens": usage.prompt + usage.reply,
+        "input_token_details": details,
+        "output_token_details": {"reasoning": usage.reasoning},
+    }
 
 
 def _is_cut(metadata: Mapping[str, Any]) -> bool:
