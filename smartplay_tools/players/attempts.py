@@ -74,6 +74,12 @@ def plain_answer(answer: Any) -> dict[str, Any]:
     return sent
 
 
+def count_in(counts: Any, name: str) -> int:
+    """Return a number of tokens from a server's usage; 0 for anything that is not a number."""
+    count = counts.get(name) if isinstance(counts, Mapping) else None
+    return int(count) if isinstance(count, int | float) and math.isfinite(count) else 0
+
+
 class Attempts:
     """The attempts at one reply. Pauses begin at `first_pause` seconds and double; a quarter of each is random."""
 
