@@ -15,7 +15,7 @@ from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.json_text import object_in
-from smartplay_tools.message_forms import SYSTEM, function_call, kept_item, reply_message, system_text
+from smartplay_tools.message_forms import SYSTEM, encodable, function_call, kept_item, reply_message, system_text
 from smartplay_tools.messages import MessageToolCall, pictures_of, text_of
 from smartplay_tools.pictures import Picture
 from smartplay_tools.players import BrokenAnswerError, count_in, plain_answer
@@ -61,9 +61,11 @@ def request(
                 _add_to_user(messages, {"type": "text", "text": text_of(message) or NOTHING})
         if number + 1 == prompt.prefix_messages:
             stable = sum(len(sent["content"]) for sent in messages)
+    # What the record keeps as it was said may have half a character, which a request cannot.
+    messages = encodable(messages)
     arguments: dict[str, Any] = {"messages": messages, "max_tokens": limit}
     if (system := system_text(prompt.messages)) is not None:
-        arguments["system"] = system
+        arguments["system"] = encodable(system)
     if prompt.tools:
         arguments["tools"] = [schema(tool, "anthropic") for tool in prompt.tools]
     arguments |= prompt.settings(own, no_tools={"type": "none"})

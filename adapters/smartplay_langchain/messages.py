@@ -24,12 +24,21 @@ from langchain_core.messages.ai import UsageMetadata
 
 from smartplay_tools import Message, Usage
 from smartplay_tools.json_text import object_in
-from smartplay_tools.message_forms import SYSTEM, function_call, kept_item, reply_message, shown, system_text
+from smartplay_tools.message_forms import SYSTEM, encodable, function_call, kept_item, reply_message, shown, system_text
 from smartplay_tools.messages import text_of
 from smartplay_tools.pictures import NO_PICTURES, Picture
 
 ITEM = "langchain_message"
 """The type of the provider item that holds the parts of a reply other than text and calls."""
+
+SENT = ("content", "additional_kwargs", "tool_calls", "invalid_tool_calls")
+"""The fields of a message whose values reach a provider."""
+
+THOUGHTS = ("thinking", "redacted_thinking", "reasoning")
+"""The types of parts that are thoughts."""
+
+NOTHING = "..."
+"""Stands for the words of a reply that has none."""
 
 ENDS = ("finish_reason", "stop_reason", "stopReason", "done_reason")
 """The fields of a reply's metadata in which providers' packages keep why it ended."""
@@ -54,6 +63,20 @@ def to_langchain(messages: Iterable[Message], pictures: Mapping[str, Picture] = 
     head: list[AnyMessage] = [] if system is None else [SystemMessage(system)]
     others = [message for message in messages if message["role"] not in SYSTEM]
     return head + [_to_langchain(message, pictures) for message in others]
+
+
+def sendable(message: AnyMessage) -> AnyMessage:
+    """Return a message of a prompt as providers take it: without half characters, and with words after its thoughts.
+
+    Anthropic and OpenAI refuse a reply that ends with its thoughts, as one does that was cut in them.
+    """
+    fields = {name: encodable(getattr(message, name)) for name in SENT if hasattr(message, name)}
+    parts, calls = fields["content"], fields.get("tool_calls") or fields.get("invalid_tool_calls")
+    last = parts[-1] if isinstance(parts, list) and parts and not calls else None
+    if isinstance(last, dict) and last.get("type") in THOUGHTS:
+        fields["content"] = [*parts, _text_block(NOTHING)]
+    sent: AnyMessage = message.model_copy(update=fields)
+    return sent
 
 
 def from_langchain(message: BaseMessage) -> Message:

@@ -94,6 +94,21 @@ def test_thinking_goes_back_with_its_turn_and_is_counted():
     assert result.tokens.reply > plain.tokens.reply
 
 
+@pytest.mark.parametrize("action", ["\ud83d", float("inf")])
+def test_what_utf_8_or_json_cannot_hold_is_recorded_and_rewritten_in_requests_alone(action):
+    function = {"name": "act", "arguments": json.dumps({"action": action})}
+    odd = {"role": "assistant", "content": "\ud83d", "tool_calls": [{"id": "a", "function": function}]}
+    events: list[dict[str, object]] = []
+    episode = sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(tool_calls=2), transcript=events)
+    stub = AnthropicStub([odd, calling(act("A->C"))])
+    with stub, episode, AnthropicPlayer("m", base_url=stub.url, api_key="k", pause=0.0) as player:
+        assert sp.play(episode, player).end_reason == "tool_calls"
+    words, call = stub.bodies[1]["messages"][1]["content"]
+    assert words["text"] == "\ufffd"
+    assert call["input"] == {"action": "\ufffd" if action == "\ud83d" else "inf"}
+    assert next(event for event in events if event["event"] == "message")["message"]["content"] == "\ud83d"
+
+
 THOUGHT = {"type": "thinking", "thinking": "Hm.", "signature": "s"}
 SO = {"type": "text", "text": "So."}
 WORDS = {"type": "text", "text": "..."}
