@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from operator import itemgetter
 from typing import Any
 
 from openai.resources.chat.completions import Completions
@@ -72,12 +73,14 @@ class ChatCompletions(Interface):
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the completion that consists of a stream's chunks."""
         message: dict[str, Any] = {"role": "assistant", "content": None}
-        calls: dict[int, dict[str, Any]] = {}
+        calls: list[tuple[int, dict[str, Any]]] = []
         usage, finished = None, None
         for chunk in map(plain_answer, parts):
             usage = chunk.get("usage") or usage
             # The chunk with the usage has no choices.
             for choice in chunk.get("choices") or ():
+                if not isinstance(choice, Mapping) or choice.get("index"):
+                    continue  # of several choices the first is the reply
                 finished = choice.get("finish_reason") or finished
                 delta = choice.get("delta") or {}
                 for part in delta.get("tool_calls") or ():
@@ -86,7 +89,7 @@ class ChatCompletions(Interface):
         if not finished:
             raise BrokenAnswerError("The stream ended before the reply did.", read_usage(usage, "prompt", "completion"))
         if calls:
-            message["tool_calls"] = [calls[index] for index in sorted(calls)]
+            message["tool_calls"] = [call for _, call in sorted(calls, key=itemgetter(0))]
         return {"choices": [{"message": message, "finish_reason": finished}], "usage": usage}
 
     def read(self, body: Mapping[str, Any]) -> Prompt:
@@ -190,14 +193,22 @@ def _received(message: Mapping[str, Any]) -> Message:
     return received  # type: ignore[return-value]
 
 
-def _add_call(calls: dict[int, dict[str, Any]], part: Mapping[str, Any]) -> None:
-    index = part.get("index")
-    if not isinstance(index, int):
-        # Some servers leave out the index; an id then begins a new call.
-        index = len(calls) if part.get("id") or not calls else len(calls) - 1
-    call = calls.setdefault(index, {"id": "", "type": "function", "function": {"name": "", "arguments": ""}})
-    call["id"] = call["id"] or part.get("id") or ""
-    for key, value in (part.get("function") or {}).items():
+def _add_call(calls: list[tuple[int, dict[str, Any]]], part: Mapping[str, Any]) -> None:
+    """Add a part of a call to the calls and their indices."""
+    index, call_id, function = part.get("index"), part.get("id") or "", part.get("function") or {}
+    if isinstance(index, int):
+        call = next((call for at, call in reversed(calls) if at == index), None)
+        # Some servers give all calls of a reply the index 0.
+        is_other = call is not None and bool(call["id"] and call_id and function.get("name"))
+    else:
+        # Some leave it out.
+        index, call = calls[-1] if calls else (0, None)
+        is_other = bool(call_id)
+    if call is None or (is_other and call["id"] != call_id):
+        call = {"id": "", "type": "function", "function": {"name": "", "arguments": ""}}
+        calls.append((index, call))
+    call["id"] = call["id"] or call_id
+    for key, value in function.items():
         if isinstance(value, str):
             call["function"][key] = call["function"].get(key, "") + value
 

@@ -339,6 +339,59 @@ def test_arguments_that_are_not_json_are_told_and_counted(arguments, tmp_path):
     assert (result.malformed_calls, result.end_reason) == (1, "terminated")
 
 
+def part(index, call_id, name, arguments):
+    """A part of a call as streams have it; None is left out."""
+    function = {"name": name, "arguments": arguments}
+    fields = {"index": index, "id": call_id, "function": {k: v for k, v in function.items() if v is not None}}
+    return chunk(tool_calls=[{k: v for k, v in fields.items() if v is not None}])
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        pytest.param(
+            [part(0, "a", "act", '{"action":'), part(0, None, None, ' "2"}'), part(1, "b", "observe", "{}")],
+            id="OpenAI",
+        ),
+        pytest.param([part(0, "a", "act", '{"action": "2"}'), part(0, "b", "observe", "{}")], id="one index for all"),
+        pytest.param(
+            [part(0, "a", "act", '{"action":'), part(0, "a", None, ' "2"}'), part(1, "b", "observe", "{}")],
+            id="the id in every part",
+        ),
+        pytest.param(
+            [part(None, "a", "act", '{"action":'), part(None, None, None, ' "2"}'), part(None, "b", "observe", "{}")],
+            id="no index",
+        ),
+        pytest.param(
+            [part(None, "a", "act", '{"action":'), part(None, "a", None, ' "2"}'), part(None, "b", "observe", "{}")],
+            id="no index, and the id in every part",
+        ),
+        pytest.param(
+            [part(1, "b", "observe", "{}"), part(0, "a", "act", '{"action":'), part(0, None, None, ' "2"}')],
+            id="in another order",
+        ),
+    ],
+)
+def test_the_calls_of_a_stream_are_told_apart_however_servers_number_them(parts, tmp_path):
+    end = json.dumps({"choices": [{"index": 0, "delta": {}, "finish_reason": "tool_calls"}]})
+    stream = answer("".join([*parts, f"data: {end}\n\n", "data: [DONE]\n\n"]), kind="text/event-stream")
+    result, events = play(Faulty(stream), tmp_path, stream=True)
+    assert [(call["name"], call["arguments"]) for call in results_of(events)] == [
+        ("act", '{"action": "2"}'),
+        ("observe", "{}"),
+    ]
+    assert (result.malformed_calls, result.end_reason) == (0, "terminated")
+
+
+def test_of_several_choices_in_a_stream_the_first_is_the_reply():
+    chunks = [
+        {"choices": [{"index": number, "delta": {"content": text}, "finish_reason": why}]}
+        for number, text, why in [(0, "One", None), (1, "Two", None), (0, ".", "stop"), (1, "...", "length")]
+    ]
+    reply = so.chat_reply(so.CHAT.assemble(chunks))
+    assert reply == sp.Reply({"role": "assistant", "content": "One."}, None)
+
+
 def test_arguments_that_a_server_parsed_itself_are_taken(tmp_path):
     result, _ = play(Faulty(says(None, ("a", "act", {"action": "2"}))), tmp_path)
     assert (result.malformed_calls, result.completed) == (0, True)
