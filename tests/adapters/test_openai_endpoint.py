@@ -16,9 +16,12 @@ pytest.importorskip("openai")
 
 import smartplay_openai as so
 
+from smartplay_tools.tokens import TokenCounter
+
 CALL = {"id": "c1", "type": "function", "function": {"name": "act", "arguments": '{"action": "1"}'}}
 RESULT = {"role": "tool", "tool_call_id": "c1", "content": "Done."}
 USER = {"role": "user", "content": "Play."}
+SAID = {"role": "assistant", "content": "I do."}
 TOOL = {"name": "act", "description": "1. Rock\n2. Paper", "parameters": {"type": "object", "properties": {}}}
 
 
@@ -143,6 +146,16 @@ def test_a_reply_that_was_cut_is_told_from_one_that_ended(kind, stream):
         where = {"base_url": endpoint.base_url, "stream": stream}
         with kind("cut", **where) as cut, kind("echo", **where) as ended:
             assert [player.reply(sp.Prompt([USER], ())).usage.cut for player in (cut, ended)] == [1, 0]
+
+
+@pytest.mark.parametrize("reported", [sp.Usage(requests=2), sp.Usage(prompt=5, cached=9), sp.Usage(prompt=-5)])
+def test_usage_is_our_count_where_no_provider_has_counted(reported):
+    with so.LocalEndpoint(sp.ScriptedPlayer([SAID], reported)) as endpoint:
+        status, text = ask(endpoint, "/v1/chat/completions", {**chat(USER), "model": "scripted"})
+    counter, usage = TokenCounter(), json.loads(text)["usage"]
+    counts = {name: usage[name] for name in ("prompt_tokens", "completion_tokens")}
+    assert status == 200
+    assert counts == {"prompt_tokens": counter.prompt([USER], ()), "completion_tokens": counter.message(SAID)}
 
 
 def test_the_models_are_the_players(endpoint):
