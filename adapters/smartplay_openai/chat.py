@@ -19,7 +19,7 @@ from smartplay_openai.parsing import read_usage, sampled_tokens
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
-from smartplay_tools import Message, Prompt, Reply, Usage
+from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.message_forms import halves
 from smartplay_tools.messages import assistant_message, calls_of, pictures_of, text_of
 from smartplay_tools.pictures import Picture, is_picture
@@ -65,10 +65,14 @@ class ChatCompletions(Interface):
         message = choice.get("message") if isinstance(choice, Mapping) else None
         if not isinstance(message, Mapping):
             raise BrokenAnswerError("The completion has no choice with a message.", usage)
+        try:
+            said = assistant_message(_received(message))
+        except InvalidArgumentError as error:
+            raise BrokenAnswerError(str(error), usage) from error
         if isinstance(choice, Mapping) and choice.get("finish_reason") == "length":
             usage = (usage or Usage()).model_copy(update={"cut": 1})
         drawn = None if choice is None else sampled_tokens(choice, sent.get("prompt_token_ids"))
-        return Reply(_received(message), usage, drawn)
+        return Reply(said, usage, drawn)
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the completion that consists of a stream's chunks."""
@@ -182,7 +186,7 @@ def _sent_part(part: Any, pictures: Mapping[str, Picture]) -> Mapping[str, Any]:
     return {"type": "image_url", "image_url": {"url": pictures[part["sha256"]].data_url}} if is_picture(part) else part
 
 
-def _received(message: Mapping[str, Any]) -> Message:
+def _received(message: Mapping[str, Any]) -> dict[str, Any]:
     received = {**message, "role": "assistant"}
     if isinstance(received.get("reasoning"), str):
         # The newer name of the same field.
@@ -190,7 +194,7 @@ def _received(message: Mapping[str, Any]) -> Message:
     if refusal := received.pop("refusal", None):
         # The words of a refusal are the reply's text, as they are in the other interface's parts.
         received["content"] = received.get("content") or refusal
-    return received  # type: ignore[return-value]
+    return received
 
 
 def _add_call(calls: list[tuple[int, dict[str, Any]]], part: Mapping[str, Any]) -> None:

@@ -68,10 +68,14 @@ class Responses(Interface):
             error = sent.get("error")
             problem = (error.get("message") if isinstance(error, Mapping) else None) or "no output"
             raise BrokenAnswerError(f"The response failed: {problem}.", usage)
+        try:
+            said = read_items([item for item in output if isinstance(item, Mapping)])
+        except InvalidArgumentError as error:
+            raise BrokenAnswerError(str(error), usage) from error
         why = sent.get("incomplete_details")
         if isinstance(why, Mapping) and why.get("reason") == "max_output_tokens":
             usage = (usage or Usage()).model_copy(update={"cut": 1})
-        return Reply(read_items([item for item in output if isinstance(item, Mapping)]), usage)
+        return Reply(said, usage)
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the response that ends a stream of events."""

@@ -215,6 +215,32 @@ def test_what_a_broken_answer_cost_is_counted(tmp_path):
     assert result.tokens.provider.prompt == result.tokens.prompt + 5000
 
 
+@pytest.mark.parametrize(
+    ("player", "body"),
+    [
+        (
+            "openai:rule",
+            {
+                "choices": [
+                    {"message": {"role": "assistant", "content": [{"type": "image"}]}, "finish_reason": "length"}
+                ]
+            },
+        ),
+        ("openai:rule", {"choices": [{"message": {"role": "assistant", "tool_calls": ["act"]}}]}),
+        (
+            "openai-responses:rule",
+            {"status": "completed", "output": [{"type": "message", "content": [{"type": "output_audio"}]}]},
+        ),
+    ],
+)
+def test_what_a_reply_cost_that_cannot_be_one_is_counted(player, body, tmp_path):
+    usage = {"prompt_tokens": 5000, "input_tokens": 5000, "completion_tokens": 1, "output_tokens": 1}
+    result, _ = play(Faulty(answer({**body, "usage": usage})), tmp_path, player)
+    assert_as_if_nothing_had_happened(result, extra_requests=1)
+    assert result.tokens.provider.prompt == result.tokens.prompt + 5000
+    assert result.tokens.provider.cut == 0
+
+
 def test_a_model_that_does_not_reason_is_asked_for_no_reasoning(tmp_path):
     refusal = {"error": {"message": "Encrypted content is not supported with this model.", "param": "include"}}
     faulty = Faulty(answer(refusal, 400))
