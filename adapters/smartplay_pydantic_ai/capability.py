@@ -34,10 +34,10 @@ from smartplay_pydantic_ai.messages import (
     from_history,
     from_response,
     known_by,
-    read_usage,
     since_response,
     takes_pictures_in_results,
     tool_spec,
+    usage_of,
     with_ids,
 )
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
@@ -163,7 +163,7 @@ class SmartPlay(AbstractCapability[Any]):
         """Have the reply's calls answered; return it with the calls that the agent is to run."""
         session = self._session
         before = session.latest_turn
-        calls = await session.areceive(from_response(response), read_usage(response.usage))
+        calls = await session.areceive(from_response(response), usage_of(response))
         turn = session.latest_turn
         if turn is None or turn is before:  # a summary
             return await self._another_attempt()

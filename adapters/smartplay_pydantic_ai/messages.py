@@ -139,6 +139,12 @@ def known_by(message: ModelMessage) -> tuple[str, str]:
     return repr(message.parts), "".join(parts)
 
 
+def usage_of(response: ModelResponse) -> Usage | None:
+    """Return the usage of a response, and whether it was cut at its length; None if its provider said nothing."""
+    usage = read_usage(response.usage)
+    return (usage or Usage()).model_copy(update={"cut": 1}) if response.finish_reason == "length" else usage
+
+
 def read_usage(usage: RequestUsage) -> Usage | None:
     """Return the usage that a provider reported; None if it reported none."""
     if not usage.input_tokens and not usage.output_tokens:
