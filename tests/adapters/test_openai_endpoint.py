@@ -14,6 +14,7 @@ import smartplay_tools as sp
 
 pytest.importorskip("openai")
 
+import httpx2
 import smartplay_openai as so
 
 from smartplay_tools.tokens import TokenCounter
@@ -162,6 +163,21 @@ def test_the_models_are_the_players(endpoint):
     listed = json.loads(ask(endpoint, "/v1/models", method="GET")[1])
     assert [model["id"] for model in listed["data"]] == ["echo", "broken", "rule"]
     assert json.loads(ask(endpoint, "/v1/models/rule", method="GET")[1])["id"] == "rule"
+
+
+def test_a_page_that_is_named_may_use_it_with_openais_and_anthropics_clients():
+    """Their clients for browsers send headers of their own, and read from one whether to ask again."""
+    page = "https://page.example.org"
+    own = "authorization, content-type, x-stainless-os, x-stainless-helper-method, anthropic-beta, openai-project"
+    preflight = {"Origin": page, "Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": own}
+    with so.LocalEndpoint(Echo(), origins=[page]) as endpoint:
+        url = f"{endpoint.base_url}/chat/completions"
+        asked = httpx2.options(url, headers=preflight, trust_env=False, verify=False)
+        refused = httpx2.post(url, json={}, headers={"Origin": page}, trust_env=False, verify=False)
+    assert (asked.status_code, asked.headers["access-control-allow-origin"]) == (200, page)
+    assert set(own.split(", ")) <= set(asked.headers["access-control-allow-headers"].split(", "))
+    assert "x-should-retry" in refused.headers
+    assert "x-should-retry" in refused.headers["access-control-expose-headers"]
 
 
 def test_an_address_of_version_6():
