@@ -18,7 +18,7 @@ from smartplay_tools.json_text import object_in
 from smartplay_tools.message_forms import SYSTEM, encodable, function_call, kept_item, reply_message, system_text
 from smartplay_tools.messages import MessageToolCall, pictures_of, text_of
 from smartplay_tools.pictures import Picture
-from smartplay_tools.players import BrokenAnswerError, count_in, plain_answer
+from smartplay_tools.players import BrokenAnswerError, count_in, error_in, plain_answer
 from smartplay_tools.prompts import CacheMarks
 
 ITEM = "anthropic_blocks"
@@ -92,7 +92,7 @@ def reply(answer: Any) -> Reply:
     usage = _usage(sent.get("usage"))
     blocks = sent.get("content")
     if not isinstance(blocks, list) or not all(isinstance(block, Mapping) and "type" in block for block in blocks):
-        raise BrokenAnswerError("The answer has no content blocks.", usage)
+        raise BrokenAnswerError(error_in(sent, "The answer has no content blocks"), usage)
     if sent.get("stop_reason") in AT_ITS_LENGTH:
         usage = (usage or Usage()).model_copy(update={"cut": 1})
     calls = [_call(block) for block in blocks if block["type"] == "tool_use"]

@@ -23,11 +23,14 @@ from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.message_forms import halves
 from smartplay_tools.messages import assistant_message, calls_of, pictures_of, text_of
 from smartplay_tools.pictures import Picture, is_picture
-from smartplay_tools.players import BrokenAnswerError, plain_answer
+from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
 from smartplay_tools.prompts import received, stable_end, with_pictures_below
 
 NOT_SENT_BACK = {"annotations", "audio", "function_call"}
 """Fields of an answer that requests must not have."""
+
+AT_ITS_LENGTH = ("length", "model_length")
+"""The finish reasons of replies that were cut, the second at Mistral."""
 
 ROLES = ("system", "developer", "user", "assistant", "tool")
 
@@ -62,17 +65,19 @@ class ChatCompletions(Interface):
         usage = read_usage(sent.get("usage"), "prompt", "completion")
         choices = sent.get("choices")
         choice = choices[0] if isinstance(choices, list) and choices else None
-        message = choice.get("message") if isinstance(choice, Mapping) else None
+        choice = choice if isinstance(choice, Mapping) else {}
+        message, ended = choice.get("message"), choice.get("finish_reason")
         if not isinstance(message, Mapping):
-            raise BrokenAnswerError("The completion has no choice with a message.", usage)
+            raise BrokenAnswerError(error_in(sent, "The completion has no choice with a message"), usage)
+        if ended == "error":
+            raise BrokenAnswerError(error_in(choice, "The completion ended in an error"), usage)
         try:
             said = assistant_message(_received(message))
         except InvalidArgumentError as error:
             raise BrokenAnswerError(str(error), usage) from error
-        if isinstance(choice, Mapping) and choice.get("finish_reason") == "length":
+        if ended in AT_ITS_LENGTH:
             usage = (usage or Usage()).model_copy(update={"cut": 1})
-        drawn = None if choice is None else sampled_tokens(choice, sent.get("prompt_token_ids"))
-        return Reply(said, usage, drawn)
+        return Reply(said, usage, sampled_tokens(choice, sent.get("prompt_token_ids")))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the completion that consists of a stream's chunks."""

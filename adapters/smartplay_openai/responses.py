@@ -24,7 +24,7 @@ from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.message_forms import halves, shown
 from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.pictures import Picture
-from smartplay_tools.players import BrokenAnswerError, plain_answer
+from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
 from smartplay_tools.prompts import received, stable_end
 
 A = TypeVar("A")
@@ -65,9 +65,7 @@ class Responses(Interface):
         usage = read_usage(sent.get("usage"), "input", "output")
         output = sent.get("output")
         if sent.get("status") in ("failed", "cancelled") or not isinstance(output, list):
-            error = sent.get("error")
-            problem = (error.get("message") if isinstance(error, Mapping) else None) or "no output"
-            raise BrokenAnswerError(f"The response failed: {problem}.", usage)
+            raise BrokenAnswerError(error_in(sent, "The response has failed, or has no output"), usage)
         try:
             said = read_items([item for item in output if isinstance(item, Mapping)])
         except InvalidArgumentError as error:

@@ -74,6 +74,13 @@ def plain_answer(answer: Any) -> dict[str, Any]:
     return sent
 
 
+def error_in(answer: Mapping[str, Any], problem: str) -> str:
+    """Return a sentence with a problem of an answer, and with what the server says went wrong, if it does."""
+    error = answer.get("error")
+    reason = error.get("message") if isinstance(error, Mapping) else error
+    return f"{problem}: {reason.rstrip('.')}." if reason and isinstance(reason, str) else f"{problem}."
+
+
 def count_in(counts: Any, name: str) -> int:
     """Return a number of tokens from a server's usage; 0 for anything that is not a number."""
     count = counts.get(name) if isinstance(counts, Mapping) else None

@@ -47,8 +47,8 @@ def test_a_reply_that_was_cut_at_its_length_is_counted_as_one_with_or_without_us
 
 
 def test_an_answer_without_content_is_not_a_reply_that_was_cut():
-    with pytest.raises(BrokenAnswerError) as raised:
-        reply({"content": None, "stop_reason": "max_tokens", "usage": USAGE})
+    with pytest.raises(BrokenAnswerError, match="no content blocks: It is down") as raised:
+        reply({"error": {"message": "It is down."}, "content": None, "stop_reason": "max_tokens", "usage": USAGE})
     assert raised.value.usage == sp.Usage(prompt=10, reply=4, cached=3, written=2)
 
 

@@ -215,6 +215,37 @@ def test_what_a_broken_answer_cost_is_counted(tmp_path):
     assert result.tokens.provider.prompt == result.tokens.prompt + 5000
 
 
+ENDED = {"message": {"role": "assistant", "content": "I thi"}}
+
+
+@pytest.mark.parametrize("reason", ["length", "model_length"])
+def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(reason):
+    assert so.chat_reply({"choices": [{**ENDED, "finish_reason": reason}]}).usage.cut == 1
+
+
+def test_a_reply_that_ended_in_an_error_is_asked_for_again(tmp_path):
+    result, _ = play(Faulty(answer({"choices": [{**ENDED, "finish_reason": "error"}]})), tmp_path)
+    assert_as_if_nothing_had_happened(result, extra_requests=1)
+
+
+@pytest.mark.parametrize(
+    ("player", "body"),
+    [
+        ("openai:rule", {"error": {"message": "The provider is down.", "code": 502}}),
+        ("openai:rule", {"error": "The provider is down."}),
+        (
+            "openai:rule",
+            {"choices": [{**ENDED, "finish_reason": "error", "error": {"message": "The provider is down."}}]},
+        ),
+        ("openai-responses:rule", {"status": "failed", "error": {"message": "The provider is down."}}),
+        ("openai-responses:rule", {"error": "The provider is down."}),
+    ],
+)
+def test_what_a_server_says_went_wrong_is_told(player, body, tmp_path):
+    result, _ = play(Faulty(always=answer(body)), tmp_path, player, retries=0)
+    assert_given_up(result, "in 1 attempt: BrokenAnswerError: ", "The provider is down")
+
+
 @pytest.mark.parametrize(
     ("player", "body"),
     [
