@@ -20,7 +20,7 @@ from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
-from smartplay_tools.message_forms import halves
+from smartplay_tools.message_forms import halves, kept_item
 from smartplay_tools.messages import assistant_message, calls_of, pictures_of, text_of
 from smartplay_tools.pictures import Picture, is_picture
 from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
@@ -28,6 +28,12 @@ from smartplay_tools.prompts import received, stable_end, with_pictures_below
 
 NOT_SENT_BACK = {"annotations", "audio", "function_call"}
 """Fields of an answer that requests must not have."""
+
+CALL_FIELDS = "chat_call_fields"
+"""The type of the provider item with what a server has added to each call, such as Gemini's signature of thoughts."""
+
+OF_CALLS = {"id", "index", "type", "function"}
+"""The fields of a call that have a meaning of their own."""
 
 AT_ITS_LENGTH = ("length", "model_length")
 """The finish reasons of replies that were cut, the second at Mistral."""
@@ -182,6 +188,8 @@ def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any
         if isinstance(item, Mapping) and "type" not in item:
             sent.update({field: value for field, value in item.items() if field not in NOT_SENT_BACK})
     sent.update({field: value for field, value in message.items() if field != "provider_items"})
+    if (kept := kept_item(message, CALL_FIELDS)) is not None:
+        sent["tool_calls"] = [{**added, **call} for added, call in zip(kept["calls"], calls_of(message), strict=True)]
     if sent["content"] is None and "tool_calls" not in sent:
         sent["content"] = ""
     return sent
@@ -199,7 +207,16 @@ def _received(message: Mapping[str, Any]) -> dict[str, Any]:
     if refusal := received.pop("refusal", None):
         # The words of a refusal are the reply's text, as they are in the other interface's parts.
         received["content"] = received.get("content") or refusal
+    calls = received.get("tool_calls")
+    added = [_added(call) for call in calls] if isinstance(calls, list) else []
+    if any(added):
+        received["provider_items"] = [{"type": CALL_FIELDS, "calls": added}]
     return received
+
+
+def _added(call: Any) -> dict[str, Any]:
+    """What a server has added to a call."""
+    return {k: v for k, v in call.items() if k not in OF_CALLS and v is not None} if isinstance(call, Mapping) else {}
 
 
 def _add_call(calls: list[tuple[int, dict[str, Any]]], part: Mapping[str, Any]) -> None:
@@ -216,7 +233,7 @@ def _add_call(calls: list[tuple[int, dict[str, Any]]], part: Mapping[str, Any]) 
     if call is None or (is_other and call["id"] != call_id):
         call = {"id": "", "type": "function", "function": {"name": "", "arguments": ""}}
         calls.append((index, call))
-    call["id"] = call["id"] or call_id
+    call.update(_added(part), id=call["id"] or call_id)
     for key, value in function.items():
         if isinstance(value, str):
             call["function"][key] = call["function"].get(key, "") + value

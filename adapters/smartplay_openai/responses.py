@@ -179,7 +179,12 @@ def _items(message: Message, pictures: Mapping[str, Picture]) -> Iterator[dict[s
         output = _content_sent(message, pictures)
         yield {"type": "function_call_output", "call_id": message.get("tool_call_id"), "output": output}
     elif message["role"] == "assistant":
-        yield from output_items(message)
+        kind = None
+        for item in output_items(message):
+            kind = item["type"]
+            yield item
+        if kind == "reasoning":  # is refused without an item that follows it
+            yield {"type": "message", "role": "assistant", "content": _output_text("")}
     else:
         yield {"role": message["role"], "content": _content_sent(message, pictures)}
 
