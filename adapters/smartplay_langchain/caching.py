@@ -43,7 +43,8 @@ def messages_for(
     results, or in a user message after them where the model's package does not have them there.
     """
     prompt = prompt if _takes_pictures_in_results(model) else with_pictures_below(prompt)
-    messages = [sendable(message) for message in to_langchain(prompt.messages, prompt.pictures)]
+    tools = {tool.name for tool in prompt.tools}
+    messages = [sendable(message, tools) for message in to_langchain(prompt.messages, prompt.pictures)]
     if not cache:
         return messages
     if _is_a(model, "ChatAnthropic"):

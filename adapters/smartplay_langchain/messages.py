@@ -7,7 +7,8 @@ recorded and sent back to the model with their turn.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from langchain_core.messages import (
@@ -52,6 +53,10 @@ CALL_PARTS = {"tool_use": "id", "function_call": "call_id"}
 """The types of parts that are calls, at Anthropic and OpenAI, with the name of the field that has the call's id."""
 
 
+CALLS = frozenset({*CALL_PARTS, "tool_call", "invalid_tool_call"})
+"""The types of calls, among the parts of a reply and of LangChain's own."""
+
+
 def to_langchain(messages: Iterable[Message], pictures: Mapping[str, Picture] = NO_PICTURES) -> list[AnyMessage]:
     """Return a prompt's messages as LangChain's, with all system messages joined into one at the beginning.
 
@@ -65,18 +70,29 @@ def to_langchain(messages: Iterable[Message], pictures: Mapping[str, Picture] = 
     return head + [_to_langchain(message, pictures) for message in others]
 
 
-def sendable(message: AnyMessage) -> AnyMessage:
-    """Return a message of a prompt as providers take it: without half characters, and with words after its thoughts.
+def sendable(message: AnyMessage, tools: Collection[str]) -> AnyMessage:
+    """Return a message of a prompt as providers take it; `tools` are the names of the prompt's tools.
 
-    Anthropic and OpenAI refuse a reply that ends with its thoughts, as one does that was cut in them.
+    It has no half characters, and no names of tools that cannot be, which models invent. Anthropic and OpenAI refuse a
+    reply that ends with its thoughts, as one does that was cut in them, so that words follow.
     """
     fields = {name: encodable(getattr(message, name)) for name in SENT if hasattr(message, name)}
+    for name in ("content", "tool_calls", "invalid_tool_calls"):
+        if isinstance(fields.get(name), list):
+            fields[name] = [_with_a_name(part, tools) for part in fields[name]]
     parts, calls = fields["content"], fields.get("tool_calls") or fields.get("invalid_tool_calls")
     last = parts[-1] if isinstance(parts, list) and parts and not calls else None
     if isinstance(last, dict) and last.get("type") in THOUGHTS:
         fields["content"] = [*parts, _text_block(NOTHING)]
     sent: AnyMessage = message.model_copy(update=fields)
     return sent
+
+
+def _with_a_name(part: Any, tools: Collection[str]) -> Any:
+    """Return a part of a message; a call of a tool that is none has a name that providers take."""
+    if not isinstance(part, dict) or part.get("type") not in CALLS or part.get("name") in tools:
+        return part
+    return {**part, "name": re.sub(r"[^A-Za-z0-9_-]", "_", part.get("name") or "")[:64] or "_"}
 
 
 def from_langchain(message: BaseMessage) -> Message:

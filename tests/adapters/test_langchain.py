@@ -296,6 +296,18 @@ def test_thoughts_before_a_call_go_back_as_they_are():
     assert sent.content == [THINKING]
 
 
+def test_names_of_tools_that_providers_refuse_are_rewritten_in_requests_alone():
+    parts = [{"type": "tool_use", "id": "a", "name": "go north!", "input": {}}, {"type": "text", "text": "Go."}]
+    names = ["go north!", "", "functions.act", "my.tool"]
+    calls = [{"name": name, "args": {}, "id": f"{at}"} for at, name in enumerate(names)]
+    reply = from_langchain(AIMessage(parts, tool_calls=calls))
+    prompt = sp.Prompt([reply], (sp.ToolSpec("my.tool", "The host's own.", {"type": "object", "properties": {}}),))
+    (sent,) = messages_for(prompt, PlayerChatModel(player=sp.get_player("rule")), cache=False)
+    assert [call["name"] for call in sent.tool_calls] == ["go_north_", "_", "functions_act", "my.tool"]
+    assert sent.content[0]["name"] == "go_north_"
+    assert [call["function"]["name"] for call in reply["tool_calls"]] == names
+
+
 def test_what_utf_8_or_json_cannot_hold_is_rewritten_in_requests_alone():
     said: Any = {
         "role": "assistant",
