@@ -78,12 +78,12 @@ class ChatCompletions(Interface):
         if ended == "error":
             raise BrokenAnswerError(error_in(choice, "The completion ended in an error"), usage)
         try:
-            said = assistant_message(_received(message))
+            reply = assistant_message(_received(message))
         except InvalidArgumentError as error:
             raise BrokenAnswerError(str(error), usage) from error
         if ended in AT_ITS_LENGTH:
             usage = (usage or Usage()).model_copy(update={"cut": 1})
-        return Reply(said, usage, sampled_tokens(choice, sent.get("prompt_token_ids")))
+        return Reply(reply, usage, sampled_tokens(choice, sent.get("prompt_token_ids")))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the completion that consists of a stream's chunks."""

@@ -67,13 +67,13 @@ class Responses(Interface):
         if sent.get("status") in ("failed", "cancelled") or not isinstance(output, list):
             raise BrokenAnswerError(error_in(sent, "The response has failed, or has no output"), usage)
         try:
-            said = read_items([item for item in output if isinstance(item, Mapping)])
+            message = read_items([item for item in output if isinstance(item, Mapping)])
         except InvalidArgumentError as error:
             raise BrokenAnswerError(str(error), usage) from error
         why = sent.get("incomplete_details")
         if isinstance(why, Mapping) and why.get("reason") == "max_output_tokens":
             usage = (usage or Usage()).model_copy(update={"cut": 1})
-        return Reply(said, usage)
+        return Reply(message, usage)
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the response that ends a stream of events."""

@@ -78,7 +78,7 @@ class _EpisodeSpans:
         self._context: Context | None = None
         self._chat: Span | None = None
         self._key = self._model = ""
-        self._said: Message | None = None
+        self._reply: Message | None = None
         """The reply whose usage is to come."""
         self._ids: Sequence[str] = ()
         """The call ids of the latest reply."""
@@ -145,14 +145,14 @@ class _EpisodeSpans:
             attributes["smartplay.summary"] = True
         if view["max_tokens"] is not None:
             attributes["gen_ai.request.max_tokens"] = view["max_tokens"]
-        self._said = None
+        self._reply = None
         self._chat = self._tracer.start_span(
             f"chat {self._model}", self._context, SpanKind.CLIENT, attributes=attributes, start_time=now
         )
 
     def _hear(self, event: Mapping[str, Any]) -> None:
-        self._said = event["message"]
-        self._ids = event.get("ids") or [call["id"] for call in calls_of(self._said)]
+        self._reply = event["message"]
+        self._ids = event.get("ids") or [call["id"] for call in calls_of(self._reply)]
 
     def _charge(self, usage: Mapping[str, Any], now: int) -> None:
         """End the chat span; the usage of a reply is recorded with it, and that of failed attempts without one."""
@@ -167,21 +167,21 @@ class _EpisodeSpans:
             self._chat.set_attribute("gen_ai.usage.cache_creation.input_tokens", reported.written)
             self._chat.set_attribute("gen_ai.usage.reasoning.output_tokens", reported.reasoning)
         if "reply" in usage:
-            self._tell(self._chat, is_cut=reported is not None and reported.cut > 0)
+            self._add_reply(self._chat, is_cut=reported is not None and reported.cut > 0)
             self._chat.set_attribute("smartplay.reply_tokens", usage["reply"])
             self._chat.end(now)
             self._chat = None
 
-    def _tell(self, chat: Span, *, is_cut: bool) -> None:
-        """Tell how the latest reply ended, and what it was; a summary is none."""
-        if self._said is None:
+    def _add_reply(self, chat: Span, *, is_cut: bool) -> None:
+        """Add how the latest reply ended, and what it was; a summary is not one."""
+        if self._reply is None:
             return
         reason = "length" if is_cut else "tool_calls" if self._ids else "stop"
         chat.set_attribute("gen_ai.response.finish_reasons", [reason])
         if self._content:
-            output = {"role": "assistant", "parts": _parts(self._said, self._ids), "finish_reason": reason}
+            output = {"role": "assistant", "parts": _parts(self._reply, self._ids), "finish_reason": reason}
             chat.set_attribute("gen_ai.output.messages", json.dumps([output], ensure_ascii=False))
-        self._said = None
+        self._reply = None
 
     def _execute(self, event: Mapping[str, Any], now: int) -> None:
         attributes: dict[str, Any] = {

@@ -198,7 +198,7 @@ async def test_an_empty_reply_is_answered_like_any_other_without_a_call(kind):
 
 @pytest.mark.parametrize("streamed", [False, True])
 async def test_a_run_has_the_requests_that_were_made_and_their_usage(streamed):
-    """The words at the end are no request; a compatible server may leave out the sum of its counts."""
+    """The words at the end are not a request; a compatible server may leave out the sum of its counts."""
     episode, _ = fresh()
     model = SmartPlayModel(WithoutSum([*map(calling, map(act, WAY))], sp.Usage(prompt=90, reply=9)), episode)
     agent, options = (

@@ -309,12 +309,12 @@ def test_names_of_tools_that_providers_refuse_are_rewritten_in_requests_alone():
 
 
 def test_what_utf_8_or_json_cannot_hold_is_rewritten_in_requests_alone():
-    said: Any = {
+    reply: Any = {
         "role": "assistant",
         "content": "\ud83d",
         "tool_calls": [function_call("a", "act", '{"action": "\\ud83d", "times": 1e999}')],
     }
-    messages = [said, {"role": "tool", "tool_call_id": "a", "content": "\ud83d is not an action."}]
+    messages = [reply, {"role": "tool", "tool_call_id": "a", "content": "\ud83d is not an action."}]
     model = PlayerChatModel(player=sp.get_player("rule"))
     call, result = messages_for(sp.Prompt(messages, ()), model, cache=False)
     assert (call.content, result.content) == ("\ufffd", "\ufffd is not an action.")

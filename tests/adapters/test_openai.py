@@ -317,9 +317,9 @@ def test_what_a_server_adds_to_a_call_goes_back_with_it(stream):
 
 def test_reasoning_that_ends_a_reply_goes_back_with_words_after_it():
     """The interface refuses reasoning without an item that follows it, as in a reply that was cut while reasoning."""
-    said = {"type": "message", "id": "m", "role": "assistant", "content": [{"type": "output_text", "text": "Hm."}]}
+    words = {"type": "message", "id": "m", "role": "assistant", "content": [{"type": "output_text", "text": "Hm."}]}
     reasoning = {"type": "reasoning", "id": "rs", "summary": [], "encrypted_content": "x"}
-    reply = so.responses_reply({"output": [said, reasoning], "status": "incomplete"})
+    reply = so.responses_reply({"output": [words, reasoning], "status": "incomplete"})
     *_, before, last = so.responses_request(sp.Prompt([reply.message], ()))["input"]
     assert before == reasoning
     assert (last["type"], last["role"], last["content"][0]["text"]) == ("message", "assistant", "")

@@ -22,7 +22,7 @@ from smartplay_tools.tokens import TokenCounter
 CALL = {"id": "c1", "type": "function", "function": {"name": "act", "arguments": '{"action": "1"}'}}
 RESULT = {"role": "tool", "tool_call_id": "c1", "content": "Done."}
 USER = {"role": "user", "content": "Play."}
-SAID = {"role": "assistant", "content": "I do."}
+REPLY = {"role": "assistant", "content": "I do."}
 TOOL = {"name": "act", "description": "1. Rock\n2. Paper", "parameters": {"type": "object", "properties": {}}}
 
 
@@ -151,12 +151,12 @@ def test_a_reply_that_was_cut_is_told_from_one_that_ended(kind, stream):
 
 @pytest.mark.parametrize("reported", [sp.Usage(requests=2), sp.Usage(prompt=5, cached=9), sp.Usage(prompt=-5)])
 def test_usage_is_our_count_where_no_provider_has_counted(reported):
-    with so.LocalEndpoint(sp.ScriptedPlayer([SAID], reported)) as endpoint:
+    with so.LocalEndpoint(sp.ScriptedPlayer([REPLY], reported)) as endpoint:
         status, text = ask(endpoint, "/v1/chat/completions", {**chat(USER), "model": "scripted"})
     counter, usage = TokenCounter(), json.loads(text)["usage"]
     counts = {name: usage[name] for name in ("prompt_tokens", "completion_tokens")}
     assert status == 200
-    assert counts == {"prompt_tokens": counter.prompt([USER], ()), "completion_tokens": counter.message(SAID)}
+    assert counts == {"prompt_tokens": counter.prompt([USER], ()), "completion_tokens": counter.message(REPLY)}
 
 
 def test_the_models_are_the_players(endpoint):
