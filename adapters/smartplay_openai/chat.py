@@ -131,8 +131,9 @@ class ChatCompletions(Interface):
                 answer.update(item)
         if reasoning := message.get("reasoning_content"):
             answer["reasoning_content"] = reasoning
-        if calls := calls_of(message):
-            answer["tool_calls"] = list(calls)
+        calls = _calls(message)
+        if calls:
+            answer["tool_calls"] = calls
         ended = "length" if usage.cut else "tool_calls" if calls else "stop"
         choice = {"index": 0, "message": answer, "logprobs": None, "finish_reason": ended}
         return {
@@ -188,11 +189,17 @@ def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any
         if isinstance(item, Mapping) and "type" not in item:
             sent.update({field: value for field, value in item.items() if field not in NOT_SENT_BACK})
     sent.update({field: value for field, value in message.items() if field != "provider_items"})
-    if (kept := kept_item(message, CALL_FIELDS)) is not None:
-        sent["tool_calls"] = [{**added, **call} for added, call in zip(kept["calls"], calls_of(message), strict=True)]
+    if calls := _calls(message):
+        sent["tool_calls"] = calls
     if sent["content"] is None and "tool_calls" not in sent:
         sent["content"] = ""
     return sent
+
+
+def _calls(message: Message) -> list[Mapping[str, Any]]:
+    """The calls of a message with what a server has added to them."""
+    kept, calls = kept_item(message, CALL_FIELDS), calls_of(message)
+    return [*calls] if kept is None else [{**added, **call} for added, call in zip(kept["calls"], calls, strict=True)]
 
 
 def _sent_part(part: Any, pictures: Mapping[str, Picture]) -> Mapping[str, Any]:
@@ -207,11 +214,14 @@ def _received(message: Mapping[str, Any]) -> dict[str, Any]:
     if refusal := received.pop("refusal", None):
         # The words of a refusal are the reply's text, as they are in the other interface's parts.
         received["content"] = received.get("content") or refusal
-    calls = received.get("tool_calls")
+    return _with_added(received)
+
+
+def _with_added(message: dict[str, Any]) -> dict[str, Any]:
+    """Return a message that has what a server has added to its calls as a provider item."""
+    calls = message.get("tool_calls")
     added = [_added(call) for call in calls] if isinstance(calls, list) else []
-    if any(added):
-        received["provider_items"] = [{"type": CALL_FIELDS, "calls": added}]
-    return received
+    return {**message, "provider_items": [{"type": CALL_FIELDS, "calls": added}]} if any(added) else message
 
 
 def _added(call: Any) -> dict[str, Any]:
@@ -256,7 +266,7 @@ def _message(message: Any, param: str) -> Message:
     try:
         text_of(message)
         if message["role"] == "assistant":
-            checked = assistant_message(message)
+            checked = assistant_message(_with_added({**message}))
             if checked["content"] is None and not calls_of(checked):
                 raise bad("An assistant message has content or tool calls.", param)
             return checked

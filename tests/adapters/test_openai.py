@@ -315,6 +315,22 @@ def test_what_a_server_adds_to_a_call_goes_back_with_it(stream):
     assert sent.keys() == {"role", "content", "tool_calls"}
 
 
+@pytest.mark.parametrize("stream", [False, True])
+def test_what_a_server_adds_to_a_call_comes_and_goes_through_the_endpoint(stream):
+    """An agent that asks Gemini through the endpoint sends the signature back to it."""
+    calls = [{"id": "a", **OBSERVE, **SIGNED}]
+    reply = so.chat_reply({"choices": [{"message": {"role": "assistant", "content": None, "tool_calls": calls}}]})
+    scripted = sp.ScriptedPlayer([reply.message] * 2)
+    with (
+        so.LocalEndpoint(scripted) as endpoint,
+        sp.get_player("openai:scripted", base_url=endpoint.base_url, stream=stream) as player,
+        sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(tool_calls=2)) as episode,
+    ):
+        assert sp.play(episode, player).end_reason == "tool_calls"
+    (again,) = [message for message in scripted.prompts[1].messages if message["role"] == "assistant"]
+    assert again["provider_items"] == reply.message["provider_items"]
+
+
 def test_reasoning_that_ends_a_reply_goes_back_with_words_after_it():
     """The interface refuses reasoning without an item that follows it, as in a reply that was cut while reasoning."""
     words = {"type": "message", "id": "m", "role": "assistant", "content": [{"type": "output_text", "text": "Hm."}]}
