@@ -34,7 +34,7 @@ from pydantic_ai.tools import ToolDefinition
 from pydantic_ai.usage import RequestUsage
 
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec, Usage
-from smartplay_tools.message_forms import SYSTEM, function_call, kept_item, reply_message, shown, system_text
+from smartplay_tools.message_forms import SYSTEM, encodable, function_call, kept_item, reply_message, shown, system_text
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.pictures import NO_PICTURES, Picture
 
@@ -66,7 +66,8 @@ class PydanticAIChat:
         The user's messages and results at the places `marked` are followed by a mark for the provider's cache.
         `pictures` are those that the messages name.
         """
-        messages = list(messages)
+        # What the record keeps as it was said may have half a character, which a request cannot.
+        messages = [encodable(message) for message in messages]
         system = system_text(messages)
         written: list[ModelMessage] = []
         names: dict[str, str] = {}

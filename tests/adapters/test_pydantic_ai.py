@@ -366,6 +366,18 @@ def test_openai_is_told_the_episode_and_what_is_stable(kind, model, options, has
     assert [openai_marks(body) for body in stub.bodies] == places
 
 
+def test_half_a_character_is_recorded_and_rewritten_in_requests_alone():
+    events: list[Any] = []
+    episode = sp.Episode("Hanoi3Disk-v0", seed=7, budget=THREE_MOVES, transcript=events)
+    odd = calling(("act", '{"action": "\\ud83d"}'), say="\ud83d")
+    with OpenAI([odd, *MOVES]) as stub, rerouted.clients(stub.url) as clients, episode:
+        provider = OpenAIProvider(openai_client=client_for("https://models.example.com/v1", clients))
+        play_moves(episode, OpenAIChatModel("m", provider=provider))
+    assert episode.result.end_reason == "tool_calls"
+    assert "\ufffd" in stub.bodies[1]["messages"][-2]["content"]
+    assert next(event for event in events if event["event"] == "message")["message"]["content"] == "\ud83d"
+
+
 def test_other_servers_are_told_nothing_of_caches():
     episode, _ = fresh(THREE_MOVES)
     with OpenAI(MOVES) as stub, rerouted.clients(stub.url) as clients, episode:
