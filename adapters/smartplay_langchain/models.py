@@ -16,7 +16,15 @@ from smartplay_tools.players import ModelPlayer
 from smartplay_tools.prompts import CacheMarks, checked_marks
 
 FAILURES = frozenset(
-    {"APIConnectionError", "APIError", "ConnectionError", "HTTPError", "JSONDecodeError", "TimeoutError"}
+    {
+        "APIConnectionError",
+        "APIError",
+        "ConnectionError",
+        "HTTPError",
+        "JSONDecodeError",
+        "TimeoutError",
+        "UnicodeDecodeError",
+    }
 )
 """The class names of failed requests in the clients of most providers, in Python, httpx and requests; an error in a
 stream and half a body have no status."""

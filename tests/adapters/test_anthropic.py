@@ -79,6 +79,15 @@ def test_a_busy_server_is_asked_again_and_each_attempt_counts():
     assert result.tokens.provider.requests == 3
 
 
+def test_an_answer_that_is_not_utf_8_is_asked_for_again():
+    class Latin(AnthropicStub):
+        def encoded(self, answered: dict[str, object]) -> bytes:
+            return '{"é": 1}'.encode("latin-1") if len(self.requests) == 1 else super().encoded(answered)
+
+    result = play(Latin([calling(act("A->C"))] * 2), sp.Budget(tool_calls=1))
+    assert (result.end_reason, result.tokens.provider.requests) == ("tool_calls", 2)
+
+
 @pytest.mark.parametrize(("faults", "options"), [([400], {}), ([529, 529], {"retries": 1})])
 def test_a_server_that_refuses_ends_the_episode_on_the_record(faults, options):
     result = play(AnthropicStub([], faults=faults), sp.Budget(), **options)

@@ -55,13 +55,13 @@ class Faulty:
 
 
 def answer(body, status=200, kind="application/json", **headers):
-    text = body if isinstance(body, str) else json.dumps(body)
+    sent = body if isinstance(body, bytes) else (body if isinstance(body, str) else json.dumps(body)).encode()
     fields = {"content-type": kind, **{name.replace("_", "-"): value for name, value in headers.items()}}
 
     async def fault(send, request):
         encoded = [(name.encode(), value.encode()) for name, value in fields.items()]
         await send({"type": "http.response.start", "status": status, "headers": encoded})
-        await send({"type": "http.response.body", "body": text.encode()})
+        await send({"type": "http.response.body", "body": sent})
 
     return fault
 
@@ -157,6 +157,7 @@ def assert_given_up(result, *words):
         pytest.param(problem(400, x_should_retry="true"), id="retry wanted"),
         pytest.param(answer("<html>Bad gateway</html>", kind="text/html"), id="a page"),
         pytest.param(answer("{", kind="application/json"), id="half a body"),
+        pytest.param(answer('{"é": 1}'.encode("latin-1")), id="not UTF-8"),
         pytest.param(cut('{"id": "c", "choi', kind="application/json"), id="a body that breaks off"),
     ],
 )
@@ -181,6 +182,7 @@ def test_a_request_that_times_out_is_sent_again(player, tmp_path):
         pytest.param(answer("data: [DONE]\n\n", kind="text/event-stream"), id="nothing"),
         pytest.param(answer('data: {"error": {"message": "Overloaded."}}\n\n', kind="text/event-stream"), id="error"),
         pytest.param(answer("data: {half\n\n", kind="text/event-stream"), id="not json"),
+        pytest.param(answer("data: é\n\n".encode("latin-1"), kind="text/event-stream"), id="not UTF-8"),
     ],
 )
 @pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
