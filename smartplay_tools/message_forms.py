@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar, cast
 
@@ -12,6 +13,7 @@ from smartplay_tools.pictures.picture import Picture, is_picture
 __all__ = [
     "SYSTEM",
     "arguments_text",
+    "encodable",
     "function_call",
     "halves",
     "kept_item",
@@ -73,6 +75,20 @@ def shown(
         return text_of(message)
     parts = cast(list[dict[str, Any]], message["content"])  # only a list has pictures
     return [picture(pictures[part["sha256"]]) if is_picture(part) else text(part["text"]) for part in parts]
+
+
+def encodable(value: Any) -> Any:
+    """Copy a JSON value as requests can hold it.
+
+    A lone surrogate, which UTF-8 cannot hold, becomes U+FFFD, and a number that JSON cannot hold becomes its name.
+    """
+    if isinstance(value, str):
+        return value if value.isascii() else value.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+    if isinstance(value, Mapping):
+        return {key: encodable(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [encodable(item) for item in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def halves(text: str) -> Iterator[str]:

@@ -15,10 +15,10 @@ from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.json_text import object_in
-from smartplay_tools.message_forms import SYSTEM, function_call, kept_item, reply_message, system_text
-from smartplay_tools.messages import pictures_of, text_of
+from smartplay_tools.message_forms import SYSTEM, encodable, function_call, kept_item, reply_message, system_text
+from smartplay_tools.messages import MessageToolCall, pictures_of, text_of
 from smartplay_tools.pictures import Picture
-from smartplay_tools.players import BrokenAnswerError, plain_answer
+from smartplay_tools.players import BrokenAnswerError, count_in, error_in, plain_answer
 from smartplay_tools.prompts import CacheMarks
 
 ITEM = "anthropic_blocks"
@@ -31,7 +31,10 @@ UNMARKED = ("thinking", "redacted_thinking")
 """Types of blocks that cannot be marked."""
 
 NOTHING = "..."
-"""Replaces an empty message, which the interface refuses."""
+"""Stands for words where the interface wants some: an empty message, or one that ends with its thinking, is refused."""
+
+AT_ITS_LENGTH = ("max_tokens", "model_context_window_exceeded")
+"""The stop reasons of answers that were cut."""
 
 
 def request(
@@ -58,9 +61,11 @@ def request(
                 _add_to_user(messages, {"type": "text", "text": text_of(message) or NOTHING})
         if number + 1 == prompt.prefix_messages:
             stable = sum(len(sent["content"]) for sent in messages)
+    # What the record keeps as it was said may have half a character, which a request cannot.
+    messages = encodable(messages)
     arguments: dict[str, Any] = {"messages": messages, "max_tokens": limit}
     if (system := system_text(prompt.messages)) is not None:
-        arguments["system"] = system
+        arguments["system"] = encodable(system)
     if prompt.tools:
         arguments["tools"] = [schema(tool, "anthropic") for tool in prompt.tools]
     arguments |= prompt.settings(own, no_tools={"type": "none"})
@@ -85,21 +90,23 @@ def reply(answer: Any) -> Reply:
     """Return the reply in an answer of the client; raise `BrokenAnswerError` if it has no content."""
     sent = plain_answer(answer)
     usage = _usage(sent.get("usage"))
-    if usage is not None and sent.get("stop_reason") == "max_tokens":
-        usage = usage.model_copy(update={"cut": 1})
     blocks = sent.get("content")
     if not isinstance(blocks, list) or not all(isinstance(block, Mapping) and "type" in block for block in blocks):
-        raise BrokenAnswerError("The answer has no content blocks.", usage)
-    calls = [
-        function_call(block["id"], block["name"], json.dumps(block["input"], ensure_ascii=False))
-        for block in blocks
-        if block["type"] == "tool_use"
-    ]
+        raise BrokenAnswerError(error_in(sent, "The answer has no content blocks"), usage)
+    if sent.get("stop_reason") in AT_ITS_LENGTH:
+        usage = (usage or Usage()).model_copy(update={"cut": 1})
+    calls = [_call(block) for block in blocks if block["type"] == "tool_use"]
     text = _joined(blocks, "text")
     if all(block["type"] in ("text", "tool_use") for block in blocks):
         return Reply(reply_message(text, calls), usage)
     item = {"type": ITEM, "blocks": [dict(block) for block in blocks]}
     return Reply(reply_message(text, calls, item, _joined(blocks, "thinking")), usage)
+
+
+def _call(block: Mapping[str, Any]) -> MessageToolCall:
+    """The call in a block; compatible servers leave out what the client does not miss."""
+    arguments = json.dumps(block["input"], ensure_ascii=False) if "input" in block else ""
+    return function_call(block.get("id") or "", block.get("name") or "", arguments)
 
 
 def _result(message: Message, pictures: Mapping[str, Picture]) -> str | list[dict[str, Any]]:
@@ -127,7 +134,9 @@ def _assistant(message: Message) -> list[dict[str, Any]]:
     ]
     if (kept := kept_item(message, ITEM)) is not None:
         again = iter(calls)
-        return [next(again) if block["type"] == "tool_use" else block for block in kept["blocks"]]
+        blocks = [next(again) if block["type"] == "tool_use" else block for block in kept["blocks"]]
+        blocks = [block for block in blocks if block["type"] != "text" or _words(block, "text").strip()]
+        return blocks if blocks and blocks[-1]["type"] not in UNMARKED else [*blocks, {"type": "text", "text": NOTHING}]
     text = text_of(message)
     words = [{"type": "text", "text": text or NOTHING}] if text.strip() or not calls else []
     return words + calls
@@ -152,7 +161,12 @@ def _input(arguments: str) -> dict[str, Any]:
 
 
 def _joined(blocks: Iterable[Mapping[str, Any]], kind: str) -> str:
-    return "".join(block[kind] for block in blocks if block["type"] == kind)
+    return "".join(_words(block, kind) for block in blocks if block["type"] == kind)
+
+
+def _words(block: Mapping[str, Any], field: str) -> str:
+    text = block.get(field)
+    return text if isinstance(text, str) else ""
 
 
 def _usage(usage: Any) -> Usage | None:
@@ -160,10 +174,9 @@ def _usage(usage: Any) -> Usage | None:
     if not isinstance(usage, Mapping):
         return None
     fresh, cached, written, reply = (
-        usage.get(f"{kind}_tokens") or 0 for kind in ("input", "cache_read_input", "cache_creation_input", "output")
+        count_in(usage, f"{kind}_tokens") for kind in ("input", "cache_read_input", "cache_creation_input", "output")
     )
-    split = usage.get("cache_creation")
-    written_1h = split.get("ephemeral_1h_input_tokens") or 0 if isinstance(split, Mapping) else 0
+    written_1h = count_in(usage.get("cache_creation"), "ephemeral_1h_input_tokens")
     return Usage(
         prompt=fresh + cached + written,
         reply=reply,

@@ -41,7 +41,7 @@ class AnthropicPlayer(ModelPlayer):
     """
 
     observations = ("text", "picture", "both")
-    failures = (anthropic.APIError, BrokenAnswerError, json.JSONDecodeError)
+    failures = (anthropic.APIError, BrokenAnswerError, json.JSONDecodeError, UnicodeDecodeError)
 
     def __init__(
         self,

@@ -40,6 +40,10 @@ PARSE_ERROR = ("Error parsing the following tool call arguments:\n\n", "\n\nErro
 """What Inspect writes before and after arguments that it could not parse."""
 
 
+AT_ITS_LENGTH = ("max_tokens", "model_length")
+"""The stop reasons of replies that were cut."""
+
+
 class InspectChat:
     """The messages of one conversation as Inspect's.
 
@@ -111,7 +115,10 @@ def from_inspect(message: ChatMessage) -> Message:
 
 def from_output(output: ModelOutput) -> Reply:
     """Return the reply that a model's output holds, with the usage that its provider reported."""
-    return Reply(_read_reply(output.message), read_usage(output.usage))
+    usage = read_usage(output.usage)
+    if output.stop_reason in AT_ITS_LENGTH:
+        usage = (usage or Usage()).model_copy(update={"cut": 1})
+    return Reply(_read_reply(output.message), usage)
 
 
 def read_usage(usage: ModelUsage | None) -> Usage | None:

@@ -12,7 +12,7 @@ from typing import Any
 from langchain_core.language_models import BaseChatModel
 from langchain_core.messages import AnyMessage
 
-from smartplay_langchain.messages import to_langchain
+from smartplay_langchain.messages import sendable, to_langchain
 from smartplay_tools import Message, Prompt
 from smartplay_tools.prompts import CacheMarks, last_markable, stable_end, with_pictures_below
 from smartplay_tools.records import CacheFields, openai_cache_fields
@@ -43,7 +43,8 @@ def messages_for(
     results, or in a user message after them where the model's package has no place for them there.
     """
     prompt = prompt if _takes_pictures_in_results(model) else with_pictures_below(prompt)
-    messages = to_langchain(prompt.messages, prompt.pictures)
+    tools = {tool.name for tool in prompt.tools}
+    messages = [sendable(message, tools) for message in to_langchain(prompt.messages, prompt.pictures)]
     if not cache:
         return messages
     if _is_a(model, "ChatAnthropic"):

@@ -15,7 +15,7 @@ from langchain_core.runnables import Runnable
 from langchain_core.utils.function_calling import convert_to_openai_tool
 from pydantic import ConfigDict, Field
 
-from smartplay_langchain.messages import from_langchain, to_langchain
+from smartplay_langchain.messages import from_langchain, to_langchain, usage_metadata_of
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, ToolSpec
 from smartplay_tools.message_forms import arguments_text, halves
 from smartplay_tools.messages import calls_of, text_of
@@ -141,8 +141,8 @@ class PlayerChatModel(BaseChatModel):
         assert isinstance(message, AIMessage)
         message.response_metadata["model_name"] = self.model_name
         if (usage := reply.usage) is not None:
-            total = usage.prompt + usage.reply
-            message.usage_metadata = {"input_tokens": usage.prompt, "output_tokens": usage.reply, "total_tokens": total}
+            message.usage_metadata = usage_metadata_of(usage)
+            message.response_metadata |= {"finish_reason": "length"} if usage.cut else {}
         return message
 
 

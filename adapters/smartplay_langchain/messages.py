@@ -7,7 +7,8 @@ recorded and sent back to the model with their turn.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from langchain_core.messages import (
@@ -20,18 +21,40 @@ from langchain_core.messages import (
     ToolCall,
     ToolMessage,
 )
+from langchain_core.messages.ai import UsageMetadata
 
 from smartplay_tools import Message, Usage
 from smartplay_tools.json_text import object_in
-from smartplay_tools.message_forms import SYSTEM, function_call, kept_item, reply_message, shown, system_text
+from smartplay_tools.message_forms import SYSTEM, encodable, function_call, kept_item, reply_message, shown, system_text
 from smartplay_tools.messages import text_of
 from smartplay_tools.pictures import NO_PICTURES, Picture
 
 ITEM = "langchain_message"
 """The type of the provider item that holds the parts of a reply other than text and calls."""
 
+SENT = ("content", "additional_kwargs", "tool_calls", "invalid_tool_calls")
+"""The fields of a message whose values reach a provider."""
+
+THOUGHTS = ("thinking", "redacted_thinking", "reasoning")
+"""The types of parts that are thoughts."""
+
+NOTHING = "..."
+"""Stands for the words of a reply that has none."""
+
+ENDS = ("finish_reason", "stop_reason", "stopReason", "done_reason")
+"""The fields of a reply's metadata in which providers' packages keep why it ended."""
+
+AT_ITS_LENGTH = frozenset(
+    {"length", "max_output_tokens", "max_tokens", "model_context_window_exceeded", "model_length"}
+)
+"""What providers say there of a reply that they ended at its length, in small letters."""
+
 CALL_PARTS = {"tool_use": "id", "function_call": "call_id"}
 """The types of parts that are calls, at Anthropic and OpenAI, with the name of the field that has the call's id."""
+
+
+CALLS = frozenset({*CALL_PARTS, "tool_call", "invalid_tool_call"})
+"""The types of calls, among the parts of a reply and of LangChain's own."""
 
 
 def to_langchain(messages: Iterable[Message], pictures: Mapping[str, Picture] = NO_PICTURES) -> list[AnyMessage]:
@@ -47,6 +70,31 @@ def to_langchain(messages: Iterable[Message], pictures: Mapping[str, Picture] = 
     return head + [_to_langchain(message, pictures) for message in others]
 
 
+def sendable(message: AnyMessage, tools: Collection[str]) -> AnyMessage:
+    """Return a message of a prompt as providers take it; `tools` are the names of the prompt's tools.
+
+    It has no half characters, and no names of tools that cannot be, which models invent. Anthropic and OpenAI refuse a
+    reply that ends with its thoughts, as one does that was cut in them, so that words follow.
+    """
+    fields = {name: encodable(getattr(message, name)) for name in SENT if hasattr(message, name)}
+    for name in ("content", "tool_calls", "invalid_tool_calls"):
+        if isinstance(fields.get(name), list):
+            fields[name] = [_with_a_name(part, tools) for part in fields[name]]
+    parts, calls = fields["content"], fields.get("tool_calls") or fields.get("invalid_tool_calls")
+    last = parts[-1] if isinstance(parts, list) and parts and not calls else None
+    if isinstance(last, dict) and last.get("type") in THOUGHTS:
+        fields["content"] = [*parts, _text_block(NOTHING)]
+    sent: AnyMessage = message.model_copy(update=fields)
+    return sent
+
+
+def _with_a_name(part: Any, tools: Collection[str]) -> Any:
+    """Return a part of a message; a call of a tool that is none has a name that providers take."""
+    if not isinstance(part, dict) or part.get("type") not in CALLS or part.get("name") in tools:
+        return part
+    return {**part, "name": re.sub(r"[^A-Za-z0-9_-]", "_", part.get("name") or "")[:64] or "_"}
+
+
 def from_langchain(message: BaseMessage) -> Message:
     """Return a LangChain message in canonical form."""
     match message:
@@ -60,10 +108,10 @@ def from_langchain(message: BaseMessage) -> Message:
 
 
 def usage_of(message: AIMessage) -> Usage | None:
-    """Return the usage that the provider reported with a reply."""
-    usage = message.usage_metadata
+    """Return the usage that the provider reported with a reply, and whether it was cut at its length."""
+    usage, cut = message.usage_metadata, int(_is_cut(message.response_metadata))
     if usage is None:
-        return None
+        return Usage(cut=cut) if cut else None
     parts: Mapping[str, Any] = usage.get("input_token_details", {})
     # Anthropic's writes are split by how long they are kept, and its sum is then 0.
     short, written_1h = (parts.get(f"ephemeral_{kept}_input_tokens") or 0 for kept in ("5m", "1h"))
@@ -74,7 +122,31 @@ def usage_of(message: AIMessage) -> Usage | None:
         written=parts.get("cache_creation") or short + written_1h,
         written_1h=written_1h,
         reasoning=usage.get("output_token_details", {}).get("reasoning") or 0,
+        cut=cut,
     )
+
+
+def usage_metadata_of(usage: Usage) -> UsageMetadata:
+    """Return a player's usage as LangChain's."""
+    details: Any = {  # the last is Anthropic's alone
+        "cache_read": usage.cached,
+        "cache_creation": usage.written,
+        "ephemeral_1h_input_tokens": usage.written_1h,
+    }
+    return {
+        "input_tokens": usage.prompt,
+        "output_tokens": usage.reply,
+        "total_tokens": usage.prompt + usage.reply,
+        "input_token_details": details,
+        "output_token_details": {"reasoning": usage.reasoning},
+    }
+
+
+def _is_cut(metadata: Mapping[str, Any]) -> bool:
+    """Whether a reply was ended at its length, wherever its provider says so."""
+    details = metadata.get("incomplete_details")  # of OpenAI's Responses
+    reasons = [details.get("reason") if isinstance(details, Mapping) else None, *map(metadata.get, ENDS)]
+    return any(isinstance(reason, str) and reason.lower() in AT_ITS_LENGTH for reason in reasons)
 
 
 def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessage:

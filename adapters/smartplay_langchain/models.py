@@ -15,8 +15,19 @@ from smartplay_tools.errors import extra_named
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.prompts import CacheMarks, checked_marks
 
-FAILURES = frozenset({"APIConnectionError", "ConnectionError", "HTTPError", "TimeoutError"})
-"""The class names of failed requests in the clients of most providers, in Python, httpx and requests."""
+FAILURES = frozenset(
+    {
+        "APIConnectionError",
+        "APIError",
+        "ConnectionError",
+        "HTTPError",
+        "JSONDecodeError",
+        "TimeoutError",
+        "UnicodeDecodeError",
+    }
+)
+"""The class names of failed requests in the clients of most providers, in Python, httpx and requests; an error in a
+stream and half a body have no status."""
 
 
 class LangChainPlayer(ModelPlayer):

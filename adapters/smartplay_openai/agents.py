@@ -209,7 +209,12 @@ class SmartPlayModel(Model):
             total_tokens=usage.total_tokens,
         )
         whole = Response.model_construct(
-            id="smartplay", object="response", output=response.output, usage=reported, created_at=0, model=self._player
+            id="smartplay",
+            object="response",
+            output=response.output,
+            usage=reported if usage.requests else None,  # the runner counts a request for each usage
+            created_at=0,
+            model=self._player,
         )
         yield ResponseCompletedEvent.model_construct(response=whole, sequence_number=0, type="response.completed")
 

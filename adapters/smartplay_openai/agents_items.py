@@ -79,7 +79,7 @@ def _text(content: Any) -> str:
 
 def usage_of(usage: AgentsUsage) -> Usage | None:
     """The usage of a reply; None if the provider has reported none."""
-    if not usage.total_tokens:
+    if not usage.input_tokens and not usage.output_tokens:
         return None
     return Usage(
         prompt=usage.input_tokens,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from operator import itemgetter
 from typing import Any
 
 from openai.resources.chat.completions import Completions
@@ -18,15 +19,24 @@ from smartplay_openai.parsing import read_usage, sampled_tokens
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
-from smartplay_tools import Message, Prompt, Reply, Usage
-from smartplay_tools.message_forms import halves
+from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
+from smartplay_tools.message_forms import halves, kept_item
 from smartplay_tools.messages import assistant_message, calls_of, pictures_of, text_of
 from smartplay_tools.pictures import Picture, is_picture
-from smartplay_tools.players import BrokenAnswerError, plain_answer
+from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
 from smartplay_tools.prompts import received, stable_end, with_pictures_below
 
 NOT_SENT_BACK = {"annotations", "audio", "function_call"}
 """Fields of an answer that requests must not have."""
+
+CALL_FIELDS = "chat_call_fields"
+"""The type of the provider item with what a server has added to each call, such as Gemini's signature of thoughts."""
+
+OF_CALLS = {"id", "index", "type", "function"}
+"""The fields of a call that have a meaning of their own."""
+
+AT_ITS_LENGTH = ("length", "model_length")
+"""The finish reasons of replies that were cut, the second at Mistral."""
 
 ROLES = ("system", "developer", "user", "assistant", "tool")
 
@@ -61,23 +71,31 @@ class ChatCompletions(Interface):
         usage = read_usage(sent.get("usage"), "prompt", "completion")
         choices = sent.get("choices")
         choice = choices[0] if isinstance(choices, list) and choices else None
-        message = choice.get("message") if isinstance(choice, Mapping) else None
+        choice = choice if isinstance(choice, Mapping) else {}
+        message, ended = choice.get("message"), choice.get("finish_reason")
         if not isinstance(message, Mapping):
-            raise BrokenAnswerError("The completion has no choice with a message.", usage)
-        if isinstance(choice, Mapping) and choice.get("finish_reason") == "length":
+            raise BrokenAnswerError(error_in(sent, "The completion has no choice with a message"), usage)
+        if ended == "error":
+            raise BrokenAnswerError(error_in(choice, "The completion ended in an error"), usage)
+        try:
+            reply = assistant_message(_received(message))
+        except InvalidArgumentError as error:
+            raise BrokenAnswerError(str(error), usage) from error
+        if ended in AT_ITS_LENGTH:
             usage = (usage or Usage()).model_copy(update={"cut": 1})
-        drawn = None if choice is None else sampled_tokens(choice, sent.get("prompt_token_ids"))
-        return Reply(_received(message), usage, drawn)
+        return Reply(reply, usage, sampled_tokens(choice, sent.get("prompt_token_ids")))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the completion that consists of a stream's chunks."""
         message: dict[str, Any] = {"role": "assistant", "content": None}
-        calls: dict[int, dict[str, Any]] = {}
+        calls: list[tuple[int, dict[str, Any]]] = []
         usage, finished = None, None
         for chunk in map(plain_answer, parts):
             usage = chunk.get("usage") or usage
             # The chunk with the usage has no choices.
             for choice in chunk.get("choices") or ():
+                if not isinstance(choice, Mapping) or choice.get("index"):
+                    continue  # of several choices the first is the reply
                 finished = choice.get("finish_reason") or finished
                 delta = choice.get("delta") or {}
                 for part in delta.get("tool_calls") or ():
@@ -86,7 +104,7 @@ class ChatCompletions(Interface):
         if not finished:
             raise BrokenAnswerError("The stream ended before the reply did.", read_usage(usage, "prompt", "completion"))
         if calls:
-            message["tool_calls"] = [calls[index] for index in sorted(calls)]
+            message["tool_calls"] = [call for _, call in sorted(calls, key=itemgetter(0))]
         return {"choices": [{"message": message, "finish_reason": finished}], "usage": usage}
 
     def read(self, body: Mapping[str, Any]) -> Prompt:
@@ -113,8 +131,9 @@ class ChatCompletions(Interface):
                 answer.update(item)
         if reasoning := message.get("reasoning_content"):
             answer["reasoning_content"] = reasoning
-        if calls := calls_of(message):
-            answer["tool_calls"] = list(calls)
+        calls = _calls(message)
+        if calls:
+            answer["tool_calls"] = calls
         ended = "length" if usage.cut else "tool_calls" if calls else "stop"
         choice = {"index": 0, "message": answer, "logprobs": None, "finish_reason": ended}
         return {
@@ -170,16 +189,24 @@ def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any
         if isinstance(item, Mapping) and "type" not in item:
             sent.update({field: value for field, value in item.items() if field not in NOT_SENT_BACK})
     sent.update({field: value for field, value in message.items() if field != "provider_items"})
+    if calls := _calls(message):
+        sent["tool_calls"] = calls
     if sent["content"] is None and "tool_calls" not in sent:
         sent["content"] = ""
     return sent
+
+
+def _calls(message: Message) -> list[Mapping[str, Any]]:
+    """The calls of a message with what a server has added to them."""
+    kept, calls = kept_item(message, CALL_FIELDS), calls_of(message)
+    return [*calls] if kept is None else [{**added, **call} for added, call in zip(kept["calls"], calls, strict=True)]
 
 
 def _sent_part(part: Any, pictures: Mapping[str, Picture]) -> Mapping[str, Any]:
     return {"type": "image_url", "image_url": {"url": pictures[part["sha256"]].data_url}} if is_picture(part) else part
 
 
-def _received(message: Mapping[str, Any]) -> Message:
+def _received(message: Mapping[str, Any]) -> dict[str, Any]:
     received = {**message, "role": "assistant"}
     if isinstance(received.get("reasoning"), str):
         # The newer name of the same field.
@@ -187,17 +214,37 @@ def _received(message: Mapping[str, Any]) -> Message:
     if refusal := received.pop("refusal", None):
         # The words of a refusal are the reply's text, as they are in the other interface's parts.
         received["content"] = received.get("content") or refusal
-    return received  # type: ignore[return-value]
+    return _with_added(received)
 
 
-def _add_call(calls: dict[int, dict[str, Any]], part: Mapping[str, Any]) -> None:
-    index = part.get("index")
-    if not isinstance(index, int):
-        # Some servers leave out the index; an id then begins a new call.
-        index = len(calls) if part.get("id") or not calls else len(calls) - 1
-    call = calls.setdefault(index, {"id": "", "type": "function", "function": {"name": "", "arguments": ""}})
-    call["id"] = call["id"] or part.get("id") or ""
-    for key, value in (part.get("function") or {}).items():
+def _with_added(message: dict[str, Any]) -> dict[str, Any]:
+    """Return a message that has what a server has added to its calls as a provider item."""
+    calls = message.get("tool_calls")
+    added = [_added(call) for call in calls] if isinstance(calls, list) else []
+    return {**message, "provider_items": [{"type": CALL_FIELDS, "calls": added}]} if any(added) else message
+
+
+def _added(call: Any) -> dict[str, Any]:
+    """What a server has added to a call."""
+    return {k: v for k, v in call.items() if k not in OF_CALLS and v is not None} if isinstance(call, Mapping) else {}
+
+
+def _add_call(calls: list[tuple[int, dict[str, Any]]], part: Mapping[str, Any]) -> None:
+    """Add a part of a call to the calls and their indices."""
+    index, call_id, function = part.get("index"), part.get("id") or "", part.get("function") or {}
+    if isinstance(index, int):
+        call = next((call for at, call in reversed(calls) if at == index), None)
+        # Some servers give all calls of a reply the index 0.
+        is_other = call is not None and bool(call["id"] and call_id and function.get("name"))
+    else:
+        # Some leave it out.
+        index, call = calls[-1] if calls else (0, None)
+        is_other = bool(call_id)
+    if call is None or (is_other and call["id"] != call_id):
+        call = {"id": "", "type": "function", "function": {"name": "", "arguments": ""}}
+        calls.append((index, call))
+    call.update(_added(part), id=call["id"] or call_id)
+    for key, value in function.items():
         if isinstance(value, str):
             call["function"][key] = call["function"].get(key, "") + value
 
@@ -219,7 +266,7 @@ def _message(message: Any, param: str) -> Message:
     try:
         text_of(message)
         if message["role"] == "assistant":
-            checked = assistant_message(message)
+            checked = assistant_message(_with_added({**message}))
             if checked["content"] is None and not calls_of(checked):
                 raise bad("An assistant message has content or tool calls.", param)
             return checked

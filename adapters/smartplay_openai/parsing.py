@@ -6,11 +6,11 @@ Everything here is therefore read from plain dictionaries, without assumptions a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 from smartplay_tools import SampledTokens, Usage
+from smartplay_tools.players import count_in
 
 
 def read_usage(usage: Any, prompt: str, reply: str) -> Usage | None:
@@ -19,11 +19,11 @@ def read_usage(usage: Any, prompt: str, reply: str) -> Usage | None:
         return None
     parts = usage.get(f"{prompt}_tokens_details")
     return Usage(
-        prompt=_count(usage, f"{prompt}_tokens"),
-        reply=_count(usage, f"{reply}_tokens"),
-        cached=_count(parts, "cached_tokens"),
-        written=_count(parts, "cache_write_tokens"),
-        reasoning=_count(usage.get(f"{reply}_tokens_details"), "reasoning_tokens"),
+        prompt=count_in(usage, f"{prompt}_tokens"),
+        reply=count_in(usage, f"{reply}_tokens"),
+        cached=count_in(parts, "cached_tokens"),
+        written=count_in(parts, "cache_write_tokens"),
+        reasoning=count_in(usage.get(f"{reply}_tokens_details"), "reasoning_tokens"),
     )
 
 
@@ -42,8 +42,3 @@ def sampled_tokens(choice: Mapping[str, Any], prompt: Any) -> SampledTokens | No
         return SampledTokens(reply=tuple(ids), logprobs=logprobs, prompt=prompt)
     except (KeyError, TypeError, ValueError):
         return None
-
-
-def _count(counts: Any, name: str) -> int:
-    count = counts.get(name) if isinstance(counts, Mapping) else None
-    return int(count) if isinstance(count, int | float) and math.isfinite(count) else 0

@@ -128,7 +128,7 @@ class OpenAIPlayer(ModelPlayer):
             if self._stream:
                 with answer:
                     answer = self._interface.assemble(list(answer))
-        except json.JSONDecodeError as error:
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise self._no_json() from error
         return self._read(answer)
 
@@ -139,7 +139,7 @@ class OpenAIPlayer(ModelPlayer):
             if self._stream:
                 async with answer:
                     answer = self._interface.assemble([part async for part in answer])
-        except json.JSONDecodeError as error:
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise self._no_json() from error
         return self._read(answer)
 

@@ -24,7 +24,7 @@ from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.message_forms import halves, shown
 from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.pictures import Picture
-from smartplay_tools.players import BrokenAnswerError, plain_answer
+from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
 from smartplay_tools.prompts import received, stable_end
 
 A = TypeVar("A")
@@ -65,13 +65,15 @@ class Responses(Interface):
         usage = read_usage(sent.get("usage"), "input", "output")
         output = sent.get("output")
         if sent.get("status") in ("failed", "cancelled") or not isinstance(output, list):
-            error = sent.get("error")
-            problem = (error.get("message") if isinstance(error, Mapping) else None) or "no output"
-            raise BrokenAnswerError(f"The response failed: {problem}.", usage)
+            raise BrokenAnswerError(error_in(sent, "The response has failed, or has no output"), usage)
+        try:
+            message = read_items([item for item in output if isinstance(item, Mapping)])
+        except InvalidArgumentError as error:
+            raise BrokenAnswerError(str(error), usage) from error
         why = sent.get("incomplete_details")
         if isinstance(why, Mapping) and why.get("reason") == "max_output_tokens":
             usage = (usage or Usage()).model_copy(update={"cut": 1})
-        return Reply(read_items([item for item in output if isinstance(item, Mapping)]), usage)
+        return Reply(message, usage)
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the response that ends a stream of events."""
@@ -177,7 +179,12 @@ def _items(message: Message, pictures: Mapping[str, Picture]) -> Iterator[dict[s
         output = _content_sent(message, pictures)
         yield {"type": "function_call_output", "call_id": message.get("tool_call_id"), "output": output}
     elif message["role"] == "assistant":
-        yield from output_items(message)
+        kind = None
+        for item in output_items(message):
+            kind = item["type"]
+            yield item
+        if kind == "reasoning":  # is refused without an item that follows it
+            yield {"type": "message", "role": "assistant", "content": _output_text("")}
     else:
         yield {"role": message["role"], "content": _content_sent(message, pictures)}
 

@@ -23,13 +23,17 @@ WordsAndCalls = tuple[str, list[tuple[str, str]]]
 
 _HERMES = re.compile(r"<tool_call>\s*(.*?)\s*(?:</tool_call>|\Z)", re.DOTALL)
 _THINKING = re.compile(r"<think>.*?</think>", re.DOTALL)
+_THINKING_OR_HERMES = re.compile(f"(?P<thinking>{_THINKING.pattern})|{_HERMES.pattern}", re.DOTALL)
 _MISTRAL = re.compile(r"(?:\[TOOL_CALLS\])?\s*([A-Za-z0-9_-]+)(?:\[CALL_ID\]\S+?)?\[ARGS\]\s*")
 _DECODER = json.JSONDecoder()
 
 
 def _hermes(text: str) -> WordsAndCalls | None:
     calls = [_named(_load(body)) for body in _HERMES.findall(_THINKING.sub("", text))]
-    return (_HERMES.sub("", text), [call for call in calls if call]) if calls and all(calls) else None
+    if not calls or not all(calls):
+        return None
+    words = _THINKING_OR_HERMES.sub(lambda match: match["thinking"] or "", text)
+    return words, [call for call in calls if call]
 
 
 def _llama(text: str) -> WordsAndCalls | None:
@@ -50,7 +54,7 @@ def _mistral(text: str) -> WordsAndCalls | None:
     while match := _MISTRAL.match(rest, at):
         try:
             value, at = _DECODER.raw_decode(rest, match.end())
-        except ValueError:
+        except (ValueError, RecursionError):
             return None
         read.append((match[1], json.dumps(value, ensure_ascii=False)))
     return (words, read) if read and not rest[at:].strip() else None

@@ -8,10 +8,10 @@ is sent as it is in the prompt, call ids included, which the conversation has ma
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from smartplay_tools import Message
+from smartplay_tools.message_forms import encodable
 from smartplay_tools.messages import MessageToolCall
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
@@ -25,27 +25,16 @@ def acceptable(messages: Sequence[Message]) -> list[Message]:
         copy = message.copy()
         for field, value in message.items():
             if not (isinstance(value, str) and value.isascii()) and field != "tool_calls":
-                copy[field] = _encodable(value)  # type: ignore[literal-required]
+                copy[field] = encodable(value)  # type: ignore[literal-required]
         if message.get("tool_calls"):
             copy["tool_calls"] = [_call(call) for call in message["tool_calls"]]
         sent.append(copy)
     return sent
 
 
-def _encodable(value: Any) -> Any:
-    """Copy a JSON value; a lone surrogate, which UTF-8 cannot hold, becomes U+FFFD."""
-    if isinstance(value, str):
-        return value if value.isascii() else value.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
-    if isinstance(value, Mapping):
-        return {key: _encodable(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_encodable(item) for item in value]
-    return value
-
-
 def _call(call: MessageToolCall) -> MessageToolCall:
-    name, arguments = call["function"]["name"], _encodable(call["function"]["arguments"])
+    name, arguments = call["function"]["name"], encodable(call["function"]["arguments"])
     if not NAME.fullmatch(name):
         name = re.sub(r"[^A-Za-z0-9_-]", "_", name)[:64] or "_"
-    call_id: str = _encodable(call.get("id") or "")
+    call_id: str = encodable(call.get("id") or "")
     return {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}

@@ -18,7 +18,7 @@ from opentelemetry import trace
 from opentelemetry.context import Context
 from opentelemetry.trace import Span, SpanKind, Status, StatusCode, Tracer, TracerProvider
 
-from smartplay_tools import Episode, EpisodeConfig, Usage, read_transcript
+from smartplay_tools import Episode, EpisodeConfig, Message, Usage, read_transcript
 from smartplay_tools.episode import Listener, add_listener
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.messages import calls_of, reasoning_of, text_of
@@ -78,6 +78,8 @@ class _EpisodeSpans:
         self._context: Context | None = None
         self._chat: Span | None = None
         self._key = self._model = ""
+        self._reply: Message | None = None
+        """The reply whose usage is to come."""
         self._ids: Sequence[str] = ()
         """The call ids of the latest reply."""
         self._latest = 0
@@ -143,27 +145,21 @@ class _EpisodeSpans:
             attributes["smartplay.summary"] = True
         if view["max_tokens"] is not None:
             attributes["gen_ai.request.max_tokens"] = view["max_tokens"]
+        self._reply = None
         self._chat = self._tracer.start_span(
             f"chat {self._model}", self._context, SpanKind.CLIENT, attributes=attributes, start_time=now
         )
 
     def _hear(self, event: Mapping[str, Any]) -> None:
-        message = event["message"]
-        self._ids = event.get("ids") or [call["id"] for call in calls_of(message)]
-        if self._chat is None:
-            return
-        reason = "tool_calls" if self._ids else "stop"
-        self._chat.set_attribute("gen_ai.response.finish_reasons", [reason])
-        if self._content:
-            output = {"role": "assistant", "parts": _parts(message, self._ids), "finish_reason": reason}
-            self._chat.set_attribute("gen_ai.output.messages", json.dumps([output], ensure_ascii=False))
+        self._reply = event["message"]
+        self._ids = event.get("ids") or [call["id"] for call in calls_of(self._reply)]
 
     def _charge(self, usage: Mapping[str, Any], now: int) -> None:
         """End the chat span; the usage of a reply is recorded with it, and that of failed attempts without one."""
         if self._chat is None:
             return
         reported = Usage.reported(usage)
-        counted = reported or Usage(prompt=usage.get("prompt", 0), reply=usage.get("reply", 0))
+        counted = _counted(reported, Usage(prompt=usage.get("prompt", 0), reply=usage.get("reply", 0)))
         self._chat.set_attribute("gen_ai.usage.input_tokens", counted.prompt)
         self._chat.set_attribute("gen_ai.usage.output_tokens", counted.reply)
         if reported is not None:
@@ -171,9 +167,21 @@ class _EpisodeSpans:
             self._chat.set_attribute("gen_ai.usage.cache_creation.input_tokens", reported.written)
             self._chat.set_attribute("gen_ai.usage.reasoning.output_tokens", reported.reasoning)
         if "reply" in usage:
+            self._add_reply(self._chat, is_cut=reported is not None and reported.cut > 0)
             self._chat.set_attribute("smartplay.reply_tokens", usage["reply"])
             self._chat.end(now)
             self._chat = None
+
+    def _add_reply(self, chat: Span, *, is_cut: bool) -> None:
+        """Add how the latest reply ended, and what it was; a summary is not one."""
+        if self._reply is None:
+            return
+        reason = "length" if is_cut else "tool_calls" if self._ids else "stop"
+        chat.set_attribute("gen_ai.response.finish_reasons", [reason])
+        if self._content:
+            output = {"role": "assistant", "parts": _parts(self._reply, self._ids), "finish_reason": reason}
+            chat.set_attribute("gen_ai.output.messages", json.dumps([output], ensure_ascii=False))
+        self._reply = None
 
     def _execute(self, event: Mapping[str, Any], now: int) -> None:
         attributes: dict[str, Any] = {
@@ -207,11 +215,13 @@ class _EpisodeSpans:
             self._chat = None
         if self._root is None:
             return
-        provider = result["tokens"]["provider"] or {}
+        tokens = result["tokens"]
+        reported = None if tokens["provider"] is None else Usage(**tokens["provider"])
+        counted = _counted(reported, Usage(prompt=tokens["prompt"], reply=tokens["reply"]))
         self._root.set_attributes(
             {
-                "gen_ai.usage.input_tokens": provider.get("prompt", result["tokens"]["prompt"]),
-                "gen_ai.usage.output_tokens": provider.get("reply", result["tokens"]["reply"]),
+                "gen_ai.usage.input_tokens": counted.prompt,
+                "gen_ai.usage.output_tokens": counted.reply,
                 **{f"smartplay.{name}": result[name] for name in FIGURES},
             }
         )
@@ -222,6 +232,11 @@ class _EpisodeSpans:
         if failed:
             _fail(self._root, result)
         self._root.end(now)
+
+
+def _counted(reported: Usage | None, ours: Usage) -> Usage:
+    """What a provider has counted; our count where it has counted nothing."""
+    return reported if reported is not None and reported.has_tokens else ours
 
 
 def _fail(span: Span, result: Mapping[str, Any]) -> None:

@@ -26,7 +26,7 @@ from pydantic_ai.settings import ModelSettings
 from pydantic_ai.tools import ToolDefinition
 from pydantic_ai.toolsets import AbstractToolset
 from pydantic_ai.toolsets.abstract import ToolsetTool
-from pydantic_core import SchemaValidator, core_schema
+from pydantic_core import SchemaValidator, core_schema, from_json
 
 from smartplay_pydantic_ai.caching import cache_key, marked_messages
 from smartplay_pydantic_ai.messages import (
@@ -34,15 +34,14 @@ from smartplay_pydantic_ai.messages import (
     from_history,
     from_response,
     known_by,
-    read_usage,
     since_response,
     takes_pictures_in_results,
     tool_spec,
+    usage_of,
     with_ids,
 )
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
 from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
-from smartplay_tools.json_text import object_in
 from smartplay_tools.prompts import CacheMarks, checked_marks, with_pictures_below
 
 OVER = "The episode is over."
@@ -163,7 +162,7 @@ class SmartPlay(AbstractCapability[Any]):
         """Have the reply's calls answered; return it with the calls that the agent is to run."""
         session = self._session
         before = session.latest_turn
-        calls = await session.areceive(from_response(response), read_usage(response.usage))
+        calls = await session.areceive(from_response(response), usage_of(response))
         turn = session.latest_turn
         if turn is None or turn is before:  # a summary
             return await self._another_attempt()
@@ -226,7 +225,7 @@ class SmartPlay(AbstractCapability[Any]):
         """Whether the agent would run a call; it answers the others itself, a second time."""
         if call.tool_name not in {tool.name for tool in (*self.episode.tools, *self._session.foreign_tools)}:
             return False
-        return not isinstance(call.args, str) or object_in(call.args or "{}") is not None
+        return not isinstance(call.args, str) or _is_readable(call.args or "{}")
 
 
 class _Answers(AbstractToolset[Any]):
@@ -266,6 +265,14 @@ class _Answers(AbstractToolset[Any]):
         if result.is_error:
             raise ToolFailed(result.text)
         return result.text
+
+
+def _is_readable(arguments: str) -> bool:
+    """Whether Pydantic AI, which is stricter than Python's `json`, can read the arguments of a call."""
+    try:
+        return isinstance(from_json(arguments), dict)
+    except ValueError:
+        return False
 
 
 def _words(text: str) -> ModelResponse:

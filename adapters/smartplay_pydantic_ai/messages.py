@@ -34,7 +34,7 @@ from pydantic_ai.tools import ToolDefinition
 from pydantic_ai.usage import RequestUsage
 
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec, Usage
-from smartplay_tools.message_forms import SYSTEM, function_call, kept_item, reply_message, shown, system_text
+from smartplay_tools.message_forms import SYSTEM, encodable, function_call, kept_item, reply_message, shown, system_text
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.pictures import NO_PICTURES, Picture
 
@@ -66,7 +66,8 @@ class PydanticAIChat:
         The user's messages and results at the places `marked` are followed by a mark for the provider's cache.
         `pictures` are those that the messages name.
         """
-        messages = list(messages)
+        # What the record keeps as it was said may have half a character, which a request cannot.
+        messages = [encodable(message) for message in messages]
         system = system_text(messages)
         written: list[ModelMessage] = []
         names: dict[str, str] = {}
@@ -137,6 +138,12 @@ def known_by(message: ModelMessage) -> tuple[str, str]:
     """Return what tells a message of the agent's history from others, and its text."""
     parts = [str(getattr(part, "content", None) or getattr(part, "args", None) or "") for part in message.parts]
     return repr(message.parts), "".join(parts)
+
+
+def usage_of(response: ModelResponse) -> Usage | None:
+    """Return the usage of a response, and whether it was cut at its length; None if its provider said nothing."""
+    usage = read_usage(response.usage)
+    return (usage or Usage()).model_copy(update={"cut": 1}) if response.finish_reason == "length" else usage
 
 
 def read_usage(usage: RequestUsage) -> Usage | None:

@@ -24,6 +24,13 @@ class PlayerModel(FunctionModel):
         tools = tuple(map(tool_spec, info.function_tools))
         reply = await reply_of(self._player, received(history, tools, cap))
         response = to_response(reply.message)
-        if reply.usage is not None:
-            response.usage = RequestUsage(input_tokens=reply.usage.prompt, output_tokens=reply.usage.reply)
+        if (usage := reply.usage) is not None:
+            response.usage = RequestUsage(
+                input_tokens=usage.prompt,
+                output_tokens=usage.reply,
+                cache_read_tokens=usage.cached,
+                cache_write_tokens=usage.written,
+                details={"reasoning_tokens": usage.reasoning},
+            )
+            response.finish_reason = "length" if usage.cut else None
         return response

@@ -8,7 +8,7 @@ noted            a player in the place of a framework's model, which records the
 scripted         a player that gives prepared replies
 """
 
-from smartplay_tools.players.attempts import BrokenAnswerError, ModelCallError, plain_answer
+from smartplay_tools.players.attempts import BrokenAnswerError, ModelCallError, count_in, error_in, plain_answer
 from smartplay_tools.players.model import ModelPlayer
 from smartplay_tools.players.noted import NotedPlayer
 from smartplay_tools.players.player_registry import PLAYERS, get_player, is_interactive, is_model, player_names
@@ -24,6 +24,8 @@ __all__ = [
     "Reading",
     "ScriptedPlayer",
     "call",
+    "count_in",
+    "error_in",
     "get_player",
     "is_interactive",
     "is_model",

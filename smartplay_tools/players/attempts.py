@@ -6,6 +6,7 @@ error where they exist, as in the errors of OpenAI's, Anthropic's and httpx's cl
 
 from __future__ import annotations
 
+import math
 import random
 import time
 from collections.abc import Mapping
@@ -71,6 +72,19 @@ def plain_answer(answer: Any) -> dict[str, Any]:
     # The client's objects may have values that their fields do not allow; its warnings are not needed.
     sent: dict[str, Any] = dump(exclude_unset=True, warnings=False)
     return sent
+
+
+def error_in(answer: Mapping[str, Any], problem: str) -> str:
+    """Return a sentence with a problem of an answer, and with what the server says went wrong, if it does."""
+    error = answer.get("error")
+    reason = error.get("message") if isinstance(error, Mapping) else error
+    return f"{problem}: {reason.rstrip('.')}." if reason and isinstance(reason, str) else f"{problem}."
+
+
+def count_in(counts: Any, name: str) -> int:
+    """Return a number of tokens from a server's usage; 0 for anything that is not a number."""
+    count = counts.get(name) if isinstance(counts, Mapping) else None
+    return int(count) if isinstance(count, int | float) and math.isfinite(count) else 0
 
 
 class Attempts:
@@ -144,12 +158,14 @@ def _wish(error: Exception) -> float | None:
     headers = _headers(error)
     for header, unit in (("retry-after-ms", 0.001), ("retry-after", 1.0)):
         try:
-            return float(headers[header]) * unit
+            seconds = float(headers[header]) * unit
         except (KeyError, ValueError):
             continue
+        if not math.isnan(seconds):
+            return seconds
     try:
         return parsedate_to_datetime(headers["retry-after"]).timestamp() - time.time()
-    except (KeyError, ValueError):
+    except (KeyError, ValueError, OverflowError):
         return None
 
 

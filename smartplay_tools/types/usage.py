@@ -69,5 +69,10 @@ class Usage(Recorded):
         parts = self.cached + self.written <= self.prompt and self.written_1h <= self.written
         return parts and min(numbers) >= 0 and max(numbers) <= MOST_TOKENS
 
+    @property
+    def has_tokens(self) -> bool:
+        """Whether a provider has counted any: what asks it counts its requests even where it reports no tokens."""
+        return self.prompt > 0 or self.reply > 0
+
     def __add__(self, other: Usage) -> Usage:
         return Usage(**{name: getattr(self, name) + getattr(other, name) for name in Usage.model_fields})

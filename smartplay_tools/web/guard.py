@@ -18,19 +18,8 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.web.admission import Names, is_bearer, is_loopback
 from smartplay_tools.web.bodies import LARGEST_CALL, Bounded
 
-BROWSER_HEADERS = (
-    "anthropic-version",
-    "authorization",
-    "content-type",
-    "last-event-id",
-    "mcp-method",
-    "mcp-name",
-    "mcp-protocol-version",
-    "mcp-session-id",
-    "x-api-key",
-    "x-episode",
-)
-"""Headers that clients in a browser send."""
+READ_IN_BROWSERS = ("mcp-protocol-version", "retry-after", "www-authenticate", "x-should-retry", "x-smartplay-ignored")
+"""Headers of answers that clients in a browser may read."""
 
 Admit = Callable[[Request], Awaitable[Response | None]]
 """An application's own conditions: returns the response that refuses a request, or None. It may change the scope."""
@@ -59,8 +48,9 @@ def guarded(
         Guard(app, admit, names, largest),
         allow_origin_regex=names.origin_pattern,
         allow_methods=["GET", "POST", "DELETE"],
-        allow_headers=BROWSER_HEADERS,
-        expose_headers=["mcp-protocol-version", "www-authenticate"],
+        # Every client for browsers sends headers of its own, and the page was allowed by its name.
+        allow_headers=["*"],
+        expose_headers=READ_IN_BROWSERS,
     )
 
 

@@ -40,6 +40,10 @@ class ScriptedServer:
         """A message of the script as the provider's answer."""
         raise NotImplementedError
 
+    def encoded(self, answered: dict[str, Any]) -> bytes:
+        """The body of an answer."""
+        return json.dumps(answered).encode()
+
     def read(self, path: str, body: dict[str, Any]) -> Received:
         """A request in canonical form."""
         raise NotImplementedError
@@ -60,7 +64,7 @@ class ScriptedServer:
         return 200, self.say(path, body, next(self._script))
 
     def _handler(self) -> type[BaseHTTPRequestHandler]:
-        answer = self._answer
+        answer, encoded = self._answer, self.encoded
 
         class Handler(BaseHTTPRequestHandler):
             protocol_version = "HTTP/1.1"
@@ -68,7 +72,7 @@ class ScriptedServer:
             def do_POST(self) -> None:
                 body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
                 status, answered = answer(self.path, body)
-                data = json.dumps(answered).encode()
+                data = encoded(answered)
                 self.send_response(status)
                 self.send_header("Content-Type", "application/json")
                 self.send_header("Content-Length", str(len(data)))

@@ -30,7 +30,7 @@ from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.tokens import TokenCounter
 from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
-from tests.adapters.scripted_agents import read, step
+from tests.adapters.scripted_agents import ReadingModel, read, step
 
 
 @pytest.fixture(autouse=True)
@@ -194,6 +194,36 @@ async def test_an_empty_reply_is_answered_like_any_other_without_a_call(kind):
             await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
     assert (episode.result.completed, episode.result.idle_replies) == (True, 2)
     as_recorded(events, stub, 10_000)
+
+
+@pytest.mark.parametrize("streamed", [False, True])
+async def test_a_run_has_the_requests_that_were_made_and_their_usage(streamed):
+    """The words at the end are not a request; a compatible server may leave out the sum of its counts."""
+    episode, _ = fresh()
+    model = SmartPlayModel(WithoutSum([*map(calling, map(act, WAY))], sp.Usage(prompt=90, reply=9)), episode)
+    agent, options = (
+        Agent("player", model=model, tools=model.tools),
+        {"max_turns": None, "run_config": model.run_config},
+    )
+    with episode:
+        if streamed:
+            result = Runner.run_streamed(agent, "Play.", **options)
+            async for _event in result.stream_events():
+                pass
+        else:
+            result = await Runner.run(agent, "Play.", **options)
+    used = result.context_wrapper.usage
+    assert (used.requests, used.input_tokens, used.output_tokens) == (7, 7 * 90, 7 * 9)
+    assert episode.result.tokens.provider == sp.Usage(prompt=7 * 90, reply=7 * 9, requests=7)
+
+
+class WithoutSum(ReadingModel):
+    """A model whose usage has no sum."""
+
+    async def get_response(self, *arguments: Any, **options: Any) -> Any:
+        response = await super().get_response(*arguments, **options)
+        response.usage.total_tokens = 0
+        return response
 
 
 async def test_a_second_episode_in_the_same_session_begins_afresh():

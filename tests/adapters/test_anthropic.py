@@ -10,6 +10,7 @@ import pytest
 from smartplay_anthropic import AnthropicPlayer, async_tools, reply, request, tools
 
 import smartplay_tools as sp
+from smartplay_tools.players import BrokenAnswerError
 from tests.adapters.anthropic_stub import USAGE, AnthropicStub
 from tests.adapters.conformance import act, calling, fresh
 
@@ -36,9 +37,55 @@ def test_writes_that_are_kept_for_an_hour_are_told_apart():
     assert kept == sp.Usage(prompt=10, reply=4, cached=3, written=2, written_1h=2)
 
 
+@pytest.mark.parametrize(
+    ("stop_reason", "cut"), [("max_tokens", 1), ("model_context_window_exceeded", 1), ("end_turn", 0)]
+)
+def test_a_reply_that_was_cut_at_its_length_is_counted_as_one_with_or_without_usage(stop_reason, cut):
+    answer = {"content": [{"type": "text", "text": "I thi"}], "stop_reason": stop_reason}
+    assert reply({**answer, "usage": USAGE}).usage.cut == cut
+    assert reply(answer).usage == (sp.Usage(cut=1) if cut else None)
+
+
+def test_an_answer_without_content_is_not_a_reply_that_was_cut():
+    with pytest.raises(BrokenAnswerError, match="no content blocks: It is down") as raised:
+        reply({"error": {"message": "It is down."}, "content": None, "stop_reason": "max_tokens", "usage": USAGE})
+    assert raised.value.usage == sp.Usage(prompt=10, reply=4, cached=3, written=2)
+
+
+@pytest.mark.parametrize(
+    ("block", "call"),
+    [
+        ({"name": "observe", "input": {}}, ("", "observe", "{}")),
+        ({"id": None, "name": "observe", "input": {}}, ("", "observe", "{}")),
+        ({"id": "a", "name": "observe"}, ("a", "observe", "")),
+        ({"id": "a", "input": {}}, ("a", "", "{}")),
+        ({"id": "a", "name": "act", "input": None}, ("a", "act", "null")),
+    ],
+)
+def test_a_call_that_lacks_a_part_is_played_like_any_other(block, call):
+    """Compatible servers leave out ids and empty arguments; the game has an answer for everything else."""
+    (called,) = reply({"content": [{"type": "tool_use", **block}]}).message["tool_calls"]
+    assert (called["id"], called["function"]["name"], called["function"]["arguments"]) == call
+
+
+def test_whatever_a_compatible_server_has_put_into_words_and_usage_is_read():
+    usage = {"input_tokens": "many", "output_tokens": 2.0, "cache_read_input_tokens": None, "cache_creation": 7}
+    answer = {"content": [{"type": "text", "text": None}, {"type": "text", "text": "Hi"}], "usage": usage}
+    assert reply(answer) == sp.Reply({"role": "assistant", "content": "Hi"}, sp.Usage(reply=2))
+
+
 def test_a_busy_server_is_asked_again_and_each_attempt_counts():
     result = play(AnthropicStub([calling(act("A->C"))], faults=[529, 500]), sp.Budget(tool_calls=1))
     assert result.tokens.provider.requests == 3
+
+
+def test_an_answer_that_is_not_utf_8_is_asked_for_again():
+    class Latin(AnthropicStub):
+        def encoded(self, answered: dict[str, object]) -> bytes:
+            return '{"é": 1}'.encode("latin-1") if len(self.requests) == 1 else super().encoded(answered)
+
+    result = play(Latin([calling(act("A->C"))] * 2), sp.Budget(tool_calls=1))
+    assert (result.end_reason, result.tokens.provider.requests) == ("tool_calls", 2)
 
 
 @pytest.mark.parametrize(("faults", "options"), [([400], {}), ([529, 529], {"retries": 1})])
@@ -54,6 +101,41 @@ def test_thinking_goes_back_with_its_turn_and_is_counted():
     assert stub.bodies[1]["messages"][1]["content"][:2] == [thinking, {"type": "text", "text": "So."}]
     plain = play(AnthropicStub([calling(act("A->C"), say="So."), calling(act("A->B"))]), sp.Budget(tool_calls=2))
     assert result.tokens.reply > plain.tokens.reply
+
+
+@pytest.mark.parametrize("action", ["\ud83d", float("inf")])
+def test_what_utf_8_or_json_cannot_hold_is_recorded_and_rewritten_in_requests_alone(action):
+    function = {"name": "act", "arguments": json.dumps({"action": action})}
+    odd = {"role": "assistant", "content": "\ud83d", "tool_calls": [{"id": "a", "function": function}]}
+    events: list[dict[str, object]] = []
+    episode = sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(tool_calls=2), transcript=events)
+    stub = AnthropicStub([odd, calling(act("A->C"))])
+    with stub, episode, AnthropicPlayer("m", base_url=stub.url, api_key="k", pause=0.0) as player:
+        assert sp.play(episode, player).end_reason == "tool_calls"
+    words, call = stub.bodies[1]["messages"][1]["content"]
+    assert words["text"] == "\ufffd"
+    assert call["input"] == {"action": "\ufffd" if action == "\ud83d" else "inf"}
+    assert next(event for event in events if event["event"] == "message")["message"]["content"] == "\ud83d"
+
+
+THOUGHT = {"type": "thinking", "thinking": "Hm.", "signature": "s"}
+SO = {"type": "text", "text": "So."}
+WORDS = {"type": "text", "text": "..."}
+
+
+@pytest.mark.parametrize(
+    ("blocks", "sent"),
+    [
+        pytest.param([THOUGHT], [THOUGHT, WORDS], id="cut in its thinking"),
+        pytest.param([THOUGHT, {"type": "text", "text": " "}], [THOUGHT, WORDS], id="words that are none"),
+        pytest.param([THOUGHT, {"type": "text", "text": ""}, SO], [THOUGHT, SO], id="some words that are none"),
+        pytest.param([THOUGHT, SO], [THOUGHT, SO], id="as it should be"),
+    ],
+)
+def test_thinking_goes_back_as_the_interface_takes_it(blocks, sent):
+    """It refuses a message that ends with thinking, and words that are empty, both of which it sends itself."""
+    prompt = sp.Prompt([reply({"content": blocks}).message], ())
+    assert request(prompt, cache=False)["messages"][0]["content"] == sent
 
 
 def test_the_cap_on_a_reply_is_the_budgets():

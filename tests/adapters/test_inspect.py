@@ -281,6 +281,15 @@ def test_usage_is_the_providers_with_its_cache():
     assert from_output(reply).usage == sp.Usage(prompt=125, reply=7, cached=100, written=20, reasoning=3)
 
 
+@pytest.mark.parametrize(("reason", "cut"), [("max_tokens", 1), ("model_length", 1), ("stop", 0)])
+def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(reason, cut):
+    output = ModelOutput.from_content("m", "I thi", stop_reason=reason)
+    output.usage = ModelUsage(input_tokens=9, output_tokens=2)
+    assert from_output(output).usage == sp.Usage(prompt=9, reply=2, cut=cut)
+    output.usage = None
+    assert from_output(output).usage == (sp.Usage(cut=1) if cut else None)
+
+
 def test_the_counts_where_the_model_receives_its_prompt_are_ours_and_the_record_replays(tmp_path):
     """The player's model counts what reaches it."""
     task = smartplay(["Hanoi3Disk-v0", "RockPaperScissorBasic-v0"], trials=2, prompt_tokens=700)

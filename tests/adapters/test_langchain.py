@@ -24,8 +24,10 @@ from smartplay_langchain import (
     to_langchain,
     usage_of,
 )
+from smartplay_langchain.caching import messages_for
 
 import smartplay_tools as sp
+from smartplay_tools.message_forms import function_call
 from smartplay_tools.tokens import TokenCounter
 from tests.adapters.conformance import act, calling, fresh
 from tests.adapters.scripted_langchain import ScriptedModel
@@ -252,6 +254,72 @@ def test_usage_is_taken_over():
     kept = usage_of(AIMessage("", usage_metadata={**usage, "input_token_details": split}))
     assert kept == sp.Usage(prompt=9, reply=4, written=3, written_1h=1, reasoning=2)
     assert usage_of(AIMessage("")) is None
+
+
+@pytest.mark.parametrize(
+    ("metadata", "cut"),
+    [
+        pytest.param({"finish_reason": "length"}, 1, id="ChatOpenAI"),
+        pytest.param({"incomplete_details": {"reason": "max_output_tokens"}}, 1, id="ChatOpenAI with Responses"),
+        pytest.param({"stop_reason": "max_tokens"}, 1, id="ChatAnthropic"),
+        pytest.param({"finish_reason": "MAX_TOKENS"}, 1, id="ChatGoogleGenerativeAI"),
+        pytest.param({"stopReason": "max_tokens"}, 1, id="ChatBedrockConverse"),
+        pytest.param({"done_reason": "length"}, 1, id="ChatOllama"),
+        pytest.param({"finish_reason": "tool_calls", "incomplete_details": None}, 0, id="whole"),
+        pytest.param({"incomplete_details": {"reason": "content_filter"}}, 0, id="filtered"),
+    ],
+)
+def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(metadata, cut):
+    counts = {"input_tokens": 9, "output_tokens": 4, "total_tokens": 13}
+    reply = AIMessage("I thi", response_metadata=metadata, usage_metadata=counts)
+    assert usage_of(reply) == sp.Usage(prompt=9, reply=4, cut=cut)
+    without = AIMessage("I thi", response_metadata=metadata)
+    assert usage_of(without) == (sp.Usage(cut=1) if cut else None)
+
+
+THINKING = {"type": "thinking", "thinking": "Hm.", "signature": "s"}
+WORDS = {"type": "text", "text": "..."}
+
+
+@pytest.mark.parametrize("thought", [THINKING, {"type": "redacted_thinking", "data": "x"}, {"type": "reasoning"}])
+def test_a_reply_that_was_cut_in_its_thoughts_goes_back_with_words_after_them(thought):
+    """Providers refuse a reply that ends with its thoughts."""
+    prompt = sp.Prompt([from_langchain(AIMessage([thought]))], ())
+    (sent,) = messages_for(prompt, PlayerChatModel(player=sp.get_player("rule")), cache=False)
+    assert sent.content == [thought, WORDS]
+
+
+def test_thoughts_before_a_call_go_back_as_they_are():
+    called = AIMessage([THINKING], tool_calls=[{"name": "observe", "args": {}, "id": "a"}])
+    prompt = sp.Prompt([from_langchain(called)], ())
+    (sent,) = messages_for(prompt, PlayerChatModel(player=sp.get_player("rule")), cache=False)
+    assert sent.content == [THINKING]
+
+
+def test_names_of_tools_that_providers_refuse_are_rewritten_in_requests_alone():
+    parts = [{"type": "tool_use", "id": "a", "name": "go north!", "input": {}}, {"type": "text", "text": "Go."}]
+    names = ["go north!", "", "functions.act", "my.tool"]
+    calls = [{"name": name, "args": {}, "id": f"{at}"} for at, name in enumerate(names)]
+    reply = from_langchain(AIMessage(parts, tool_calls=calls))
+    prompt = sp.Prompt([reply], (sp.ToolSpec("my.tool", "The host's own.", {"type": "object", "properties": {}}),))
+    (sent,) = messages_for(prompt, PlayerChatModel(player=sp.get_player("rule")), cache=False)
+    assert [call["name"] for call in sent.tool_calls] == ["go_north_", "_", "functions_act", "my.tool"]
+    assert sent.content[0]["name"] == "go_north_"
+    assert [call["function"]["name"] for call in reply["tool_calls"]] == names
+
+
+def test_what_utf_8_or_json_cannot_hold_is_rewritten_in_requests_alone():
+    reply: Any = {
+        "role": "assistant",
+        "content": "\ud83d",
+        "tool_calls": [function_call("a", "act", '{"action": "\\ud83d", "times": 1e999}')],
+    }
+    messages = [reply, {"role": "tool", "tool_call_id": "a", "content": "\ud83d is not an action."}]
+    model = PlayerChatModel(player=sp.get_player("rule"))
+    call, result = messages_for(sp.Prompt(messages, ()), model, cache=False)
+    assert (call.content, result.content) == ("\ufffd", "\ufffd is not an action.")
+    assert call.tool_calls[0]["args"] == {"action": "\ufffd", "times": "inf"}
+    assert to_langchain(messages)[0].content == "\ud83d"
 
 
 def test_all_system_messages_become_one():

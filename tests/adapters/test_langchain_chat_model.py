@@ -8,7 +8,9 @@ overrides its name (4). There is no network traffic to record, of which the time
 from __future__ import annotations
 
 import asyncio
+import functools
 import json
+import operator
 from typing import Any
 
 import pytest
@@ -16,9 +18,10 @@ from langchain.agents import create_agent
 from langchain_tests.integration_tests import ChatModelIntegrationTests
 from langchain_tests.unit_tests import ChatModelUnitTests
 from smartplay_langchain import PlayerChatModel, SmartPlayMiddleware
+from smartplay_langchain.messages import usage_of
 
 import smartplay_tools as sp
-from tests.adapters.conformance import fresh
+from tests.adapters.conformance import calling, fresh
 
 
 @pytest.fixture
@@ -95,6 +98,13 @@ async def test_an_agent_streams_its_events():
     assert (kinds.count("on_chat_model_start"), kinds.count("on_chat_model_end")) == (turns, turns)
     assert kinds.count("on_tool_start") == episode.result.tool_calls
     assert kinds.count("on_chat_model_stream") > turns
+
+
+def test_all_that_the_player_reports_arrives():
+    usage = sp.Usage(prompt=90, reply=9, cached=40, written=30, written_1h=20, reasoning=7, cut=1)
+    model = PlayerChatModel(player=sp.ScriptedPlayer([calling(say="I am"), calling(say="I am")], usage))
+    assert usage_of(model.invoke("Go.")) == usage
+    assert usage_of(functools.reduce(operator.add, model.stream("Go."))) == usage
 
 
 def test_a_player_that_calls_no_tool_although_it_must_is_refused_in_a_sentence():

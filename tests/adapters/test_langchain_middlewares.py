@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import openai
 import pytest
 from langchain.agents import create_agent
 from langchain.agents.middleware import (
@@ -46,7 +47,9 @@ THREAD = {"configurable": {"thread_id": "1"}}
 
 
 def client(stub: OpenAIStub) -> Any:
-    return ChatOpenAI(model="m", base_url=stub.base_url, api_key="none", max_retries=0)
+    # Its own is kept for an address, so another test at the same port would get the one that was closed here.
+    own = openai.DefaultAsyncHttpxClient()
+    return ChatOpenAI(model="m", base_url=stub.base_url, api_key="none", max_retries=0, http_async_client=own)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Any
 
 import httpx2
+import openai
 import pytest
 from langchain_core.language_models import BaseChatModel
 from langchain_core.messages import AIMessage
@@ -228,7 +229,9 @@ def test_a_bug_is_not_asked_again():
 
 
 def test_a_line_that_fails_is_another_attempt_in_langchain_too():
-    failures = [ConnectionResetError(), TimeoutError()]
+    in_a_stream = openai.APIError("Overloaded.", request=httpx2.Request("POST", "http://localhost"), body=None)
+    failures = [ConnectionResetError(), TimeoutError(), in_a_stream, json.JSONDecodeError("Expecting value", "<", 0)]
+    failures.append(UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"))
 
     class Faulty(BusyModel):
         def _generate(self, *arguments: Any, **options: Any) -> ChatResult:
@@ -236,8 +239,8 @@ def test_a_line_that_fails_is_another_attempt_in_langchain_too():
                 raise failures.pop()
             return super()._generate(*arguments, **options)
 
-    player = LangChainPlayer(Faulty(server=Busy(refusals=0)), pause=0.0)
-    assert player.reply(question(1)).usage.requests == 3
+    player = LangChainPlayer(Faulty(server=Busy(refusals=0)), pause=0.0, retries=5)
+    assert player.reply(question(1)).usage.requests == 6
 
 
 @pytest.mark.parametrize(("status", "attempts"), [(503, 3), (400, 1)])

@@ -291,6 +291,56 @@ def test_what_a_server_adds_to_a_message_goes_back_to_it():
     assert sent == {"role": "assistant", "content": "Hm.", "reasoning_content": "thoughts", "signature": "s"}
 
 
+SIGNED = {"extra_content": {"google": {"thought_signature": "s"}}}
+OBSERVE = {"type": "function", "function": {"name": "observe", "arguments": "{}"}}
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_what_a_server_adds_to_a_call_goes_back_with_it(stream):
+    """Gemini signs its thoughts in a field of the call, and refuses a request without."""
+    calls = [{"id": "a", **OBSERVE, **SIGNED}, {"id": "b", **OBSERVE}]
+    if stream:
+        deltas = [{"tool_calls": [{"index": at, **call}]} for at, call in enumerate(calls)]
+        chunks = [{"choices": [{"index": 0, "delta": delta, "finish_reason": None}]} for delta in deltas]
+        end = {"choices": [{"index": 0, "delta": {}, "finish_reason": "tool_calls"}]}
+        completion = so.CHAT.assemble([*chunks, end])
+    else:
+        completion = {"choices": [{"message": {"role": "assistant", "content": None, "tool_calls": calls}}]}
+    reply = so.chat_reply(completion)
+    with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.receive(reply.message)
+        sent = so.chat_request(conversation.prompt())["messages"][-3]
+    assert sent["tool_calls"] == calls
+    assert sent.keys() == {"role", "content", "tool_calls"}
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_what_a_server_adds_to_a_call_comes_and_goes_through_the_endpoint(stream):
+    """An agent that asks Gemini through the endpoint sends the signature back to it."""
+    calls = [{"id": "a", **OBSERVE, **SIGNED}]
+    reply = so.chat_reply({"choices": [{"message": {"role": "assistant", "content": None, "tool_calls": calls}}]})
+    scripted = sp.ScriptedPlayer([reply.message] * 2)
+    with (
+        so.LocalEndpoint(scripted) as endpoint,
+        sp.get_player("openai:scripted", base_url=endpoint.base_url, stream=stream) as player,
+        sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(tool_calls=2)) as episode,
+    ):
+        assert sp.play(episode, player).end_reason == "tool_calls"
+    (again,) = [message for message in scripted.prompts[1].messages if message["role"] == "assistant"]
+    assert again["provider_items"] == reply.message["provider_items"]
+
+
+def test_reasoning_that_ends_a_reply_goes_back_with_words_after_it():
+    """The interface refuses reasoning without an item that follows it, as in a reply that was cut while reasoning."""
+    words = {"type": "message", "id": "m", "role": "assistant", "content": [{"type": "output_text", "text": "Hm."}]}
+    reasoning = {"type": "reasoning", "id": "rs", "summary": [], "encrypted_content": "x"}
+    reply = so.responses_reply({"output": [words, reasoning], "status": "incomplete"})
+    *_, before, last = so.responses_request(sp.Prompt([reply.message], ()))["input"]
+    assert before == reasoning
+    assert (last["type"], last["role"], last["content"][0]["text"]) == ("message", "assistant", "")
+
+
 def test_a_reply_without_words_or_calls_goes_back_as_empty_words():
     prompt = sp.Prompt([{"role": "assistant", "content": None}], ())
     assert so.chat_request(prompt)["messages"] == [{"role": "assistant", "content": ""}]

@@ -14,11 +14,15 @@ import smartplay_tools as sp
 
 pytest.importorskip("openai")
 
+import httpx2
 import smartplay_openai as so
+
+from smartplay_tools.tokens import TokenCounter
 
 CALL = {"id": "c1", "type": "function", "function": {"name": "act", "arguments": '{"action": "1"}'}}
 RESULT = {"role": "tool", "tool_call_id": "c1", "content": "Done."}
 USER = {"role": "user", "content": "Play."}
+REPLY = {"role": "assistant", "content": "I do."}
 TOOL = {"name": "act", "description": "1. Rock\n2. Paper", "parameters": {"type": "object", "properties": {}}}
 
 
@@ -145,10 +149,35 @@ def test_a_reply_that_was_cut_is_told_from_one_that_ended(kind, stream):
             assert [player.reply(sp.Prompt([USER], ())).usage.cut for player in (cut, ended)] == [1, 0]
 
 
+@pytest.mark.parametrize("reported", [sp.Usage(requests=2), sp.Usage(prompt=5, cached=9), sp.Usage(prompt=-5)])
+def test_usage_is_our_count_where_no_provider_has_counted(reported):
+    with so.LocalEndpoint(sp.ScriptedPlayer([REPLY], reported)) as endpoint:
+        status, text = ask(endpoint, "/v1/chat/completions", {**chat(USER), "model": "scripted"})
+    counter, usage = TokenCounter(), json.loads(text)["usage"]
+    counts = {name: usage[name] for name in ("prompt_tokens", "completion_tokens")}
+    assert status == 200
+    assert counts == {"prompt_tokens": counter.prompt([USER], ()), "completion_tokens": counter.message(REPLY)}
+
+
 def test_the_models_are_the_players(endpoint):
     listed = json.loads(ask(endpoint, "/v1/models", method="GET")[1])
     assert [model["id"] for model in listed["data"]] == ["echo", "broken", "rule"]
     assert json.loads(ask(endpoint, "/v1/models/rule", method="GET")[1])["id"] == "rule"
+
+
+def test_a_page_that_is_named_may_use_it_with_openais_and_anthropics_clients():
+    """Their clients for browsers send headers of their own, and read from one whether to ask again."""
+    page = "https://page.example.org"
+    own = "authorization, content-type, x-stainless-os, x-stainless-helper-method, anthropic-beta, openai-project"
+    preflight = {"Origin": page, "Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": own}
+    with so.LocalEndpoint(Echo(), origins=[page]) as endpoint:
+        url = f"{endpoint.base_url}/chat/completions"
+        asked = httpx2.options(url, headers=preflight, trust_env=False, verify=False)
+        refused = httpx2.post(url, json={}, headers={"Origin": page}, trust_env=False, verify=False)
+    assert (asked.status_code, asked.headers["access-control-allow-origin"]) == (200, page)
+    assert set(own.split(", ")) <= set(asked.headers["access-control-allow-headers"].split(", "))
+    assert "x-should-retry" in refused.headers
+    assert "x-should-retry" in refused.headers["access-control-expose-headers"]
 
 
 def test_an_address_of_version_6():

@@ -55,13 +55,13 @@ class Faulty:
 
 
 def answer(body, status=200, kind="application/json", **headers):
-    text = body if isinstance(body, str) else json.dumps(body)
+    sent = body if isinstance(body, bytes) else (body if isinstance(body, str) else json.dumps(body)).encode()
     fields = {"content-type": kind, **{name.replace("_", "-"): value for name, value in headers.items()}}
 
     async def fault(send, request):
         encoded = [(name.encode(), value.encode()) for name, value in fields.items()]
         await send({"type": "http.response.start", "status": status, "headers": encoded})
-        await send({"type": "http.response.body", "body": text.encode()})
+        await send({"type": "http.response.body", "body": sent})
 
     return fault
 
@@ -157,6 +157,7 @@ def assert_given_up(result, *words):
         pytest.param(problem(400, x_should_retry="true"), id="retry wanted"),
         pytest.param(answer("<html>Bad gateway</html>", kind="text/html"), id="a page"),
         pytest.param(answer("{", kind="application/json"), id="half a body"),
+        pytest.param(answer('{"é": 1}'.encode("latin-1")), id="not UTF-8"),
         pytest.param(cut('{"id": "c", "choi', kind="application/json"), id="a body that breaks off"),
     ],
 )
@@ -181,6 +182,7 @@ def test_a_request_that_times_out_is_sent_again(player, tmp_path):
         pytest.param(answer("data: [DONE]\n\n", kind="text/event-stream"), id="nothing"),
         pytest.param(answer('data: {"error": {"message": "Overloaded."}}\n\n', kind="text/event-stream"), id="error"),
         pytest.param(answer("data: {half\n\n", kind="text/event-stream"), id="not json"),
+        pytest.param(answer("data: é\n\n".encode("latin-1"), kind="text/event-stream"), id="not UTF-8"),
     ],
 )
 @pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
@@ -213,6 +215,63 @@ def test_what_a_broken_answer_cost_is_counted(tmp_path):
     usage = {"prompt_tokens": 5000, "completion_tokens": 1}
     result, _ = play(Faulty(answer({"choices": [], "usage": usage})), tmp_path)
     assert result.tokens.provider.prompt == result.tokens.prompt + 5000
+
+
+ENDED = {"message": {"role": "assistant", "content": "I thi"}}
+
+
+@pytest.mark.parametrize("reason", ["length", "model_length"])
+def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(reason):
+    assert so.chat_reply({"choices": [{**ENDED, "finish_reason": reason}]}).usage.cut == 1
+
+
+def test_a_reply_that_ended_in_an_error_is_asked_for_again(tmp_path):
+    result, _ = play(Faulty(answer({"choices": [{**ENDED, "finish_reason": "error"}]})), tmp_path)
+    assert_as_if_nothing_had_happened(result, extra_requests=1)
+
+
+@pytest.mark.parametrize(
+    ("player", "body"),
+    [
+        ("openai:rule", {"error": {"message": "The provider is down.", "code": 502}}),
+        ("openai:rule", {"error": "The provider is down."}),
+        (
+            "openai:rule",
+            {"choices": [{**ENDED, "finish_reason": "error", "error": {"message": "The provider is down."}}]},
+        ),
+        ("openai-responses:rule", {"status": "failed", "error": {"message": "The provider is down."}}),
+        ("openai-responses:rule", {"error": "The provider is down."}),
+    ],
+)
+def test_what_a_server_says_went_wrong_is_told(player, body, tmp_path):
+    result, _ = play(Faulty(always=answer(body)), tmp_path, player, retries=0)
+    assert_given_up(result, "in 1 attempt: BrokenAnswerError: ", "The provider is down")
+
+
+@pytest.mark.parametrize(
+    ("player", "body"),
+    [
+        (
+            "openai:rule",
+            {
+                "choices": [
+                    {"message": {"role": "assistant", "content": [{"type": "image"}]}, "finish_reason": "length"}
+                ]
+            },
+        ),
+        ("openai:rule", {"choices": [{"message": {"role": "assistant", "tool_calls": ["act"]}}]}),
+        (
+            "openai-responses:rule",
+            {"status": "completed", "output": [{"type": "message", "content": [{"type": "output_audio"}]}]},
+        ),
+    ],
+)
+def test_what_a_reply_cost_that_cannot_be_one_is_counted(player, body, tmp_path):
+    usage = {"prompt_tokens": 5000, "input_tokens": 5000, "completion_tokens": 1, "output_tokens": 1}
+    result, _ = play(Faulty(answer({**body, "usage": usage})), tmp_path, player)
+    assert_as_if_nothing_had_happened(result, extra_requests=1)
+    assert result.tokens.provider.prompt == result.tokens.prompt + 5000
+    assert result.tokens.provider.cut == 0
 
 
 def test_a_model_that_does_not_reason_is_asked_for_no_reasoning(tmp_path):
@@ -302,7 +361,9 @@ def test_the_server_says_how_long_to_wait():
     assert pause(retry_after_ms="250", retry_after="1") == 0.25
     assert 25 < pause(retry_after=formatdate(time.time() + 30, usegmt=True)) <= 30
     assert pause(retry_after=formatdate(time.time() - 30, usegmt=True)) == 0
-    assert pause(retry_after="soon") <= 0.5
+    for nonsense in ("soon", "nan", "", "Mon, 99999999999999999999 Jan 2020 00:00:00 GMT"):
+        assert 0.375 <= pause(retry_after=nonsense) <= 0.5
+    assert pause(retry_after_ms="nan", retry_after="7") == 7
 
 
 def test_pauses_double_up_to_a_limit():
@@ -335,6 +396,59 @@ def test_arguments_that_are_not_json_are_told_and_counted(arguments, tmp_path):
     assert call["is_error"]
     assert call["arguments"] == arguments
     assert (result.malformed_calls, result.end_reason) == (1, "terminated")
+
+
+def part(index, call_id, name, arguments):
+    """A part of a call as streams have it; None is left out."""
+    function = {"name": name, "arguments": arguments}
+    fields = {"index": index, "id": call_id, "function": {k: v for k, v in function.items() if v is not None}}
+    return chunk(tool_calls=[{k: v for k, v in fields.items() if v is not None}])
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        pytest.param(
+            [part(0, "a", "act", '{"action":'), part(0, None, None, ' "2"}'), part(1, "b", "observe", "{}")],
+            id="OpenAI",
+        ),
+        pytest.param([part(0, "a", "act", '{"action": "2"}'), part(0, "b", "observe", "{}")], id="one index for all"),
+        pytest.param(
+            [part(0, "a", "act", '{"action":'), part(0, "a", None, ' "2"}'), part(1, "b", "observe", "{}")],
+            id="the id in every part",
+        ),
+        pytest.param(
+            [part(None, "a", "act", '{"action":'), part(None, None, None, ' "2"}'), part(None, "b", "observe", "{}")],
+            id="no index",
+        ),
+        pytest.param(
+            [part(None, "a", "act", '{"action":'), part(None, "a", None, ' "2"}'), part(None, "b", "observe", "{}")],
+            id="no index, and the id in every part",
+        ),
+        pytest.param(
+            [part(1, "b", "observe", "{}"), part(0, "a", "act", '{"action":'), part(0, None, None, ' "2"}')],
+            id="in another order",
+        ),
+    ],
+)
+def test_the_calls_of_a_stream_are_told_apart_however_servers_number_them(parts, tmp_path):
+    end = json.dumps({"choices": [{"index": 0, "delta": {}, "finish_reason": "tool_calls"}]})
+    stream = answer("".join([*parts, f"data: {end}\n\n", "data: [DONE]\n\n"]), kind="text/event-stream")
+    result, events = play(Faulty(stream), tmp_path, stream=True)
+    assert [(call["name"], call["arguments"]) for call in results_of(events)] == [
+        ("act", '{"action": "2"}'),
+        ("observe", "{}"),
+    ]
+    assert (result.malformed_calls, result.end_reason) == (0, "terminated")
+
+
+def test_of_several_choices_in_a_stream_the_first_is_the_reply():
+    chunks = [
+        {"choices": [{"index": number, "delta": {"content": text}, "finish_reason": why}]}
+        for number, text, why in [(0, "One", None), (1, "Two", None), (0, ".", "stop"), (1, "...", "length")]
+    ]
+    reply = so.chat_reply(so.CHAT.assemble(chunks))
+    assert reply == sp.Reply({"role": "assistant", "content": "One."}, None)
 
 
 def test_arguments_that_a_server_parsed_itself_are_taken(tmp_path):

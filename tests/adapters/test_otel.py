@@ -67,6 +67,28 @@ def test_an_episode_is_a_tree_of_spans(content):
     assert figures["score"] == result.score
 
 
+@pytest.mark.parametrize(
+    ("reported", "is_ours", "reason"),
+    [
+        (sp.Usage(prompt=90, reply=9), False, "tool_calls"),
+        (sp.Usage(prompt=90, reply=9, cut=1), False, "length"),
+        (sp.Usage(requests=2), True, "tool_calls"),
+    ],
+)
+def test_what_a_provider_reports_of_a_reply_is_told(content, reported, is_ours, reason):
+    episode, _ = fresh(sp.Budget(tool_calls=1))
+    with episode:
+        result = sp.play(episode, sp.ScriptedPlayer([calling(act("A->C"))], reported))
+    (chat,), (root,) = spans("chat"), spans("invoke_agent")
+    expected = (result.tokens.prompt, result.tokens.reply) if is_ours else (90, 9)
+    for span in (chat, root):
+        counts = (span.attributes["gen_ai.usage.input_tokens"], span.attributes["gen_ai.usage.output_tokens"])
+        assert counts == expected
+    assert chat.attributes["gen_ai.response.finish_reasons"] == (reason,)
+    if content:
+        assert json.loads(chat.attributes["gen_ai.output.messages"])[0]["finish_reason"] == reason
+
+
 def test_a_mistake_of_the_model_is_an_error_of_its_call_only(content):
     play(MOVES)
     assert [span.status.status_code for span in spans("execute_tool")] == [

@@ -27,7 +27,7 @@ from pydantic_ai.providers.openai import OpenAIProvider
 from pydantic_ai.settings import ModelSettings
 from pydantic_ai.usage import RequestUsage, UsageLimits
 from smartplay_pydantic_ai import PlayerModel, SmartPlay
-from smartplay_pydantic_ai.messages import from_history, from_response, to_response
+from smartplay_pydantic_ai.messages import from_history, from_response, to_response, usage_of
 
 import smartplay_tools as sp
 from tests.adapters import rerouted
@@ -270,6 +270,23 @@ def test_the_reasoning_of_a_reply_goes_back_to_the_model_and_into_the_record():
     assert episode.result.tokens.provider == sp.Usage(prompt=200, reply=40, cached=120, written=18, requests=2)
 
 
+@pytest.mark.parametrize(("reason", "cut"), [("length", 1), ("stop", 0), (None, 0)])
+def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(reason, cut):
+    usage = RequestUsage(input_tokens=9, output_tokens=2)
+    response = ModelResponse([TextPart("I thi")], usage=usage, finish_reason=reason)
+    assert usage_of(response) == sp.Usage(prompt=9, reply=2, cut=cut)
+    without = ModelResponse([TextPart("I thi")], finish_reason=reason)
+    assert usage_of(without) == (sp.Usage(cut=1) if cut else None)
+
+
+def test_all_that_a_player_reports_arrives():
+    usage = sp.Usage(prompt=90, reply=9, cached=40, written=30, reasoning=7, cut=1)
+    agent = Agent(PlayerModel(sp.ScriptedPlayer([calling(say="I am")], usage)))
+    response = agent.run_sync("Go.").all_messages()[-1]
+    assert isinstance(response, ModelResponse)
+    assert usage_of(response) == usage
+
+
 def test_records_of_replies_have_no_times():
     response = ModelResponse([ThinkingPart("Hm."), TextPart("Rock.")])
     again = ModelResponse([ThinkingPart("Hm."), TextPart("Rock.")])
@@ -347,6 +364,18 @@ def test_openai_is_told_the_episode_and_what_is_stable(kind, model, options, has
         play_moves(episode, kind(model, provider=OpenAIProvider(openai_client=client)), **options)
     assert {body.get("prompt_cache_key") for body in stub.bodies} == {episode.config.key if has_key else None}
     assert [openai_marks(body) for body in stub.bodies] == places
+
+
+def test_half_a_character_is_recorded_and_rewritten_in_requests_alone():
+    events: list[Any] = []
+    episode = sp.Episode("Hanoi3Disk-v0", seed=7, budget=THREE_MOVES, transcript=events)
+    odd = calling(("act", '{"action": "\\ud83d"}'), say="\ud83d")
+    with OpenAI([odd, *MOVES]) as stub, rerouted.clients(stub.url) as clients, episode:
+        provider = OpenAIProvider(openai_client=client_for("https://models.example.com/v1", clients))
+        play_moves(episode, OpenAIChatModel("m", provider=provider))
+    assert episode.result.end_reason == "tool_calls"
+    assert "\ufffd" in stub.bodies[1]["messages"][-2]["content"]
+    assert next(event for event in events if event["event"] == "message")["message"]["content"] == "\ud83d"
 
 
 def test_other_servers_are_told_nothing_of_caches():

@@ -15,6 +15,12 @@ READ = [
     ("hermes", f"<tool_call>{ACT}</tool_call>", None, [("act", '{"action": "1"}')]),
     ("hermes", f"<think>act?</think>I go.\n<tool_call>\n{ACT}\n</tool_call>\n", "<think>act?</think>I go.", 1),
     ("hermes", f"<tool_call>{ACT}</tool_call>\n<tool_call>{ACT}", None, 2),
+    (
+        "hermes",
+        f"<think><tool_call>{ACT}</tool_call>?</think>I go.<tool_call>{ACT}",
+        f"<think><tool_call>{ACT}</tool_call>?</think>I go.",
+        1,
+    ),
     ("llama", '{"name": "act", "parameters": {"action": "1"}}', None, [("act", '{"action": "1"}')]),
     ("llama", f"<|python_tag|>{ACT}; {ACT}", None, 2),
     ("mistral", f"[TOOL_CALLS][{ACT}, {ACT}]", None, 2),
@@ -37,6 +43,7 @@ TEXT = [
     ("llama", f"{ACT} and then"),
     ("mistral", f"[{ACT}]"),
     ("mistral", "[TOOL_CALLS]act[ARGS]{broken"),
+    pytest.param("mistral", "[TOOL_CALLS]act[ARGS]" + "[" * 100_000, id="mistral, nested too deeply"),
 ]
 
 

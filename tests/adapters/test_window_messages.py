@@ -101,6 +101,15 @@ def test_what_claude_code_sends_is_read(endpoint):
     )
 
 
+def test_a_number_that_json_cannot_hold_is_its_name():
+    """Clients that read JSON strictly would read nothing of the answer."""
+    odd = calling(("act", '{"action": "1", "times": 1e999}'))
+    with WindowEndpoint(sp.ScriptedPlayer([odd])) as endpoint:
+        answer = post(endpoint, request(endpoint, endpoint.open(GAME, seed=7)))
+    (call,) = json.loads(answer.text, parse_constant=pytest.fail)["content"]
+    assert call["input"] == {"action": "1", "times": "inf"}
+
+
 def test_a_prompt_has_the_tokens_of_the_window(endpoint):
     handle = endpoint.open(GAME, seed=7, budget=BUDGET)
     path = "/v1/messages/count_tokens"

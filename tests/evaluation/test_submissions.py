@@ -242,6 +242,22 @@ def test_an_episode_that_was_begun_anew_is_remarked(bundle, tmp_path):
     assert remarks == ["After attempt 2 (interrupted, 1 replies) the episode was begun anew."]
 
 
+def test_records_of_a_server_without_usage_are_remarked(bundle, tmp_path):
+    """What counts are the tokens: the requests to such a server are on record, too."""
+
+    def asked_only(files: Files) -> None:
+        def without_tokens(events: list[dict]) -> None:
+            for event in events:
+                if event["event"] == "usage":
+                    event["provider"] = sp.Usage(requests=2).model_dump()
+
+        edit_record(files, records(files, HANOI)[0], without_tokens)
+
+    checked = check(bundle, tmp_path, asked_only)
+    text = "4 of 4 records hold no count of tokens by a provider; ours is exact for both."
+    assert text in [finding.text for finding in checked.findings]
+
+
 def test_a_seed_that_the_board_issued(tmp_path):
     seeds = tmp_path / "seeds.jsonl"
     issued = issue_seed(seeds, "An agent")

@@ -83,15 +83,17 @@ def test_drift_is_told_for_episodes_whose_provider_told_its_count():
     usage = sp.Usage(prompt=1000, reply=10, requests=2)
     with_usage = sp.ScriptedPlayer([act("Rock")] * 50, usage)
     without = sp.ScriptedPlayer([act("Rock")] * 50)
-    rows = [play_row(RPS, with_usage, trial=0), play_row(RPS, without, trial=1)]
+    asked_only = sp.ScriptedPlayer([act("Rock")] * 50, sp.Usage(requests=2))
+    rows = [play_row(RPS, player, trial) for trial, player in enumerate((with_usage, without, asked_only))]
     tokens = cell_summary(rows).tokens
-    assert tokens.requests == 100
+    assert tokens.requests == 200
     assert tokens.prompt_drift.episodes == 1
     assert tokens.prompt_drift.provider == 50_000
     assert tokens.prompt_drift.ours == rows[0]["tokens"]["prompt"]
     assert tokens.prompt_drift.difference == 50_000 - rows[0]["tokens"]["prompt"]
     assert tokens.reply_drift.ratio == pytest.approx(500 / rows[0]["tokens"]["reply"])
     assert cell_summary(rows[1:]).tokens.prompt_drift is None
+    assert cell_summary(rows[1:]).tokens.requests == 100
 
 
 def test_cost_is_a_sum_and_unknown_as_soon_as_one_price_is():

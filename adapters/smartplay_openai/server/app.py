@@ -27,6 +27,7 @@ from smartplay_openai.server.answers import (
     model_object,
     read_request,
     refuse,
+    usage_of,
 )
 from smartplay_openai.server.limits import SimulatedLimits
 from smartplay_openai.tool_choice import ToolChoice
@@ -98,8 +99,8 @@ class _Endpoint:
             asked = await read_request(request, partial(self._read, interface))
             reply = await _ask(asked.player, asked.prompt)
             message = asked.choice.apply(assistant_message(reply.message), asked.prompt.tools)
-            # The usage that the player reports, or else the count of budget tokens.
-            usage = reply.usage or Usage(prompt=asked.tokens, reply=self._counter.message(message))
+            counted = Usage(prompt=asked.tokens, reply=self._counter.message(message))
+            usage = usage_of(reply.usage, counted)
             answer = interface.write(with_fresh_ids(message), asked.player.name, usage)
             if asked.body.get("stream"):
                 events = event_stream(interface.stream(answer, asked.body))

@@ -18,7 +18,7 @@ from smartplay_openai.problems import RequestError, bad
 from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects
 from smartplay_openai.window.formats import SUB_AGENT_HEADERS, HostFormat, fields_of
 from smartplay_tools import Message, ToolSpec, Usage
-from smartplay_tools.message_forms import halves
+from smartplay_tools.message_forms import encodable, halves
 from smartplay_tools.messages import calls_of, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"
@@ -99,7 +99,7 @@ class MessagesFormat(HostFormat):
         blocks: list[dict[str, Any]] = [{"type": "text", "text": text}] if text.strip() or not calls else []
         for call in calls:
             function = call["function"]
-            given = {"name": function["name"], "input": json.loads(function["arguments"] or "{}")}
+            given = {"name": function["name"], "input": encodable(json.loads(function["arguments"] or "{}"))}
             blocks.append({"type": "tool_use", "id": THEIRS + call["id"].removeprefix(OURS), **given})
         if blocks[0].get("text") == "":
             blocks[0]["text"] = NOTHING

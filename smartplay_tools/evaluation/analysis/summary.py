@@ -22,7 +22,7 @@ from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, M
 from smartplay_tools.evaluation.analysis.pairs import completed, normalized_score, reward, sample, score
 from smartplay_tools.groups import grouped
 from smartplay_tools.records.rows import Row, is_unplayed
-from smartplay_tools.types import EndReason
+from smartplay_tools.types import EndReason, Usage
 
 COUNTS = (
     "steps",
@@ -207,8 +207,9 @@ def _tokens(tokens: Sequence[Mapping[str, Any]]) -> TokenSummary:
     total = {name: sum(each[name] for each in tokens) for name in ("prompt", "reply", "prefix", "overruns")}
     reported = [each for each in tokens if each["provider"] is not None]
     requests = sum(each["provider"]["requests"] for each in reported) if reported else None
+    counted = [each for each in reported if Usage(**each["provider"]).has_tokens]
     return TokenSummary(
-        **total, prompt_drift=_drift("prompt", reported), reply_drift=_drift("reply", reported), requests=requests
+        **total, prompt_drift=_drift("prompt", counted), reply_drift=_drift("reply", counted), requests=requests
     )
 
 

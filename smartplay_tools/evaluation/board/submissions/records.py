@@ -158,7 +158,8 @@ def _count(record: Record, checked: CheckedRecord) -> None:
     checked.replies = len(_replies(record))
     checked.prompts = len(record.views)
     checked.calls = len(record.calls)
-    checked.provider = any(Usage.reported(usage) is not None for usage in record.usages)
+    reported = filter(None, map(Usage.reported, record.usages))
+    checked.provider = any(usage.has_tokens for usage in reported)
     checked.versions = record.versions
 
 
