@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from typing import Any
 
@@ -17,6 +17,7 @@ from openai.resources.chat.completions import Completions
 from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of
 from smartplay_openai.parsing import read_usage, sampled_tokens
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
+from smartplay_openai.thinking_parts import added, put_together, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
@@ -189,6 +190,7 @@ def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any
         if isinstance(item, Mapping) and "type" not in item:
             sent.update({field: value for field, value in item.items() if field not in NOT_SENT_BACK})
     sent.update({field: value for field, value in message.items() if field != "provider_items"})
+    sent["content"] = put_together(message)
     if calls := _calls(message):
         sent["tool_calls"] = calls
     if sent["content"] is None and "tool_calls" not in sent:
@@ -199,7 +201,7 @@ def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any
 def _calls(message: Message) -> list[Mapping[str, Any]]:
     """The calls of a message with what a server has added to them."""
     kept, calls = kept_item(message, CALL_FIELDS), calls_of(message)
-    return [*calls] if kept is None else [{**added, **call} for added, call in zip(kept["calls"], calls, strict=True)]
+    return [*calls] if kept is None else [{**own, **call} for own, call in zip(kept["calls"], calls, strict=True)]
 
 
 def _sent_part(part: Any, pictures: Mapping[str, Picture]) -> Mapping[str, Any]:
@@ -214,17 +216,19 @@ def _received(message: Mapping[str, Any]) -> dict[str, Any]:
     if refusal := received.pop("refusal", None):
         # The words of a refusal are the reply's text, as they are in the other interface's parts.
         received["content"] = received.get("content") or refusal
-    return _with_added(received)
+    received["content"], thoughts = taken_apart(received.get("content"))
+    return _with_items(received, thoughts)
 
 
-def _with_added(message: dict[str, Any]) -> dict[str, Any]:
-    """Return a message that has what a server has added to its calls as a provider item."""
+def _with_items(message: dict[str, Any], thoughts: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """Return a message that has its thoughts, and what a server has added to its calls, as provider items."""
     calls = message.get("tool_calls")
-    added = [_added(call) for call in calls] if isinstance(calls, list) else []
-    return {**message, "provider_items": [{"type": CALL_FIELDS, "calls": added}]} if any(added) else message
+    fields = [_own_fields(call) for call in calls] if isinstance(calls, list) else []
+    items = [*thoughts, *([{"type": CALL_FIELDS, "calls": fields}] if any(fields) else [])]
+    return {**message, "provider_items": items} if items else message
 
 
-def _added(call: Any) -> dict[str, Any]:
+def _own_fields(call: Any) -> dict[str, Any]:
     """What a server has added to a call."""
     return {k: v for k, v in call.items() if k not in OF_CALLS and v is not None} if isinstance(call, Mapping) else {}
 
@@ -243,7 +247,7 @@ def _add_call(calls: list[tuple[int, dict[str, Any]]], part: Mapping[str, Any]) 
     if call is None or (is_other and call["id"] != call_id):
         call = {"id": "", "type": "function", "function": {"name": "", "arguments": ""}}
         calls.append((index, call))
-    call.update(_added(part), id=call["id"] or call_id)
+    call.update(_own_fields(part), id=call["id"] or call_id)
     for key, value in function.items():
         if isinstance(value, str):
             call["function"][key] = call["function"].get(key, "") + value
@@ -254,6 +258,9 @@ def _add_fields(message: dict[str, Any], delta: Mapping[str, Any]) -> None:
         if field in ("role", "tool_calls") or value is None:
             continue
         before = message.get(field)
+        if field == "content":
+            message[field] = added(before, value)
+            continue
         both_add = isinstance(before, str | list) and type(before) is type(value)
         message[field] = before + value if both_add else value
 
@@ -266,7 +273,7 @@ def _message(message: Any, param: str) -> Message:
     try:
         text_of(message)
         if message["role"] == "assistant":
-            checked = assistant_message(_with_added({**message}))
+            checked = assistant_message(_with_items({**message}))
             if checked["content"] is None and not calls_of(checked):
                 raise bad("An assistant message has content or tool calls.", param)
             return checked

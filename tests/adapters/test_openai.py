@@ -9,6 +9,7 @@ import sys
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.messages import reasoning_of, text_of
 from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.transcript.file import comparable
 
@@ -329,6 +330,39 @@ def test_what_a_server_adds_to_a_call_comes_and_goes_through_the_endpoint(stream
         assert sp.play(episode, player).end_reason == "tool_calls"
     (again,) = [message for message in scripted.prompts[1].messages if message["role"] == "assistant"]
     assert again["provider_items"] == reply.message["provider_items"]
+
+
+def thoughts(text):
+    return {"type": "thinking", "thinking": [{"type": "text", "text": text}]}
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_thoughts_among_the_parts_of_a_content_are_thoughts_and_go_back_with_it(stream):
+    """Mistral's models have them so, a part for a few words in a stream, and text before and after them."""
+    whole = [{**thoughts("A small disk first."), "closed": True}, {"type": "text", "text": "I go."}]
+    calls = [{"id": "a", **OBSERVE}]
+    if stream:
+        contents = ["", [thoughts("A small ")], [{**thoughts("disk first."), "closed": True}], "I ", "go."]
+        deltas = [*({"content": content} for content in contents), {"tool_calls": [{"index": 0, **calls[0]}]}]
+        chunks = [{"choices": [{"index": 0, "delta": delta, "finish_reason": None}]} for delta in deltas]
+        end = {"choices": [{"index": 0, "delta": {}, "finish_reason": "tool_calls"}]}
+        completion = so.CHAT.assemble([*chunks, end])
+    else:
+        completion = {"choices": [{"message": {"role": "assistant", "content": whole, "tool_calls": calls}}]}
+    reply = so.chat_reply(completion)
+    assert (text_of(reply.message), reasoning_of(reply.message)) == ("I go.", "A small disk first.")
+    with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.receive(reply.message)
+        *_, sent, _ = so.chat_request(conversation.prompt())["messages"]
+    assert (sent["content"], sent["tool_calls"]) == (whole, calls)
+
+
+def test_a_reply_that_was_cut_in_its_thoughts_has_no_words():
+    completion = {"choices": [{"message": {"content": [thoughts("Hm")]}, "finish_reason": "length"}]}
+    reply = so.chat_reply(completion)
+    assert (text_of(reply.message), reasoning_of(reply.message), reply.usage.cut) == ("", "Hm", 1)
+    assert so.chat_request(sp.Prompt([reply.message], ()))["messages"][0]["content"] == [thoughts("Hm")]
 
 
 def test_reasoning_that_ends_a_reply_goes_back_with_words_after_it():
