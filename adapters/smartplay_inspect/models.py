@@ -17,6 +17,7 @@ from inspect_ai.model import (
     ModelAPI,
     ModelOutput,
     ModelUsage,
+    StopReason,
     modelapi,
 )
 from inspect_ai.tool import ToolChoice, ToolInfo
@@ -35,7 +36,7 @@ from smartplay_tools.tokens import TokenCounter
 class PlayerModel(ModelAPI):
     """The model `smartplay/NAME`, where NAME is a player's; `-M KEY=VALUE` is an option of the player.
 
-    Its usage is budget tokens, counted here, where a model receives its prompt.
+    Its usage is what the player reports, or else budget tokens, counted here, where a model receives its prompt.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class PlayerModel(ModelAPI):
         messages = list(map(from_inspect, input))
         prompt = received(messages, tool_specs(tools), config.max_tokens)
         reply = await self._reply(self._player(), prompt)
-        return self._output(reply.message, reply.usage or self._usage(prompt, reply.message))
+        return self._output(reply.message, self._count(prompt, reply.message).replaced_by(reply.usage))
 
     def _player(self) -> Player | AsyncPlayer:
         played = store_as(Played)
@@ -81,7 +82,7 @@ class PlayerModel(ModelAPI):
             return await player.areply(prompt)
         return await anyio.to_thread.run_sync(player.reply, prompt)
 
-    def _usage(self, prompt: Prompt, message: Message) -> Usage:
+    def _count(self, prompt: Prompt, message: Message) -> Usage:
         return Usage(
             prompt=self._counter.prompt(prompt.messages, prompt.tools), reply=self._counter.message(message), requests=1
         )
@@ -92,8 +93,16 @@ class PlayerModel(ModelAPI):
             content=text_of(message), tool_calls=calls or None, source="generate", model=self.model_name
         )
         total = usage.prompt + usage.reply
+        ended: StopReason = "max_tokens" if usage.cut else "tool_calls" if calls else "stop"
         return ModelOutput(
             model=self.model_name,
-            choices=[ChatCompletionChoice(message=answer, stop_reason="tool_calls" if calls else "stop")],
-            usage=ModelUsage(input_tokens=usage.prompt, output_tokens=usage.reply, total_tokens=total),
+            choices=[ChatCompletionChoice(message=answer, stop_reason=ended)],
+            usage=ModelUsage(
+                input_tokens=usage.prompt - usage.cached - usage.written,
+                input_tokens_cache_read=usage.cached,
+                input_tokens_cache_write=usage.written,
+                output_tokens=usage.reply,
+                reasoning_tokens=usage.reasoning,
+                total_tokens=total,
+            ),
         )

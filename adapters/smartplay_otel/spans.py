@@ -159,7 +159,7 @@ class _EpisodeSpans:
         if self._chat is None:
             return
         reported = Usage.reported(usage)
-        counted = _counted(reported, Usage(prompt=usage.get("prompt", 0), reply=usage.get("reply", 0)))
+        counted = Usage(prompt=usage.get("prompt", 0), reply=usage.get("reply", 0)).replaced_by(reported)
         self._chat.set_attribute("gen_ai.usage.input_tokens", counted.prompt)
         self._chat.set_attribute("gen_ai.usage.output_tokens", counted.reply)
         if reported is not None:
@@ -217,7 +217,7 @@ class _EpisodeSpans:
             return
         tokens = result["tokens"]
         reported = None if tokens["provider"] is None else Usage(**tokens["provider"])
-        counted = _counted(reported, Usage(prompt=tokens["prompt"], reply=tokens["reply"]))
+        counted = Usage(prompt=tokens["prompt"], reply=tokens["reply"]).replaced_by(reported)
         self._root.set_attributes(
             {
                 "gen_ai.usage.input_tokens": counted.prompt,
@@ -232,11 +232,6 @@ class _EpisodeSpans:
         if failed:
             _fail(self._root, result)
         self._root.end(now)
-
-
-def _counted(reported: Usage | None, ours: Usage) -> Usage:
-    """What a provider has counted; our count where it has counted nothing."""
-    return reported if reported is not None and reported.has_tokens else ours
 
 
 def _fail(span: Span, result: Mapping[str, Any]) -> None:

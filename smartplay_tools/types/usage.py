@@ -74,5 +74,16 @@ class Usage(Recorded):
         """Whether a provider has counted any: what asks it counts its requests even where it reports no tokens."""
         return self.prompt > 0 or self.reply > 0
 
+    def replaced_by(self, reported: Usage | None) -> Usage:
+        """Return the usage that a provider reported in place of our count, which this is.
+
+        Without tokens in it, or with numbers that cannot be tokens, its requests and cut replies count, and our tokens.
+        """
+        if reported is None:
+            return self
+        if reported.has_tokens and reported.is_possible:
+            return reported
+        return self.model_copy(update={"requests": reported.requests, "cut": reported.cut})
+
     def __add__(self, other: Usage) -> Usage:
         return Usage(**{name: getattr(self, name) + getattr(other, name) for name in Usage.model_fields})

@@ -273,6 +273,33 @@ def test_arguments_that_inspect_could_not_parse_are_counted_as_they_were_sent():
     assert from_output(reply).message["tool_calls"][0]["function"]["arguments"] == sent
 
 
+CUT = """
+import smartplay_tools as sp
+
+class Cut:
+    name = "cut"
+
+    def __init__(self, seed=None):
+        self.usage = [sp.Usage(prompt=125, reply=7, cached=100, written=20, reasoning=3, cut=1), sp.Usage(cut=1)]
+
+    def reply(self, prompt):
+        return sp.Reply({"role": "assistant", "content": "Hm."}, self.usage.pop(0) if self.usage else None)
+"""
+
+
+def test_a_players_model_reports_the_usage_of_its_player(tmp_path):
+    (tmp_path / "cut.py").write_text(CUT, encoding="utf-8")
+    task = smartplay("RockPaperScissorBasic-v0", trials=1)
+    (log,) = evaluate(task, model=f"smartplay/{tmp_path / 'cut.py'}:Cut", display="none")
+    (sample,) = log.samples
+    outputs = [event.output for event in sample.events if event.event == "model"]
+    assert [output.stop_reason for output in outputs] == ["max_tokens", "max_tokens", "stop"]
+    first, second, third = (from_output(output).usage for output in outputs)
+    assert first == sp.Usage(prompt=125, reply=7, cached=100, written=20, reasoning=3, cut=1)
+    assert second.prompt > 100  # tokens that nobody has reported are counted
+    assert third.prompt > second.prompt
+
+
 def test_usage_is_the_providers_with_its_cache():
     usage = ModelUsage(
         input_tokens=5, output_tokens=7, input_tokens_cache_read=100, input_tokens_cache_write=20, reasoning_tokens=3

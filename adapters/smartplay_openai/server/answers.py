@@ -13,7 +13,7 @@ from starlette.responses import Response
 
 from smartplay_openai.interface import Event
 from smartplay_openai.problems import RequestError
-from smartplay_tools import SmartPlayError, Usage
+from smartplay_tools import SmartPlayError
 from smartplay_tools.json_text import object_in
 
 T = TypeVar("T")
@@ -48,15 +48,6 @@ WRONG_KEY = RequestError(
     headers={"www-authenticate": "Bearer", "x-should-retry": "false"},
 )
 """The refusal of a request without the key."""
-
-
-def usage_of(reported: Usage | None, counted: Usage) -> Usage:
-    """Return the usage that a player reports; our count where it has no tokens, or numbers that cannot be tokens."""
-    if reported is None:
-        return counted
-    if reported.has_tokens and reported.is_possible:
-        return reported
-    return counted.model_copy(update={"requests": reported.requests, "cut": reported.cut})
 
 
 def json_response(body: Mapping[str, Any], status: int = 200, headers: Mapping[str, str] | None = None) -> Response:

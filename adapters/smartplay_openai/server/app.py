@@ -27,7 +27,6 @@ from smartplay_openai.server.answers import (
     model_object,
     read_request,
     refuse,
-    usage_of,
 )
 from smartplay_openai.server.limits import SimulatedLimits
 from smartplay_openai.tool_choice import ToolChoice
@@ -100,7 +99,7 @@ class _Endpoint:
             reply = await _ask(asked.player, asked.prompt)
             message = asked.choice.apply(assistant_message(reply.message), asked.prompt.tools)
             counted = Usage(prompt=asked.tokens, reply=self._counter.message(message))
-            usage = usage_of(reply.usage, counted)
+            usage = counted.replaced_by(reply.usage)
             answer = interface.write(with_fresh_ids(message), asked.player.name, usage)
             if asked.body.get("stream"):
                 events = event_stream(interface.stream(answer, asked.body))

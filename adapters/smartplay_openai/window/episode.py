@@ -16,7 +16,6 @@ from types import MappingProxyType
 from typing import Any
 
 from smartplay_openai.problems import RequestError
-from smartplay_openai.server.answers import usage_of
 from smartplay_openai.window.completion_request import CompletionRequest, known_by
 from smartplay_openai.window.from_threads import FromThreads
 from smartplay_openai.window.names import HostTools, tell_apart
@@ -271,7 +270,7 @@ class WindowEpisode:
             problem = f"The model gave no reply, which ends the episode: {error}"
             self._failure = RequestError(500, problem, code="player_failed")
             raise self._failure from error
-        spent = usage_of(reply.usage, self._counted(message))
+        spent = self._counted(message).replaced_by(reply.usage)
         # The host is always sent a whole reply; clients raise errors where an answer says that it was cut.
         self._spent += spent.model_copy(update={"cut": 0})
         return Reply(message, reply.usage)
