@@ -7,6 +7,8 @@ import gzip
 import hashlib
 import json
 import re
+import shutil
+import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
@@ -18,6 +20,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.errors import MissingExtraError
+from smartplay_tools.evaluation import pages
 from smartplay_tools.evaluation.pages.report import write_report
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import check
@@ -38,6 +41,9 @@ from tests.evaluation.report_runs import (
     record,
     reply,
 )
+
+NODE = shutil.which("node")
+PAGES = Path(pages.__file__).parent
 
 OPENS_NOTHING = {"meta", "link", "style", "script", "img"}
 """Elements that could load something, and that the page may have; their addresses are looked at."""
@@ -107,6 +113,14 @@ def test_the_policy_allows_the_page_s_own_scripts_and_style_by_their_hashes_and_
     none = dict.fromkeys(("default-src", "base-uri", "form-action"), "'none'")
     own = {"script-src": hashes(page.scripts), "style-src": hashes(page.styles), "img-src": "data:"}
     assert rules == {**none, **own}
+
+
+@pytest.mark.skipif(NODE is None, reason="Node.js, which reads scripts without a browser, is not installed")
+@pytest.mark.parametrize("script", sorted(PAGES.rglob("*.js")), ids=lambda script: script.name)
+def test_every_script_is_one_that_a_browser_can_read(script):
+    assert NODE is not None
+    read = subprocess.run([NODE, "--check", script], capture_output=True, text=True)
+    assert read.returncode == 0, read.stderr
 
 
 def test_what_a_model_writes_never_becomes_markup(tmp_path):

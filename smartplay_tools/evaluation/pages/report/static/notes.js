@@ -1,6 +1,5 @@
 "use strict";
-// Notes of people about turns. They are in a file beside the record; a site that was started with --annotate writes
-them.
+// Notes of people about turns, in a file beside the record. Only a site that was started with --annotate writes them.
 
 function notesOf(episode) {
   return new Map((episode.notes ?? []).map(({ turn, note }) => [turn, note]));

@@ -179,9 +179,8 @@ function renderPrompt(everything = false) {
   const parts = promptParts(episode, page.words, turn) ?? [];
   const changes = difference(parts, promptParts(episode, page.words, other) ?? []);
   const count = (change) => changes.filter((part) => part.change === change).length;
-  $("difference").textContent =
-    other === turn ? "" : `${plural(count("new"), "message")} only here, ${plural(count("gone"), "message")} only
-    there.`;
+  const [here, there] = [plural(count("new"), "message"), plural(count("gone"), "message")];
+  $("difference").textContent = other === turn ? "" : `${here} only here, ${there} only there.`;
   // What is not in this prompt is shown when somebody has asked for another one beside it.
   const listed = shown.beside === null ? changes.filter((part) => part.change !== "gone") : changes;
   const cards = listed.map((part) => () => messageCard(part));
