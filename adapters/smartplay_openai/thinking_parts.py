@@ -47,7 +47,9 @@ def added(before: Any, value: Any) -> Any:
 def _listed(content: Any) -> Sequence[Any]:
     if isinstance(content, str):
         return [{"type": "text", "text": content}] if content else []
-    return content or ()
+    if isinstance(content, list):
+        return content
+    return [] if content is None else [content]
 
 
 def _merged(parts: Sequence[Any]) -> list[Any]:

@@ -191,6 +191,13 @@ def test_a_cut_stream_is_asked_for_again(fault, player, tmp_path):
     assert_as_if_nothing_had_happened(result, extra_requests=1)
 
 
+@pytest.mark.parametrize("contents", [[[{"type": "thinking", "thinking": "Hm"}], 7], ["I thi", {"text": "nk"}]])
+def test_a_stream_whose_content_is_neither_text_nor_parts_is_asked_for_again(contents, tmp_path):
+    chunks = [*(chunk(content=content) for content in contents), chunk(finish_reason="stop")]
+    result, _ = play(Faulty(answer("".join(chunks), kind="text/event-stream")), tmp_path, stream=True)
+    assert_as_if_nothing_had_happened(result, extra_requests=1)
+
+
 @pytest.mark.parametrize(
     "body",
     [
