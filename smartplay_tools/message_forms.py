@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar, cast
 
@@ -12,6 +13,7 @@ from smartplay_tools.pictures.picture import Picture, is_picture
 
 __all__ = [
     "SYSTEM",
+    "accepted_name",
     "arguments_text",
     "encodable",
     "function_call",
@@ -89,6 +91,11 @@ def encodable(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [encodable(item) for item in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def accepted_name(name: str, longest: int = 64) -> str:
+    """Return the name of a tool as providers accept it in requests; the record keeps the name that a model invented."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", name)[:longest] or "_"
 
 
 def halves(text: str) -> Iterator[str]:

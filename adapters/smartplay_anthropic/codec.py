@@ -8,14 +8,21 @@ with more than text and calls is therefore kept block by block, and sent again u
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.json_text import object_in
-from smartplay_tools.message_forms import SYSTEM, encodable, function_call, kept_item, reply_message, system_text
+from smartplay_tools.message_forms import (
+    SYSTEM,
+    accepted_name,
+    encodable,
+    function_call,
+    kept_item,
+    reply_message,
+    system_text,
+)
 from smartplay_tools.messages import MessageToolCall, pictures_of, text_of
 from smartplay_tools.pictures import Picture
 from smartplay_tools.players import BrokenAnswerError, count_in, error_in, plain_answer
@@ -32,6 +39,9 @@ UNMARKED = ("thinking", "redacted_thinking")
 
 NOTHING = "..."
 """Stands for words where the interface wants some: an empty message, or one that ends with its thinking, is refused."""
+
+LONGEST_NAME = 128
+"""The most characters of a tool's name."""
 
 AT_ITS_LENGTH = ("max_tokens", "model_context_window_exceeded")
 """The stop reasons of answers that were cut."""
@@ -127,7 +137,7 @@ def _assistant(message: Message) -> list[dict[str, Any]]:
         {
             "type": "tool_use",
             "id": call["id"],
-            "name": _name(call["function"]["name"]),
+            "name": accepted_name(call["function"]["name"], LONGEST_NAME),
             "input": _input(call["function"]["arguments"]),
         }
         for call in message.get("tool_calls", ())
@@ -147,11 +157,6 @@ def _add_to_user(messages: list[dict[str, Any]], block: dict[str, Any]) -> None:
         messages[-1]["content"].append(block)
     else:
         messages.append({"role": "user", "content": [block]})
-
-
-def _name(name: str) -> str:
-    """A name that the interface accepts; the record keeps the model's name."""
-    return re.sub(r"[^A-Za-z0-9_-]", "_", name)[:128] or "_"
 
 
 def _input(arguments: str) -> dict[str, Any]:

@@ -7,7 +7,6 @@ recorded and sent back to the model with their turn.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -25,7 +24,16 @@ from langchain_core.messages.ai import UsageMetadata
 
 from smartplay_tools import Message, Usage
 from smartplay_tools.json_text import object_in
-from smartplay_tools.message_forms import SYSTEM, encodable, function_call, kept_item, reply_message, shown, system_text
+from smartplay_tools.message_forms import (
+    SYSTEM,
+    accepted_name,
+    encodable,
+    function_call,
+    kept_item,
+    reply_message,
+    shown,
+    system_text,
+)
 from smartplay_tools.messages import text_of
 from smartplay_tools.pictures import NO_PICTURES, Picture
 
@@ -92,7 +100,7 @@ def _with_a_name(part: Any, tools: Collection[str]) -> Any:
     """Return a part of a message; a call of a tool that is none has a name that providers take."""
     if not isinstance(part, dict) or part.get("type") not in CALLS or part.get("name") in tools:
         return part
-    return {**part, "name": re.sub(r"[^A-Za-z0-9_-]", "_", part.get("name") or "")[:64] or "_"}
+    return {**part, "name": accepted_name(part.get("name") or "")}
 
 
 def from_langchain(message: BaseMessage) -> Message:

@@ -7,15 +7,11 @@ is sent as it is in the prompt, call ids included, which the conversation has ma
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 from smartplay_tools import Message
-from smartplay_tools.message_forms import encodable
+from smartplay_tools.message_forms import accepted_name, encodable
 from smartplay_tools.messages import MessageToolCall
-
-NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
-"""The format of a tool's name."""
 
 
 def acceptable(messages: Sequence[Message]) -> list[Message]:
@@ -33,8 +29,6 @@ def acceptable(messages: Sequence[Message]) -> list[Message]:
 
 
 def _call(call: MessageToolCall) -> MessageToolCall:
-    name, arguments = call["function"]["name"], encodable(call["function"]["arguments"])
-    if not NAME.fullmatch(name):
-        name = re.sub(r"[^A-Za-z0-9_-]", "_", name)[:64] or "_"
+    name, arguments = accepted_name(call["function"]["name"]), encodable(call["function"]["arguments"])
     call_id: str = encodable(call.get("id") or "")
     return {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}
