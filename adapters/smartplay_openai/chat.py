@@ -230,7 +230,8 @@ def _with_items(message: dict[str, Any], thoughts: Sequence[Mapping[str, Any]] =
 
 def _own_fields(call: Any) -> dict[str, Any]:
     """What a server has added to a call."""
-    return {k: v for k, v in call.items() if k not in OF_CALLS and v is not None} if isinstance(call, Mapping) else {}
+    fields = call if isinstance(call, Mapping) else {}
+    return {name: value for name, value in fields.items() if name not in OF_CALLS and value is not None}
 
 
 def _add_call(calls: list[tuple[int, dict[str, Any]]], part: Mapping[str, Any]) -> None:

@@ -407,9 +407,12 @@ def test_arguments_that_are_not_json_are_told_and_counted(arguments, tmp_path):
 
 def part(index, call_id, name, arguments):
     """A part of a call as streams have it; None is left out."""
-    function = {"name": name, "arguments": arguments}
-    fields = {"index": index, "id": call_id, "function": {k: v for k, v in function.items() if v is not None}}
-    return chunk(tool_calls=[{k: v for k, v in fields.items() if v is not None}])
+    function = given(name=name, arguments=arguments)
+    return chunk(tool_calls=[given(index=index, id=call_id, function=function)])
+
+
+def given(**fields):
+    return {field: value for field, value in fields.items() if value is not None}
 
 
 @pytest.mark.parametrize(
