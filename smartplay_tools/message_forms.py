@@ -29,6 +29,9 @@ SYSTEM = ("system", "developer")
 
 P = TypeVar("P")
 
+_REFUSED = re.compile(r"[^A-Za-z0-9_-]")
+"""A character that the name of a tool must not have."""
+
 
 def reply_message(
     text: str, calls: Iterable[MessageToolCall], item: dict[str, Any] | None = None, reasoning: str = ""
@@ -80,22 +83,37 @@ def shown(
 
 
 def encodable(value: Any) -> Any:
-    """Copy a JSON value as requests can hold it.
+    """Copy a JSON value as requests can hold it, however deeply it is nested.
 
     A lone surrogate, which UTF-8 cannot hold, becomes U+FFFD, and a number that JSON cannot hold becomes its name.
     """
     if isinstance(value, str):
-        return value if value.isascii() else value.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
-    if isinstance(value, Mapping):
-        return {key: encodable(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [encodable(item) for item in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+        return _encodable_text(value)
+    copy = [value]
+    waiting: list[Any] = [copy]
+    while waiting:
+        parent = waiting.pop()
+        for place, item in enumerate(parent) if isinstance(parent, list) else parent.items():
+            if isinstance(item, str):
+                parent[place] = _encodable_text(item)
+            elif isinstance(item, dict):
+                parent[place] = {_encodable_text(key): own for key, own in item.items()}
+                waiting.append(parent[place])
+            elif isinstance(item, list | tuple):
+                parent[place] = [*item]
+                waiting.append(parent[place])
+            elif isinstance(item, float) and not math.isfinite(item):
+                parent[place] = str(item)
+    return copy[0]
+
+
+def _encodable_text(text: str) -> str:
+    return text if text.isascii() else text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
 
 
 def accepted_name(name: str, longest: int = 64) -> str:
     """Return the name of a tool as providers accept it in requests; the record keeps the name that a model invented."""
-    return re.sub(r"[^A-Za-z0-9_-]", "_", name)[:longest] or "_"
+    return _REFUSED.sub("_", name)[:longest] or "_"
 
 
 def halves(text: str) -> Iterator[str]:

@@ -92,7 +92,8 @@ def sendable(message: AnyMessage, tools: Collection[str]) -> AnyMessage:
     last = parts[-1] if isinstance(parts, list) and parts and not calls else None
     if isinstance(last, dict) and last.get("type") in THOUGHTS:
         fields["content"] = [*parts, _text_block(NOTHING)]
-    sent: AnyMessage = message.model_copy(update=fields)
+    changed = {name: value for name, value in fields.items() if value != getattr(message, name)}
+    sent: AnyMessage = message.model_copy(update=changed) if changed else message
     return sent
 
 

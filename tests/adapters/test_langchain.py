@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import subprocess
 import sys
 from typing import Any
@@ -320,6 +321,13 @@ def test_what_utf_8_or_json_cannot_hold_is_rewritten_in_requests_alone():
     assert (call.content, result.content) == ("\ufffd", "\ufffd is not an action.")
     assert call.tool_calls[0]["args"] == {"action": "\ufffd", "times": "inf"}
     assert to_langchain(messages)[0].content == "\ud83d"
+
+
+@pytest.mark.parametrize("arguments", ['{"\\ud83d": "1"}', '{"action": ' + "[" * 500 + "]" * 500 + "}"])
+def test_arguments_with_half_a_character_in_a_name_or_deeply_nested_go_back(arguments):
+    reply: Any = {"role": "assistant", "content": None, "tool_calls": [function_call("a", "act", arguments)]}
+    (sent,) = messages_for(sp.Prompt([reply], ()), PlayerChatModel(player=sp.get_player("rule")), cache=False)
+    assert sent.tool_calls[0]["args"] == json.loads(arguments.replace("\\ud83d", "\\ufffd"))
 
 
 def test_all_system_messages_become_one():
