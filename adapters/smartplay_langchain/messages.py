@@ -84,13 +84,12 @@ def sendable(message: AnyMessage, tools: Collection[str]) -> AnyMessage:
     It has no half characters, and no names of tools that cannot be, which models invent. Anthropic and OpenAI refuse a
     reply that ends with its thoughts, as one does that was cut in them, so that words follow.
     """
-    fields = {name: encodable(getattr(message, name)) for name in SENT if hasattr(message, name)}
+    fields = {name: encodable(value) for name in SENT if (value := getattr(message, name, None))}
     for name in ("content", "tool_calls", "invalid_tool_calls"):
         if isinstance(fields.get(name), list):
             fields[name] = [_with_a_name(part, tools) for part in fields[name]]
-    parts, calls = fields["content"], fields.get("tool_calls") or fields.get("invalid_tool_calls")
-    last = parts[-1] if isinstance(parts, list) and parts and not calls else None
-    if isinstance(last, dict) and last.get("type") in THOUGHTS:
+    parts, calls = fields.get("content"), fields.get("tool_calls") or fields.get("invalid_tool_calls")
+    if isinstance(parts, list) and not calls and isinstance(parts[-1], dict) and parts[-1].get("type") in THOUGHTS:
         fields["content"] = [*parts, _text_block(NOTHING)]
     changed = {name: value for name, value in fields.items() if value != getattr(message, name)}
     sent: AnyMessage = message.model_copy(update=changed) if changed else message
