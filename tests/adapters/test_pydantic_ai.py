@@ -126,7 +126,7 @@ def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | No
 REFUSED = {
     "no calls": "tool choice `none`",
     "no tools": "has taken act, observe, read_manual",
-    "schema": "no output_type",
+    "schema": "cannot have an output_type",
 }
 
 
