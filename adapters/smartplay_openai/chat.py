@@ -22,7 +22,7 @@ from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.message_forms import halves, kept_item
-from smartplay_tools.messages import assistant_message, calls_of, pictures_of, text_of
+from smartplay_tools.messages import assistant_message, calls_of, pictures_of, reasoning_of, text_of
 from smartplay_tools.pictures import Picture, is_picture
 from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
 from smartplay_tools.prompts import received, stable_end, with_pictures_below
@@ -130,7 +130,7 @@ class ChatCompletions(Interface):
         for item in message.get("provider_items", ()):
             if isinstance(item, Mapping) and "type" not in item:
                 answer.update(item)
-        if reasoning := message.get("reasoning_content"):
+        if reasoning := reasoning_of(message):
             answer["reasoning_content"] = reasoning
         calls = _calls(message)
         if calls:

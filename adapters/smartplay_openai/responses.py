@@ -205,17 +205,20 @@ def _marked(item: dict[str, Any]) -> dict[str, Any]:
 
 
 def output_items(message: Message) -> Iterator[dict[str, Any]]:
-    """The items of which an assistant message was made; for other messages, items with the same content."""
+    """The items of which an assistant message was made; for other messages, items with the same content.
+
+    A message of another interface has none of the first two types, and what that interface has added to it stays away.
+    """
     words, calls = _texts(message), iter(calls_of(message))
-    for item in message.get("provider_items", ()):
-        match item.get("type") if isinstance(item, Mapping) else None:
-            case None:
-                continue
+    items = [item for item in message.get("provider_items", ()) if isinstance(item, Mapping) and "type" in item]
+    is_own = any(item["type"] in ("message", "function_call") for item in items)
+    for item in items:
+        match item["type"]:
             case "message":
                 yield {**item, "content": _output_text(next(words, ""))}
             case "function_call":
                 yield {**item, **_call(next(calls))}
-            case _:
+            case kind if is_own or kind == "reasoning":
                 yield dict(item)
     for text in words:
         yield {"type": "message", "role": "assistant", "content": _output_text(text)}

@@ -358,6 +358,20 @@ def test_thoughts_among_the_parts_of_a_content_are_thoughts_and_go_back_with_it(
     assert (sent["content"], sent["tool_calls"]) == (whole, calls)
 
 
+def test_what_chat_completions_add_to_a_reply_is_not_sent_to_responses():
+    calls = [{"id": "a", **OBSERVE, **SIGNED}]
+    content = [thoughts("Hm."), {"type": "text", "text": "I look."}]
+    reply = so.chat_reply({"choices": [{"message": {"role": "assistant", "content": content, "tool_calls": calls}}]})
+    items = so.responses_request(sp.Prompt([reply.message], ()))["input"]
+    assert [item["type"] for item in items] == ["message", "function_call"]
+
+
+def test_the_endpoint_passes_thoughts_on_wherever_the_provider_has_them():
+    reply = so.chat_reply({"choices": [{"message": {"content": [thoughts("Hm.")]}}]})
+    completion = so.CHAT.write(reply.message, "m", sp.Usage())
+    assert completion["choices"][0]["message"]["reasoning_content"] == "Hm."
+
+
 def test_a_reply_that_was_cut_in_its_thoughts_has_no_words():
     completion = {"choices": [{"message": {"content": [thoughts("Hm")]}, "finish_reason": "length"}]}
     reply = so.chat_reply(completion)
