@@ -9,7 +9,7 @@ from smartplay_tools.evaluation import Run
 from smartplay_tools.records import RunFolder
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.records.run_follower import run_snapshot
-from tests.evaluation.players import Metered, Wordy
+from tests.evaluation.players import Metered, Uncounted, Wordy
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 BUDGET = sp.Budget(reply_tokens=100)
@@ -89,6 +89,18 @@ def test_a_cap_on_cost_counts_what_the_provider_counts_at_the_given_price(tmp_pa
     total = run_snapshot(run.folder).spending.total
     assert total.cost == pytest.approx(total.replies * call)
     assert 0 < total.cost <= 20.5 * call
+
+
+def test_where_a_provider_reports_no_tokens_a_known_price_is_that_of_our_count(tmp_path):
+    prices = {"uncounted": Price.per_million(10.0, 20.0)}
+    arguments = {"games": [BANDIT], "players": {"uncounted": Uncounted}, "trials": 2, "executor": "inline"}
+    run = sp.evaluate(out=tmp_path / "run", prices=prices, **arguments)
+    costs = [(10 * row["tokens"]["prompt"] + 20 * row["tokens"]["reply"]) / 1e6 for row in run.rows]
+    assert [row["cost"] for row in run.rows] == pytest.approx(costs)
+    assert run.spending.total.cost == pytest.approx(sum(costs))
+    capped = sp.evaluate(out=tmp_path / "capped", prices=prices, run_cost=costs[0] / 2, **arguments)
+    assert capped.cap_reached
+    assert capped.spending.total.cost <= costs[0] / 2
 
 
 def test_what_a_run_has_used_in_all_stands_beside_what_its_results_have(tmp_path):

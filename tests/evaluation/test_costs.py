@@ -148,6 +148,14 @@ def test_the_bill_stands_beside_its_model(swept: str) -> None:
     assert "0.40 under the model's rule (-0.1)" in rules_table(cells, tariffs).rows[2][0]
 
 
+def test_a_cost_by_our_count_is_not_a_bill(swept: str) -> None:
+    row = RunFolder(swept).rows()[0]
+    priced = {**row, "cost": 0.5, "tokens": {**row["tokens"], "provider": sp.Usage(requests=50).model_dump()}}
+    cost = Charge(50, 80_000, 0, 0, 2_000, 0.4, 0.0)
+    cells = cell_costs([priced], {row["key"]: Charged([cost], cost)})
+    assert (cells[0].bill, cells[0].billed) == (None, None)
+
+
 def test_the_area_is_the_mean_score_while_money_is_spent(swept: str) -> None:
     shown = [row for row in json.loads(command("cost", swept, "--json")) if row["rule"] == "none"]
     dearest = max(row["cost"] for row in shown)

@@ -21,7 +21,7 @@ from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.groups import grouped
 from smartplay_tools.quantities import short
 from smartplay_tools.records.charges import Charge
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import Row, has_reported_tokens
 from smartplay_tools.records.tariffs import Charged, Tariff
 
 LEAST = "*"
@@ -75,7 +75,7 @@ def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, ru
     for (cell, members, pairs), name in zip(played, names, strict=True):
         by_tariff = list(zip(*(each.charges for _, each in pairs), strict=True))
         scores = [row["score"] for row, _ in pairs]
-        bills = [(row["cost"], each.own) for row, each in pairs if row["cost"] and row["tokens"]["provider"]]
+        bills = [(row["cost"], each.own) for row, each in pairs if row["cost"] and has_reported_tokens(row)]
         own = [each.cost for _, each in bills if each is not None]
         costs.append(
             CellCost(
