@@ -146,7 +146,7 @@ def _fronts(
     verdicts: list[bool | None] = [None] * len(groups)
     for members in grouped(range(len(groups)), lambda at: groups[at][0].game).values():
         # A mean over only those episodes that have a price would be misleading.
-        if any(price not in means[at] or means[at][price].episodes < len(groups[at][1]) for at in members):
+        if any(MEASURES[price](row) is None for at in members for row in groups[at][1]):
             continue
         front = pareto_front([(means[at][price].mean, means[at]["score"].mean) for at in members])
         for position, at in enumerate(members):
