@@ -56,6 +56,16 @@ def test_worlds_are_the_sample_of_a_mean(run):
     assert pairs.paired_difference(rows["rule"], rows["random"], pairs.score).episodes == 6
 
 
+def test_worlds_are_the_sample_of_a_capability_score_too(run):
+    random, rule = summarize(run.rows).profiles
+    worlds = [row for row in run.rows if row["player"] == "rule"][::3]
+    (once,) = summarize(worlds).profiles
+    assert rule.capabilities == once.capabilities
+    estimate = random.capabilities.scores[0].estimate
+    assert estimate is not None
+    assert estimate.episodes == 6
+
+
 def test_a_player_that_plays_a_world_always_alike(run):
     random, rule = repeated(run.rows)
     assert (rule.within, rule.noise_floor, rule.flips) == (0, 0, 0)

@@ -241,7 +241,7 @@ def _profile(
     weights: Weights,
 ) -> Profile:
     rows = {cell.game: members for cell, members in groups if cell in condition.cells}
-    normalized = {game: [row["normalized_score"] for row in members] for game, members in rows.items()}
+    normalized = {game: sample(members, normalized_score).values for game, members in rows.items()}
     privileged = any(cell.privileged for cell in cells if cell.cell in condition.cells)
     return Profile(condition, privileged, capability_scores(normalized, weights=weights))
 
