@@ -12,12 +12,14 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis import pairs, summarize
 from smartplay_tools.evaluation.analysis.repeats import (
+    as_json,
     flips,
     icc,
     noise_floor,
     pass_all,
     pass_at,
     repeated,
+    repeats_table,
     variances,
 )
 from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
@@ -100,6 +102,14 @@ def test_the_commands(run, tmp_path):
     assert len(printed[0]["pass^3"]) == 3
     with pytest.raises(sp.InvalidArgumentError, match="plays each world 3 times"):
         sp.evaluate([GAME], ["random", "rule"], trials=6, executor="inline", out=run.folder.path)
+
+
+def test_budgets_of_one_player_are_told_apart(tmp_path):
+    budgets = [sp.Budget(history=0), sp.Budget(history=1)]
+    run = sp.evaluate([GAME], ["rule"], budgets=budgets, trials=2, repeats=2, executor="inline", out=tmp_path)
+    figures = repeated(run.rows)
+    assert [row[0].strip() for row in repeats_table(figures).rows] == [GAME, "rule, history 0", "rule, history 1"]
+    assert [as_json(each)["condition"] for each in figures] == ["history 0", "history 1"]
 
 
 @pytest.mark.slow

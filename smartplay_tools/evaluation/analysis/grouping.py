@@ -125,6 +125,12 @@ def conditions(cells: Sequence[PlayedCell]) -> list[Condition]:
     ]
 
 
+def labels(cells: Sequence[PlayedCell]) -> list[str]:
+    """Return the label of the condition of each cell, among these; empty for the default."""
+    among = conditions(cells)
+    return [next(condition.label for condition in among if cell in condition.cells) for cell in cells]
+
+
 class _AskedField:
     """What a run may have asked for in a field of the budget, inferred from the numbers of all its cells."""
 
