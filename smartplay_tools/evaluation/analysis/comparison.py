@@ -20,7 +20,7 @@ from typing import Any
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
-from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
+from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions, in_words
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
@@ -164,9 +164,10 @@ def _sides(runs: Mapping[str, Sequence[Row]]) -> dict[Side, dict[str, list[Row]]
 
 
 def _side(run: str, condition: Condition) -> Side:
-    options = [f"{name}={value}" for name, value in sorted(condition.player_options.items())]
     facts = {**condition.budget, **condition.rules}
-    return Side(run, condition.player, ", ".join(filter(None, [condition.label, *options])), facts)
+    return Side(
+        run, condition.player, ", ".join(filter(None, [condition.label, *in_words(condition.player_options)])), facts
+    )
 
 
 def _counterpart(side: Side, sides: Sequence[Side], reference: str | None, first_run: str) -> Side | None:

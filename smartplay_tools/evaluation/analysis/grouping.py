@@ -20,6 +20,7 @@ from typing import Any
 from smartplay_tools.episode.budgets import SMALLEST_AUTO_CAP, resolve
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.json_text import canonical_text
 from smartplay_tools.records.rows import Row
 from smartplay_tools.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.transcript.hashing import canonical_json
@@ -78,6 +79,18 @@ class Condition:
         unusual = [f"{name} {value}" for name, value in given.items() if value != USUAL[name]]
         return ", ".join(filter(None, [*unusual, Budget(**self.budget).describe(), self.variant]))
 
+    def label_among(self, others: Iterable[Condition]) -> str:
+        """Return the label, with the options in which the player differs from the one of its name in other conditions."""
+        rivals = [in_words(other.player_options) for other in others if other.player == self.player]
+        differing = [words for words in in_words(self.player_options) if not all(words in each for each in rivals)]
+        return ", ".join(filter(None, [self.label, *differing]))
+
+
+def in_words(options: Mapping[str, Any]) -> list[str]:
+    """Return options as the command line takes them: KEY=VALUE, where a value that is not text is JSON."""
+    values = ((name, options[name]) for name in sorted(options))
+    return [f"{name}={value if isinstance(value, str) else canonical_text(value)}" for name, value in values]
+
 
 def _facts(row: Row) -> dict[str, Any]:
     """The fields of the cell of a row."""
@@ -128,7 +141,7 @@ def conditions(cells: Sequence[PlayedCell]) -> list[Condition]:
 def labels(cells: Sequence[PlayedCell]) -> list[str]:
     """Return the label of the condition of each cell, among these; empty for the default."""
     among = conditions(cells)
-    return [next(condition.label for condition in among if cell in condition.cells) for cell in cells]
+    return [next(condition.label_among(among) for condition in among if cell in condition.cells) for cell in cells]
 
 
 class _AskedField:

@@ -151,8 +151,8 @@ class RunSummary:
 
     def label_of(self, cell: CellSummary) -> str:
         """Return a short description of what a cell's player was given; empty for the default."""
-        conditions = (profile.condition for profile in self.profiles)
-        return next((condition.label for condition in conditions if cell.cell in condition.cells), "")
+        among = [profile.condition for profile in self.profiles]
+        return next((condition.label_among(among) for condition in among if cell.cell in condition.cells), "")
 
 
 def summarize(

@@ -26,6 +26,7 @@ from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstima
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, cut_share, difference_samples, pairs, samples
 from smartplay_tools.evaluation.analysis.pareto import pareto_front
 from smartplay_tools.groups import grouped
+from smartplay_tools.json_text import canonical_text
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES, Budget
 
@@ -158,6 +159,8 @@ def as_row(comparison: WindowComparison) -> dict[str, Any]:
     """Return a comparison as one flat row of a table: `score`, `score_low`, `score_high`, `score_difference`, ..."""
     cell = comparison.cell
     row: dict[str, Any] = {"game": cell.game, "engine": cell.engine, "player": cell.player, **cell.rules}
+    row |= {"tokenizer": cell.tokenizer}
+    row |= {name: canonical_text(getattr(cell, name)) for name in ("options", "player_options")}
     row |= {name: cell.budget[name] for name in (*WINDOW, *LIMITS)}
     row |= {"episodes": comparison.episodes, "full_context": comparison.is_full}
     row |= {"cut_share": comparison.cut_share}
