@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shlex
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -52,6 +53,14 @@ def test_it_shows_the_run(folder):
     assert all(game in shown.output for game in GAMES)
     assert "capabilities" not in shown.output
     assert f"smartplay-tools results {folder} --all --explain" in shown.output.replace("\n", "")
+
+
+def test_what_is_next_can_be_entered_as_it_stands(folder, tmp_path):
+    spaced = tmp_path / "a run"
+    spaced.symlink_to(folder)
+    *_, results, report = run(spaced).output.splitlines()
+    assert shlex.split(results) == ["smartplay-tools", "results", str(spaced), "--all", "--explain"]
+    assert shlex.split(report)[:3] == ["smartplay-tools", "report", str(spaced)]
 
 
 def test_everything_is_behind_an_option(folder):

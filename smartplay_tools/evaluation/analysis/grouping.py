@@ -80,7 +80,7 @@ class Condition:
         return ", ".join(filter(None, [*unusual, Budget(**self.budget).describe(), self.variant]))
 
     def label_among(self, others: Iterable[Condition]) -> str:
-        """Return the label, with the options in which the player differs from the one of its name in other conditions."""
+        """Return the label, with the options in which the player differs from that of its name in other conditions."""
         rivals = [in_words(other.player_options) for other in others if other.player == self.player]
         differing = [words for words in in_words(self.player_options) if not all(words in each for each in rivals)]
         return ", ".join(filter(None, [self.label, *differing]))
