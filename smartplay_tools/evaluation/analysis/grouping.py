@@ -18,7 +18,7 @@ from itertools import product
 from typing import Any
 
 from smartplay_tools.episode.budgets import SMALLEST_AUTO_CAP, resolve
-from smartplay_tools.episode.config import RULES, Rules
+from smartplay_tools.episode.config import RULES, USUAL_RULES
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.json_text import canonical_text
 from smartplay_tools.records.rows import Row
@@ -33,7 +33,7 @@ WORDS = ("history", "tool_calls")
 CAPS = tuple(name for name in Budget.model_fields if name not in (*WORDS, "result_tokens"))
 """The fields that are the same in every game."""
 
-USUAL = {**dict(Rules()), "tokenizer": DEFAULT_TOKENIZER}
+USUAL = {**USUAL_RULES, "tokenizer": DEFAULT_TOKENIZER}
 """The defaults of a condition, except its budget."""
 
 

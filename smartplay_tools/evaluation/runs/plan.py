@@ -84,8 +84,8 @@ class Plan:
 
 
 def cell_name(cell: CellConfig) -> str:
-    """Return the name of a cell in messages: game, player, and the budget as given."""
-    return ", ".join(filter(None, (cell.game, player_of(cell), cell.budget.describe())))
+    """Return the name of a cell in messages: game, player, and what it is given."""
+    return ", ".join(filter(None, (cell.game, player_of(cell), cell.describe())))
 
 
 def player_of(cell: CellConfig) -> str:

@@ -88,6 +88,15 @@ def player_named(name: str) -> PlayerConfig:
     return PlayerConfig(name=name)
 
 
+def check_prices(priced: Iterable[str], players: Iterable[str]) -> None:
+    """Raise an `InvalidArgumentError` if a price is that of no player of the run."""
+    names = dict.fromkeys(players)
+    if others := ", ".join(name for name in priced if name not in names):
+        raise InvalidArgumentError(
+            f"The run has no player {others} that could have a price; it has {', '.join(names)}."
+        )
+
+
 def given_prices(configs: Iterable[PlayerConfig]) -> dict[str, Price]:
     """Return the prices that the configs give, by player."""
     prices: dict[str, Price] = {}

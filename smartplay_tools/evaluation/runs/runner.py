@@ -29,7 +29,7 @@ from smartplay_tools.evaluation.runs.plan import (
     player_key,
     player_of,
 )
-from smartplay_tools.evaluation.runs.players import PlayerConfig, Players, given_prices, read_players
+from smartplay_tools.evaluation.runs.players import PlayerConfig, Players, check_prices, given_prices, read_players
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import Display, following, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
@@ -159,6 +159,7 @@ def run_plan(
     without it and without `on_progress`, a notebook shows it below the cell.
     """
     part = plan if options.shard is None else plan.shard(*options.shard)
+    check_prices(options.prices or (), map(player_of, plan.cells))
     configs = _configs(plan, read_players(players))
     by_executor, remote = _by_executor(part, configs, options.executor)
     executors = {name: EXECUTORS[name] for name in by_executor}
