@@ -81,15 +81,20 @@ class Condition:
 
     def label_among(self, others: Iterable[Condition]) -> str:
         """Return the label, with the options in which the player differs from that of its name in other conditions."""
-        rivals = [in_words(other.player_options) for other in others if other.player == self.player]
-        differing = [words for words in in_words(self.player_options) if not all(words in each for each in rivals)]
-        return ", ".join(filter(None, [self.label, *differing]))
+        rivals = (other.player_options for other in others if other.player == self.player)
+        return ", ".join(filter(None, [self.label, *differing(self.player_options, rivals)]))
 
 
 def in_words(options: Mapping[str, Any]) -> list[str]:
     """Return options as the command line takes them: KEY=VALUE, where a value that is not text is JSON."""
     values = ((name, options[name]) for name in sorted(options))
     return [f"{name}={value if isinstance(value, str) else canonical_text(value)}" for name, value in values]
+
+
+def differing(options: Mapping[str, Any], others: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the options, in words, that are not the same in all of others."""
+    rivals = list(map(in_words, others))
+    return [words for words in in_words(options) if not all(words in rival for rival in rivals)]
 
 
 def _facts(row: Row) -> dict[str, Any]:
