@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.evaluation import Run
+from smartplay_tools.evaluation.runs.plan import prices_in_tables
 from smartplay_tools.records import RunFolder
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.records.run_follower import run_snapshot
@@ -150,6 +152,16 @@ def test_prices_come_from_the_tables_or_from_the_user():
     for wrong in ("", "2", "2,x", "-1,2", "1,2,3,4,5", "nan,1", "1,inf"):
         with pytest.raises(sp.InvalidArgumentError, match="write INPUT,OUTPUT"):
             Price.parse(wrong)
+
+
+def test_a_name_has_the_price_in_the_tables_only_where_no_cell_has_a_server_of_its_own():
+    def cell(player, **options):
+        return cell_config(BANDIT, player=player, player_options=options)
+
+    hosted = [cell("openai:gpt-5-mini"), cell("openai:gpt-5-mini", stream=True)]
+    price = find_price("openai:gpt-5-mini", {})
+    assert prices_in_tables([*hosted, cell("rule")]) == {"openai:gpt-5-mini": price}
+    assert prices_in_tables([*hosted, cell("openai:gpt-5-mini", base_url="http://127.0.0.1:8000")]) == {}
 
 
 def test_a_price_that_is_given_later_is_that_of_all_episodes(tmp_path):
