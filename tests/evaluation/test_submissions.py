@@ -309,6 +309,9 @@ def test_what_cannot_be_prepared(bundle, tmp_path):
     assert check_submission(tmp_path / "one.zip", workers=0).verified
     with pytest.raises(sp.InvalidArgumentError, match="submission_date: this day does not exist"):
         prepare_submission(run, tmp_path / "day.zip", {**FACTS, "submission_date": "2026-02-31"}, player="rule")
+    sp.evaluate([HANOI], ["rule"], out=tmp_path / "again", trials=1, repeats=2, executor="inline")
+    with pytest.raises(sp.InvalidArgumentError, match="plays every world 2 times; submit a run without repeats"):
+        prepare_submission(tmp_path / "again", tmp_path / "again.zip", FACTS)
     (run / "results.jsonl").write_text("")
     with pytest.raises(sp.InvalidArgumentError, match="1 of 1 episodes are not finished"):
         prepare_submission(run, tmp_path / "none.zip", FACTS, player="rule")

@@ -33,7 +33,7 @@ def prepare_submission(
         facts: fields of `submission.json`; versions and results are filled in.
         player: whose episodes are submitted, where the run has several players.
 
-    An unfinished run, a shard, or metadata that contradict the run, are an `InvalidArgumentError`.
+    An unfinished run, a shard, a run with `repeats`, or metadata that contradict the run, are an `InvalidArgumentError`.
     """
     folder, out = RunFolder(run), Path(out)
     if out.suffix != ".zip":
@@ -57,6 +57,10 @@ def _part_of(folder: RunFolder, manifest: Manifest, player: str | None) -> Manif
     """Return the manifest of one player's part of a run, without what only the run itself needs."""
     if manifest.shard is not None:
         raise InvalidArgumentError(f"{folder.path} holds a shard; merge all shards and submit the whole run.")
+    if manifest.repeats is not None:
+        raise InvalidArgumentError(
+            f"{folder.path} plays every world {manifest.repeats} times; submit a run without repeats."
+        )
     names = list(dict.fromkeys(cell.player or "" for cell in manifest.cells))
     if player is None and len(names) > 1:
         raise InvalidArgumentError(f"The run has the players {', '.join(names)}; name the one that is submitted.")
