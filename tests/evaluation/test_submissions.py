@@ -21,9 +21,11 @@ from smartplay_tools.evaluation.board.submissions import (
     report_json,
     report_text,
 )
+from smartplay_tools.evaluation.runs import PlayerConfig
 from smartplay_tools.evaluation.suites import get_suite
 from tests.evaluation import bundles
 from tests.evaluation.bundles import BANDIT, FACTS, HANOI, Files, changed, edit_json, edit_record, records
+from tests.evaluation.players import FirstMoves
 
 
 @pytest.fixture(scope="module")
@@ -312,6 +314,10 @@ def test_what_cannot_be_prepared(bundle, tmp_path):
     sp.evaluate([HANOI], ["rule"], out=tmp_path / "again", trials=1, repeats=2, executor="inline")
     with pytest.raises(sp.InvalidArgumentError, match="plays every world 2 times; submit a run without repeats"):
         prepare_submission(tmp_path / "again", tmp_path / "again.zip", FACTS)
+    heats = [PlayerConfig(name="first", factory=FirstMoves, options={"heat": heat}) for heat in (0, 1)]
+    sp.evaluate([BANDIT], heats, out=tmp_path / "heats", trials=1, executor="inline")
+    with pytest.raises(sp.InvalidArgumentError, match="first has several sets of options"):
+        prepare_submission(tmp_path / "heats", tmp_path / "heats.zip", FACTS)
     (run / "results.jsonl").write_text("")
     with pytest.raises(sp.InvalidArgumentError, match="1 of 1 episodes are not finished"):
         prepare_submission(run, tmp_path / "none.zip", FACTS, player="rule")

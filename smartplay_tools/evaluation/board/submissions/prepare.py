@@ -68,6 +68,8 @@ def _part_of(folder: RunFolder, manifest: Manifest, player: str | None) -> Manif
     if player not in names:
         raise InvalidArgumentError(f"The run has no player {player!r}; it has {', '.join(names)}.")
     kept = [number for number, cell in enumerate(manifest.cells) if cell.player == player]
+    if any(manifest.cells[number].player_options != manifest.cells[kept[0]].player_options for number in kept):
+        raise InvalidArgumentError(f"{player} has several sets of options in {folder.path}; submit a run with one.")
     place = {number: at for at, number in enumerate(kept)}
     return manifest.model_copy(
         update={
