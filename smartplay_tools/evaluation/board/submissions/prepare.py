@@ -33,7 +33,8 @@ def prepare_submission(
         facts: fields of `submission.json`; versions and results are filled in.
         player: whose episodes are submitted, where the run has several players.
 
-    An unfinished run, a shard, a run with `repeats`, or metadata that contradict the run, are an `InvalidArgumentError`.
+    An unfinished run, a shard, a run with `repeats`, a player with several sets of options, or metadata that contradict
+    the run, are an `InvalidArgumentError`.
     """
     folder, out = RunFolder(run), Path(out)
     if out.suffix != ".zip":
