@@ -111,6 +111,17 @@ def test_names_say_what_differs_and_a_note_what_does_not():
     assert any(note.startswith("everywhere: ") and "replies <= 100" in note for note in table.notes)
 
 
+def test_episodes_that_are_compared_with_nothing_are_counted():
+    both = episodes([1, 2, 3])
+    comparison = compare({"a": both + episodes([1, 2], game=RPS), "b": both})
+    assert comparison.uncompared == 2
+    assert (
+        "2 episodes are of a game or a side that has nothing to be compared with here"
+        in comparison_tables(comparison)[0].notes
+    )
+    assert compare({"a": both, "b": both}).uncompared == 0
+
+
 def test_runs_without_a_game_in_common_are_refused():
     with pytest.raises(sp.InvalidArgumentError, match="no two players or runs have a game in common"):
         compare({"a": episodes([1, 2]), "b": [r | {"game": RPS} for r in episodes([1, 2])]})

@@ -99,6 +99,8 @@ class Comparison:
     overall: tuple[Overall, ...]
     versions: Mapping[str, Mapping[str, str]]
     """Differing versions of programs: name -> run -> version, or several versions separated by commas."""
+    uncompared: int = 0
+    """Episodes of games, and of sides, that are in no pairing."""
 
 
 def compare(
@@ -140,6 +142,7 @@ def compare(
         pairings=pairings,
         overall=tuple(_overall(sides, pairings)),
         versions=_versions(runs),
+        uncompared=_uncompared(sides, matches),
     )
 
 
@@ -209,6 +212,19 @@ def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]], margin: M
         unpaired = len(sides[side][game]) + len(sides[other][game]) - 2 * len(own)
         pairings.append(Pairing(game, side, other, len(own), unpaired, mean, difference, *outcomes, verdict))
     return tuple(pairings)
+
+
+def _uncompared(sides: Sides, matches: Sequence[tuple[str, Side, Side]]) -> int:
+    """How many episodes are in no match. A cell can be of several sides, since conditions may overlap."""
+    compared = {(game, side) for game, *both in matches for side in both}
+    every: set[tuple[str, str, str]] = set()
+    used: set[tuple[str, str, str]] = set()
+    for side, games in sides.items():
+        for game, rows in games.items():
+            keys = {(side.run, game, row["key"]) for row in rows}
+            every |= keys
+            used |= keys if (game, side) in compared else set()
+    return len(every - used)
 
 
 def _sign(difference: float) -> int:

@@ -115,6 +115,8 @@ def _notes(comparison: Comparison) -> Iterator[str]:
     yield from interval_notes(each.differences.get("score") for each in comparison.pairings)
     if unpaired := sum(each.unpaired for each in comparison.pairings):
         yield f"{unpaired} episodes have no counterpart of the same seed and trial, and are in no difference"
+    if comparison.uncompared:
+        yield f"{comparison.uncompared} episodes are of a game or a side that has nothing to be compared with here"
     for name, versions in comparison.versions.items():
         yield f"{name} differs: {', '.join(f'{version} in {run}' for run, version in versions.items())}"
 

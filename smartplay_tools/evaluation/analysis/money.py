@@ -17,6 +17,7 @@ from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from smartplay_tools.evaluation.analysis.names import family_titles, window_names
 from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, fixed, percent
 from smartplay_tools.evaluation.analysis.windows import family
+from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.groups import grouped
 from smartplay_tools.quantities import short
 from smartplay_tools.records.charges import Charge
@@ -43,6 +44,7 @@ class CellCost:
     uncounted: int
     """Episodes without prompts on record, which are in no mean."""
     score: float
+    """The mean, as of every other table: of worlds or chains, where these have several episodes."""
     tokens: float
     """Budget tokens of prompts and replies."""
     costs: tuple[float, ...]
@@ -74,7 +76,7 @@ def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, ru
     named = zip(played, family_titles(cells), window_names(cells), strict=True)
     for (cell, members, pairs), title, name in named:
         by_tariff = list(zip(*(each.charges for _, each in pairs), strict=True))
-        scores = [row["score"] for row, _ in pairs]
+        scores = [score(row) for row, _ in pairs]
         bills = [(row["cost"], each.own) for row, each in pairs if row["cost"] and has_reported_tokens(row)]
         own = [each.cost for _, each in bills if each is not None]
         costs.append(
@@ -84,7 +86,7 @@ def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, ru
                 window=name or "the default",
                 episodes=len(pairs),
                 uncounted=len(members) - len(pairs),
-                score=fmean(scores),
+                score=fmean(sample([row for row, _ in pairs], score).values),
                 tokens=fmean(row["tokens"]["prompt"] + row["tokens"]["reply"] for row, _ in pairs),
                 costs=tuple(fmean(charge.cost for charge in charges) for charges in by_tariff),
                 shares=tuple(map(_shares, by_tariff)),
