@@ -23,6 +23,7 @@ from smartplay_tools.evaluation.board.submissions import (
 )
 from smartplay_tools.evaluation.runs import PlayerConfig
 from smartplay_tools.evaluation.suites import get_suite
+from smartplay_tools.records.manifest import Until
 from tests.evaluation import bundles
 from tests.evaluation.bundles import BANDIT, FACTS, HANOI, Files, changed, edit_json, edit_record, records
 from tests.evaluation.players import FirstMoves
@@ -318,6 +319,10 @@ def test_what_cannot_be_prepared(bundle, tmp_path):
     sp.evaluate([BANDIT], heats, out=tmp_path / "heats", trials=1, executor="inline")
     with pytest.raises(sp.InvalidArgumentError, match="first has several sets of options"):
         prepare_submission(tmp_path / "heats", tmp_path / "heats.zip", FACTS)
+    until = Until("5", None, "score")
+    sp.evaluate([BANDIT], ["rule", "random"], until=until, out=tmp_path / "until", trials=12, executor="inline")
+    with pytest.raises(sp.InvalidArgumentError, match="Play it without --until"):
+        prepare_submission(tmp_path / "until", tmp_path / "until.zip", FACTS, player="rule")
     (run / "results.jsonl").write_text("")
     with pytest.raises(sp.InvalidArgumentError, match="1 of 1 episodes are not finished"):
         prepare_submission(run, tmp_path / "none.zip", FACTS, player="rule")

@@ -16,8 +16,8 @@ from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from smartplay_tools.evaluation.analysis.names import family_titles, window_names
 from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, fixed, percent
-from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.evaluation.analysis.pairs import sample, score
+from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.groups import grouped
 from smartplay_tools.quantities import short
 from smartplay_tools.records.charges import Charge

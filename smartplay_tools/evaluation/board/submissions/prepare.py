@@ -43,9 +43,9 @@ def prepare_submission(
     keys = {episode.key for episode in manifest.episodes}
     rows = [row for row in folder.rows() if row["key"] in keys]
     if missing := len(keys) - len(rows):
+        remedy = "The command that played it continues it." if manifest.until is None else "Play it without --until."
         raise InvalidArgumentError(
-            f"{missing} of {len(keys)} episodes are not finished; a submission holds all of its run. The command that "
-            "played it continues it."
+            f"{missing} of {len(keys)} episodes are not finished; a submission holds all of its run. {remedy}"
         )
     submission = _submission(facts, rows)
     for finding in check_suite(read_plan(manifest.to_json()), submission.suite, submission.submission_type):
