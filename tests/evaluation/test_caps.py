@@ -152,6 +152,9 @@ def test_prices_come_from_the_tables_or_from_the_user():
     for wrong in ("", "2", "2,x", "-1,2", "1,2,3,4,5", "nan,1", "1,inf"):
         with pytest.raises(sp.InvalidArgumentError, match="write INPUT,OUTPUT"):
             Price.parse(wrong)
+    for rates in ((-1, 2), (1, float("inf")), (1, 2, float("nan")), (1, 2, 1, -1)):
+        with pytest.raises(sp.InvalidArgumentError, match="finite and not negative"):
+            Price.per_million(*rates)
 
 
 def test_a_name_has_the_price_in_the_tables_only_where_no_cell_has_a_server_of_its_own():
