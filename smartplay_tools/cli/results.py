@@ -76,7 +76,11 @@ def results(
         print(json.dumps(summaries[0] if len(summaries) == 1 else summaries, indent=2))
         return
     if form is not Format.TEXT:
-        tables = [table for run in shown for table in _tables(run, everything=everything, succeeds=succeeds)]
+        tables = [
+            table.of_run(str(run.folder)) if len(shown) > 1 else table
+            for run in shown
+            for table in _tables(run, everything=everything, succeeds=succeeds)
+        ]
         rows = [{"run": str(run.folder), **row} for run in shown for row in cell_rows(run.summary)]
         print_tables(form, [*tables, *cost_columns(folders, cache, caches)], rows, None)
         return

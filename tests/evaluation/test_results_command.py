@@ -89,6 +89,15 @@ def test_it_fits_eighty_columns_and_cuts_no_number(folder, tmp_path):
     assert "123,457 (all 2 equal)" in run(wide).output
 
 
+def test_tables_of_several_runs_are_named_in_every_format(folder, tmp_path):
+    other = tmp_path / "other"
+    other.symlink_to(folder)
+    shown = run(folder, other, "--format", "markdown").output
+    assert [line for line in shown.splitlines() if line.startswith("**")] == [f"**{folder}**", f"**{other}**"]
+    assert f"\\caption{{{other}. [ ]" in run(folder, other, "--format", "latex").output.replace("\\_", "_")
+    assert run(folder, "--format", "markdown").output.startswith("| game and player |")
+
+
 def test_several_runs_are_shown_beneath_each_other(folder, tmp_path):
     shown = run(folder, folder, "--csv", tmp_path / "both.csv").output
     assert shown.count("8 of 8 episodes finished") == 2
