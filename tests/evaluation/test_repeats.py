@@ -104,6 +104,14 @@ def test_the_commands(run, tmp_path):
         sp.evaluate([GAME], ["random", "rule"], trials=6, executor="inline", out=run.folder.path)
 
 
+def test_a_world_that_was_not_repeated_takes_no_others_with_it(run):
+    rows = [row for row in run.rows if row["player"] == "random"]
+    (whole,), (begun,) = repeated(rows), repeated(rows[:-2])
+    assert (whole.worlds, whole.repeats, whole.left_out) == (6, 3, 0)
+    assert (begun.worlds, begun.repeats, begun.left_out) == (5, 3, 1)
+    assert "1 episodes are left out" in repeats_table([begun]).notes[-1]
+
+
 def test_budgets_of_one_player_are_told_apart(tmp_path):
     budgets = [sp.Budget(history=0), sp.Budget(history=1)]
     run = sp.evaluate([GAME], ["rule"], budgets=budgets, trials=2, repeats=2, executor="inline", out=tmp_path)

@@ -39,7 +39,9 @@ class Repeats:
     """A short description of what its player was given; empty for the default."""
     worlds: int
     repeats: int
-    """The fewest of any world; further ones are left out."""
+    """The fewest of any world; further ones are left out, and so are worlds that were played once."""
+    left_out: int
+    """Episodes that are therefore in none of these figures."""
     within: float
     """The variance of scores within a world."""
     between: float
@@ -66,11 +68,11 @@ def repeated(rows: Sequence[Row], succeeds: Succeeds | None = None) -> list[Repe
 
 
 def _repeats(cell: PlayedCell, label: str, rows: Sequence[Row], succeeds: Succeeds | None) -> Repeats | None:
-    worlds = grouped(rows, lambda row: row["seed"])
-    repeats = min(map(len, worlds.values()))
-    if repeats < 2 or len(worlds) < 2:
+    worlds = [members for members in grouped(rows, lambda row: row["seed"]).values() if len(members) > 1]
+    if len(worlds) < 2:
         return None
-    played = [sorted(members, key=lambda row: row["trial"])[:repeats] for members in worlds.values()]
+    repeats = min(map(len, worlds))
+    played = [sorted(members, key=lambda row: row["trial"])[:repeats] for members in worlds]
     scores = np.array([[row["score"] for row in members] for members in played], dtype=float)
     if succeeds is None and any(row["completed"] for row in rows):
         succeeds = itemgetter("completed")
@@ -82,6 +84,7 @@ def _repeats(cell: PlayedCell, label: str, rows: Sequence[Row], succeeds: Succee
         label,
         len(played),
         repeats,
+        len(rows) - len(played) * repeats,
         within,
         between,
         None if math.isnan(share) else by_worlds(scores, icc),
@@ -160,6 +163,10 @@ def repeats_table(figures: Sequence[Repeats]) -> TextTable:
     numbers = ("worlds x", "sd within", "between", "ICC", "floor", "flip", "pass@k", "pass^k")
     equal = [each.cell.player for each in figures if not each.within]
     notes = [f"{', '.join(dict.fromkeys(equal))}: all repeats are equal, so more trials say more"] if equal else []
+    left_out = sum(each.left_out for each in figures)
+    notes += (
+        [f"{left_out} episodes are left out, of worlds with more repeats than others or with one"] if left_out else []
+    )
     return TextTable("repeats", columns("game and player", *numbers), rows, (*NOTES, *notes))
 
 
@@ -188,7 +195,6 @@ def _row(each: Repeats, label: str) -> tuple[str, ...]:
 def as_json(each: Repeats) -> dict[str, Any]:
     """Return the figures of a cell as plain data."""
     shares = {f"{name}{k}": share for k, at, every in each.passes for name, share in (("pass@", at), ("pass^", every))}
-    facts = {
-        name: getattr(each, name) for name in ("worlds", "repeats", "within", "between", "icc", "noise_floor", "flips")
-    }
+    names = ("worlds", "repeats", "left_out", "within", "between", "icc", "noise_floor", "flips")
+    facts = {name: getattr(each, name) for name in names}
     return {"game": each.cell.game, "player": each.cell.player, "condition": each.label, **facts, **shares}
