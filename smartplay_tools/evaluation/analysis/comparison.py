@@ -102,6 +102,11 @@ class Comparison:
     uncompared: int = 0
     """Episodes of games, and of sides, that are in no pairing."""
 
+    @property
+    def is_judged(self) -> bool:
+        """Whether there is a margin, and a pairing with pairs that it judges."""
+        return any(each.verdict for each in self.pairings)
+
 
 def compare(
     runs: Mapping[str, Sequence[Row]],
@@ -279,7 +284,8 @@ def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
             own, other = each.means.get(measure), means[each.game, each.reference].get(measure)
             row |= {measure: own and own.mean, f"reference_{measure}": other and other.mean}
             row |= with_ends(f"{measure}_difference", each.differences.get(measure))
-        if each.verdict is not None:
-            row |= {"verdict": each.verdict.word, "margin": each.verdict.margin, "mde": each.verdict.mde}
+        if comparison.is_judged:
+            names = {"verdict": "word", "margin": "margin", "mde": "mde"}
+            row |= {name: each.verdict and getattr(each.verdict, own) for name, own in names.items()}
         rows.append(row)
     return rows
