@@ -15,7 +15,9 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis import summarize
+from smartplay_tools.evaluation.runs import PlayerConfig
 from smartplay_tools.exports import export
+from tests.evaluation.players import FirstMoves
 
 SCHEMA = Path(__file__).parent / "data" / "every_eval_ever.schema.json"
 ABOUT = {"model": "smartplay/rule", "organization": "A laboratory", "relationship": "first_party"}
@@ -84,6 +86,34 @@ def test_results_of_a_models_repository(run, tmp_path):
         for entry in entries:
             assert entry.value == pytest.approx(sum(means[entry.task_id, limit]) / 2)
             assert "mean of 2 episodes" in entry.notes
+
+
+def published_scores(folder: Path) -> dict[str, float]:
+    """The published mean of each result by its player's options."""
+    (path,) = folder.rglob("*.json")
+    results = json.loads(path.read_text(encoding="utf-8"))["evaluation_results"]
+    facts = ((each["generation_config"]["additional_details"], each["score_details"]) for each in results)
+    return {details["player_options"]: score["score"] for details, score in facts}
+
+
+def test_the_chains_of_a_run_are_those_of_its_plan(tmp_path):
+    budget = sp.Budget(notes_tokens=100, prompt_tokens=900, tool_calls=6)
+    arguments = {"trials": 5, "budgets": budget, "carry": "notes", "chain": 2, "executor": "inline"}
+    played = sp.evaluate(["BanditTwoArmedHighLowFixed-v0"], ["random"], out=tmp_path / "run", **arguments)
+    export(tmp_path / "run", tmp_path / "eee", "eee", publication=ABOUT)
+    assert list(published_scores(tmp_path / "eee").values()) == [summarize(played.rows).cells[0].score.mean]
+    bare = (tmp_path / "run" / "episodes").rename(tmp_path / "bare")
+    with pytest.raises(sp.InvalidArgumentError, match="name the run's folder"):
+        export(bare, tmp_path / "other", "eee", publication=ABOUT)
+
+
+def test_every_condition_has_a_file_and_every_episode_is_counted(tmp_path):
+    players = [PlayerConfig(name="first", factory=FirstMoves, options={"heat": heat}) for heat in (-1, 1)]
+    sp.evaluate(["Hanoi3Disk-v0"], players, trials=2, repeats=2, executor="inline", out=tmp_path / "run")
+    exported = export(tmp_path / "run", tmp_path / "hub", "hf-results", publication={"dataset": "a/b"})
+    paths = sorted((tmp_path / "hub" / ".eval_results").iterdir())
+    assert exported.counts["files"] == len(paths) == 2
+    assert all("mean of 4 episodes" in path.read_text(encoding="utf-8") for path in paths)
 
 
 def test_the_command(run, tmp_path):

@@ -14,7 +14,7 @@ from rich.markup import escape
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.runs.players import PlayerConfig, given_prices
+from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
 from smartplay_tools.evaluation.runs.probe import Probe, probe
 from smartplay_tools.evaluation.runs.run_file import RunFile, read_run_file
 
@@ -43,6 +43,7 @@ def check(
         raise InvalidArgumentError("Name players (--players openai:MODEL) or a run file.")
     configs = runs.player_configs(list(dict.fromkeys(names)), base_url, player_option, file.configs())
     configs = runs.with_tool_options(configs, parse_calls, tool_choice)
+    check_prices(runs.prices(price), names)
     prices = given_prices(configs) | runs.prices(price)
     answers = [(config, probe(config, prices)) for config in configs]
     probes = [answer for _, answer in answers if answer is not None]

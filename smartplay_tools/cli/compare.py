@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +18,7 @@ from smartplay_tools.evaluation.analysis.comparison import compare as compare_ru
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.tables import plain
+from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
 
 
@@ -56,11 +58,15 @@ def compare(
     """
     form = Format.JSON if as_json else form
     check_columns(cache, caches, form)
-    names = [str(folder) for folder in folders]
-    if len(set(names)) < len(names):
-        raise InvalidArgumentError("The same folder is named twice; name every run once.")
-    rows = {name: RunFolder(folder).rows() for name, folder in zip(names, folders, strict=True)}
+    rows = rows_by_run(folders)
     given = None if margin is None else Margin.parse(margin)
     compared = compare_runs(rows, reference=reference, margin=given, match=options.names(match))
     tables = [*comparison_tables(compared), *cost_columns(folders, cache, caches)]
     print_tables(form, tables, as_rows(compared), plain(compared))
+
+
+def rows_by_run(folders: Sequence[Path]) -> dict[str, Sequence[Row]]:
+    """Return the rows of runs by their folders, of which none may be named twice."""
+    if len({folder.resolve() for folder in folders}) < len(folders):
+        raise InvalidArgumentError("The same folder is named twice; name every run once.")
+    return {str(folder): RunFolder(folder).rows() for folder in folders}

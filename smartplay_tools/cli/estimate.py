@@ -27,9 +27,9 @@ from smartplay_tools.evaluation.runs import (
 )
 from smartplay_tools.evaluation.runs.estimate import SECONDS_A_CALL, TOKENS_A_SECOND, Range
 from smartplay_tools.evaluation.runs.executors import WAITING_AT_ONCE
+from smartplay_tools.evaluation.runs.plan import prices_in_tables
 from smartplay_tools.evaluation.runs.players import given_prices
 from smartplay_tools.quantities import short
-from smartplay_tools.records.prices import find_price
 
 CUT_SHARE = 0.05
 """The share of cut tool results that is worth a warning."""
@@ -48,10 +48,8 @@ def print_estimate(
 ) -> None:
     """Print the estimate of a plan, or of the shard of it that would be played."""
     plan = plan if options.shard is None else plan.shard(*options.shard)
-    prices = {player_of(cell): find_price(player_of(cell), cell.player_options) for cell in plan.cells}
-    prices |= {**given_prices(players), **(options.prices or {})}
-    priced = {player: price for player, price in prices.items() if price is not None}
-    estimates = estimate(plan, priced, reply_tokens=reply_tokens)
+    prices = {**prices_in_tables(plan.cells), **given_prices(players), **(options.prices or {})}
+    estimates = estimate(plan, prices, reply_tokens=reply_tokens)
     hours = _hours(estimates, players, options.workers)
     if as_json:
         print(json.dumps([{**asdict(each), "cell": each.cell.model_dump(mode="json")} for each in estimates], indent=2))

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
+from smartplay_tools.cli.compare import rows_by_run
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.planning import Planned, as_rows, plan_comparisons, planning_table
 from smartplay_tools.evaluation.analysis.tables import plain
-from smartplay_tools.records.run_folder import RunFolder
 
 
 def power(
@@ -33,6 +33,6 @@ def power(
 
     Example: smartplay-tools power runs/before runs/after --difference 2
     """
-    rows = {str(folder): RunFolder(folder).rows() for folder in folders}
-    planned: list[Planned] = plan_comparisons(compare(rows, reference=reference), Margin.parse(difference))
+    compared = compare(rows_by_run(folders), reference=reference)
+    planned: list[Planned] = plan_comparisons(compared, Margin.parse(difference))
     print_tables(form, [planning_table(planned)], as_rows(planned), plain(planned))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -75,7 +76,11 @@ def results(
         print(json.dumps(summaries[0] if len(summaries) == 1 else summaries, indent=2))
         return
     if form is not Format.TEXT:
-        tables = [table for run in shown for table in _tables(run, everything=everything, succeeds=succeeds)]
+        tables = [
+            table.of_run(str(run.folder)) if len(shown) > 1 else table
+            for run in shown
+            for table in _tables(run, everything=everything, succeeds=succeeds)
+        ]
         rows = [{"run": str(run.folder), **row} for run in shown for row in cell_rows(run.summary)]
         print_tables(form, [*tables, *cost_columns(folders, cache, caches)], rows, None)
         return
@@ -115,13 +120,13 @@ def print_terms(console: Console) -> None:
 
 def print_next(console: Console, folders: Sequence[Path], *, everything: bool = False) -> None:
     """Print the folders of runs, and commands for further steps."""
-    names = " ".join(map(str, folders))
-    commands = [] if everything else [f"smartplay-tools results {names} --all --explain"]
+    words = shlex.join(map(str, folders))
+    commands = [] if everything else [f"smartplay-tools results {words} --all --explain"]
     if len(folders) > 1:
-        commands.append(f"smartplay-tools compare {names}")
+        commands.append(f"smartplay-tools compare {words}")
     else:
-        commands.append(f"smartplay-tools report {names} --out {folders[0].resolve().name}.html")
-    console.print(Text(f"In {names}. Next:", style="dim"), soft_wrap=True)
+        commands.append(f"smartplay-tools report {words} --out {shlex.quote(f'{folders[0].resolve().name}.html')}")
+    console.print(Text(f"In {', '.join(map(str, folders))}. Next:", style="dim"), soft_wrap=True)
     for command in commands:
         typer.echo(f"  {command}")
 

@@ -18,7 +18,7 @@ from smartplay_tools.cli.progress import showing
 from smartplay_tools.cli.running import spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, RunOptions, player_of, run_plan
-from smartplay_tools.evaluation.runs.players import player_named
+from smartplay_tools.evaluation.runs.players import check_prices, player_named
 from smartplay_tools.evaluation.runs.run_progress import not_shown
 from smartplay_tools.players import is_interactive, is_model
 from smartplay_tools.records.manifest import Until
@@ -125,7 +125,9 @@ class RunCommand:
     as_json: options.Json = False
 
     def players(self, names: Sequence[str], configs: Sequence[PlayerConfig] = ()) -> list[PlayerConfig]:
-        """Return the players of the run (`player_configs`)."""
+        """Return the players of the run (`player_configs`), of which there has to be one."""
+        if not names:
+            raise InvalidArgumentError("Name at least one player.")
         given = player_configs(names, self.base_url, self.player_option, configs)
         return with_tool_options(given, self.parse_calls, self.tool_choice)
 
@@ -144,6 +146,7 @@ class RunCommand:
             track=self.track,
         )
         if self.dry_run:
+            check_prices(how.prices or (), map(player_of, plan.cells))
             print_estimate(plan, players, how, reply_tokens=self.assume_reply_tokens, as_json=self.as_json)
             return None
         # A person plays on the terminal on which the progress would be shown.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 import os
+import shlex
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -56,7 +57,7 @@ def prepare(
     submission = prepare_submission(run, out, facts, player=player)
     episodes = sum(result.episodes for result in submission.results)
     typer.echo(f"{out} ({out.stat().st_size / 1e6:.1f} MB): {episodes} episodes of {submission.model_name}. Next:")
-    typer.echo(f"  smartplay-tools submit check {out}")
+    typer.echo(f"  smartplay-tools submit check {shlex.quote(str(out))}")
 
 
 def _read_facts(path: Path | None) -> dict[str, Any]:

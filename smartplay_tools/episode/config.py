@@ -82,6 +82,9 @@ class Rules(Recorded):
 RULES = tuple(Rules.model_fields)
 """The names of the rules."""
 
+USUAL_RULES = dict(Rules())
+"""The rules where nothing else is asked for."""
+
 
 def read_rules(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the rules that a user asks for, with their values checked; `InvalidArgumentError` names a wrong one."""
@@ -122,6 +125,12 @@ class CellConfig(Rules):
     """The player's name; None if it was not given."""
     player_options: PlainData = Field(default_factory=dict)
     """The options with which the player was created."""
+
+    def describe(self) -> str:
+        """Return what the player is given, in a few words; what is as by default is not mentioned."""
+        given = {name: getattr(self, name) for name in RULES}
+        unusual = (f"{name} {value}" for name, value in given.items() if value != USUAL_RULES[name])
+        return ", ".join(filter(None, [*unusual, self.budget.describe()]))
 
     def chain_of(self, trial: int) -> int:
         """Return the number of a trial's chain; without `carry` every trial is a chain of its own."""

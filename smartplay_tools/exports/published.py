@@ -14,7 +14,8 @@ import json
 import re
 import time
 import uuid
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
@@ -27,6 +28,7 @@ from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, co
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, mean_estimates
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, row_of
+from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.transcript.hashing import canonical_json
 
 EEE_SCHEMA = "0.3.0"
@@ -91,27 +93,49 @@ def write_hub_results(records: Iterable[Record], folder: Path, about: Publicatio
     about.needs("dataset")
     rows = _rows(records)
     cells = _cells(rows)
-    estimates = {canonical_json(asdict(cell)): estimate for cell, _, estimate in cells}
+    means = {canonical_json(asdict(cell)): (len(members), estimate) for cell, members, estimate in cells}
     target = folder / ".eval_results"
     target.mkdir()
     groups = conditions([cell for cell, _, _ in cells])
+    names: Counter[str] = Counter()
     for condition in groups:
-        notes = f"{LIBRARY} {_versions(rows)}; {condition.label or 'default budget'}"
+        label = condition.label_among(groups)
+        notes = f"{LIBRARY} {_versions(rows)}; {label or 'default budget'}"
         entries = [
-            _hub_entry(cell.game, estimates[canonical_json(asdict(cell))], notes, about) for cell in condition.cells
+            _hub_entry(cell.game, *means[canonical_json(asdict(cell))], notes, about) for cell in condition.cells
         ]
-        slug = re.sub(r"[^a-z0-9]+", "-", condition.label.lower()).strip("-")
-        path = target / f"{'_'.join(filter(None, ('smartplay', slug)))}.yaml"
+        slug = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-")
+        names[slug] += 1
+        number = "" if names[slug] == 1 else str(names[slug])  # labels that differ in other characters only
+        path = target / f"{'_'.join(filter(None, ('smartplay', slug, number)))}.yaml"
         path.write_text("".join(entries), encoding="utf-8", newline="\n")
     return {"episodes": len(rows), "entries": len(cells), "files": len(groups)}
 
 
 def _rows(records: Iterable[Record]) -> list[Row]:
     """The rows of episodes, which must be those of one player."""
-    rows = [row_of(record, trial) for trial, record in enumerate(records)]
+    rows = list(_with_trials(records))
     if len(players := dict.fromkeys(row["player"] for row in rows)) > 1:
         raise InvalidArgumentError(f"These are the results of {', '.join(players)}; name one with --players.")
     return sorted(rows, key=lambda row: (row["game"], canonical_json(row["budget"]), row["seed"]))
+
+
+def _with_trials(records: Iterable[Record]) -> Iterator[Row]:
+    """Yield the rows of records. Which of them are a chain is known from the plan of their run alone."""
+    planned: dict[Path, dict[str, int]] = {}
+    for number, record in enumerate(records):
+        if record.config.carry is None or record.path is None:
+            yield row_of(record, number)
+            continue
+        run = record.path.parent.parent
+        if not (run / "manifest.json").exists():
+            raise InvalidArgumentError(
+                f"{record.path} is of a trial that carries something over, and which trials are a chain is known from "
+                "their run alone; name the run's folder."
+            )
+        if run not in planned:
+            planned[run] = {episode.key: episode.trial for episode in RunFolder(run).manifest().episodes}
+        yield row_of(record, planned[run][record.key])
 
 
 def _versions(rows: Sequence[Row]) -> str:
@@ -172,10 +196,10 @@ def _generation(cell: PlayedCell) -> dict[str, Any]:
     return arguments | ({} if temperature is None else {"temperature": temperature})
 
 
-def _hub_entry(game: str, estimate: MeanEstimate, notes: str, about: Publication) -> str:
+def _hub_entry(game: str, episodes: int, estimate: MeanEstimate, notes: str, about: Publication) -> str:
     """An entry in YAML, of which JSON's texts and numbers are a part."""
     interval = "" if estimate.low is None else f", 95 % interval {estimate.low:.4g} to {estimate.high:.4g}"
-    remark = f"{notes}; mean of {estimate.episodes} episodes{interval}"
+    remark = f"{notes}; mean of {episodes} episodes{interval}"
     lines = [
         "- dataset:",
         f"    id: {json.dumps(about.dataset)}",

@@ -38,7 +38,7 @@ class _Sum:
         reported = Usage.reported(usage)
         if price is not None:
             ours = Usage(prompt=usage.get("prompt", 0), reply=usage.get("reply", 0))
-            self.costs.append(price.cost(reported or ours))
+            self.costs.append(price.cost(ours.replaced_by(reported)))
         elif reported is not None:
             self.is_unpriced = True
 

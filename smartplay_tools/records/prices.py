@@ -53,7 +53,12 @@ class Price:
         *,
         source: str = "given",
     ) -> Self:
-        """Return a price in US dollars per million tokens of prompts, replies, cached and written parts."""
+        """Return a price in US dollars per million tokens of prompts, replies, cached and written parts.
+
+        A rate that nothing can cost is an `InvalidArgumentError`.
+        """
+        if not all(0 <= rate < math.inf for rate in (given, taken, cached or 0, write or 0)):
+            raise InvalidArgumentError("The rates of a price are finite and not negative, in USD per million tokens.")
         read, written = given if cached is None else cached, () if write is None else ((0, write),)
         return cls(((0, given),), ((0, taken),), ((0, read),), source, written)
 

@@ -22,7 +22,7 @@ from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
-from smartplay_tools.types import EpisodeResult, RecordedBudget, ResolvedBudget
+from smartplay_tools.types import EpisodeResult, RecordedBudget, ResolvedBudget, Usage
 
 Row = dict[str, Any]
 """A row of `results.jsonl`: an `EpisodeResult` in JSON, and the configuration of its episode."""
@@ -40,6 +40,12 @@ def row_of(record: Record, trial: int) -> Row:
     copied = {name: record.facts[name] for name in COPIED if name not in Rules.later or record.facts[name] is not None}
     counted = {"peak_prompt_tokens": record.peak_prompt_tokens, "cost": record.cost}
     return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted}
+
+
+def has_reported_tokens(row: Row) -> bool:
+    """Return whether a provider has counted tokens of an episode."""
+    provider = row["tokens"]["provider"]
+    return provider is not None and Usage(**provider).has_tokens
 
 
 def unit_of(*rows: Row) -> int:

@@ -185,7 +185,7 @@ class RunFollower:
             CellSnapshot(
                 game=cell.game,
                 player=cell.player or "",
-                asked=cell.budget.describe(),
+                asked=cell.describe(),
                 score=scores[place],
                 **{kind: count[place] for kind, count in counts.items()},
             )
@@ -236,7 +236,7 @@ class RunFollower:
             return ""
         row = self._attempts[self._latest].row
         cell = plan.cells[plan.cell_of[row["key"]]] if row["key"] in plan.cell_of else None
-        name = "" if cell is None else ", ".join(filter(None, (cell.game, cell.player, cell.budget.describe()))) + ": "
+        name = "" if cell is None else ", ".join(filter(None, (cell.game, cell.player, cell.describe()))) + ": "
         return f"{name}{row['error'] or row['end_reason']}"
 
 

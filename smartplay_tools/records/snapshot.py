@@ -61,7 +61,7 @@ class CellSnapshot:
     game: str
     player: str
     asked: str
-    """A short description of its budget as given; empty for the default budget."""
+    """A short description of its rules and its budget as given; empty for the default ones."""
     planned: int
     finished: int
     running: int
@@ -73,7 +73,7 @@ class CellSnapshot:
 
     @property
     def name(self) -> str:
-        """The cell in messages: game, player, and the budget as given."""
+        """The cell in messages: game, player, and what it is given."""
         return ", ".join(filter(None, (self.game, self.player, self.asked)))
 
     def __add__(self, other: CellSnapshot) -> CellSnapshot:

@@ -72,6 +72,13 @@ class Metered(FirstMoves):
         return sp.Usage(prompt=self.options.get("prompt", 1000), reply=100, cached=500)
 
 
+class Uncounted(FirstMoves):
+    """Reports its requests without any tokens, as what asks a server without usage does."""
+
+    def usage(self, prompt: sp.Prompt) -> sp.Usage | None:
+        return sp.Usage()
+
+
 class Waiting:
     """An asynchronous player, which fails if the event loop is blocked."""
 

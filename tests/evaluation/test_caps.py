@@ -5,11 +5,13 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.evaluation import Run
+from smartplay_tools.evaluation.runs.plan import prices_in_tables
 from smartplay_tools.records import RunFolder
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.records.run_follower import run_snapshot
-from tests.evaluation.players import Metered, Wordy
+from tests.evaluation.players import Metered, Uncounted, Wordy
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 BUDGET = sp.Budget(reply_tokens=100)
@@ -91,6 +93,18 @@ def test_a_cap_on_cost_counts_what_the_provider_counts_at_the_given_price(tmp_pa
     assert 0 < total.cost <= 20.5 * call
 
 
+def test_where_a_provider_reports_no_tokens_a_known_price_is_that_of_our_count(tmp_path):
+    prices = {"uncounted": Price.per_million(10.0, 20.0)}
+    arguments = {"games": [BANDIT], "players": {"uncounted": Uncounted}, "trials": 2, "executor": "inline"}
+    run = sp.evaluate(out=tmp_path / "run", prices=prices, **arguments)
+    costs = [(10 * row["tokens"]["prompt"] + 20 * row["tokens"]["reply"]) / 1e6 for row in run.rows]
+    assert [row["cost"] for row in run.rows] == pytest.approx(costs)
+    assert run.spending.total.cost == pytest.approx(sum(costs))
+    capped = sp.evaluate(out=tmp_path / "capped", prices=prices, run_cost=costs[0] / 2, **arguments)
+    assert capped.cap_reached
+    assert capped.spending.total.cost <= costs[0] / 2
+
+
 def test_what_a_run_has_used_in_all_stands_beside_what_its_results_have(tmp_path):
     price = {"metered": Price.per_million(10.0, 20.0, 1.0)}
     arguments = {"players": {"metered": Metered}, "out": tmp_path, "trials": 1, "executor": "inline", "prices": price}
@@ -138,6 +152,19 @@ def test_prices_come_from_the_tables_or_from_the_user():
     for wrong in ("", "2", "2,x", "-1,2", "1,2,3,4,5", "nan,1", "1,inf"):
         with pytest.raises(sp.InvalidArgumentError, match="write INPUT,OUTPUT"):
             Price.parse(wrong)
+    for rates in ((-1, 2), (1, float("inf")), (1, 2, float("nan")), (1, 2, 1, -1)):
+        with pytest.raises(sp.InvalidArgumentError, match="finite and not negative"):
+            Price.per_million(*rates)
+
+
+def test_a_name_has_the_price_in_the_tables_only_where_no_cell_has_a_server_of_its_own():
+    def cell(player, **options):
+        return cell_config(BANDIT, player=player, player_options=options)
+
+    hosted = [cell("openai:gpt-5-mini"), cell("openai:gpt-5-mini", stream=True)]
+    price = find_price("openai:gpt-5-mini", {})
+    assert prices_in_tables([*hosted, cell("rule")]) == {"openai:gpt-5-mini": price}
+    assert prices_in_tables([*hosted, cell("openai:gpt-5-mini", base_url="http://127.0.0.1:8000")]) == {}
 
 
 def test_a_price_that_is_given_later_is_that_of_all_episodes(tmp_path):

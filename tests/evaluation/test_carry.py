@@ -163,6 +163,8 @@ def test_the_figure_has_a_place_for_every_trial_of_a_chain(played, tmp_path):
     (panel,) = score_against_trial([*without.rows, *played.rows]).axes
     assert [label.get_text() for label in panel.get_xticklabels()] == ["1", "2", "3"]
     assert len(panel.get_legend_handles_labels()[1]) == 2
+    (begun,) = score_against_trial([row for row in played.rows if row["trial"] < 2]).axes
+    assert [label.get_text() for label in begun.get_xticklabels()] == ["1", "2", "3"]
     with pytest.raises(sp.InvalidArgumentError, match="chains of one length"):
         score_against_trial(without.rows)
 

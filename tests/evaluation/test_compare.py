@@ -11,6 +11,9 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis import compare, comparison_tables
+from smartplay_tools.evaluation.analysis.comparison import as_rows
+from smartplay_tools.evaluation.analysis.decisions import Margin
+from smartplay_tools.evaluation.analysis.formats import rows_to_csv
 from tests.evaluation.window_rows import row
 
 RPS = "RockPaperScissorBasic-v0"
@@ -109,6 +112,26 @@ def test_names_say_what_differs_and_a_note_what_does_not():
         "rule, history 5",
     ]
     assert any(note.startswith("everywhere: ") and "replies <= 100" in note for note in table.notes)
+
+
+def test_episodes_that_are_compared_with_nothing_are_counted():
+    both = episodes([1, 2, 3])
+    comparison = compare({"a": both + episodes([1, 2], game=RPS), "b": both})
+    assert comparison.uncompared == 2
+    assert (
+        "2 episodes are of a game or a side that has nothing to be compared with here"
+        in comparison_tables(comparison)[0].notes
+    )
+    assert compare({"a": both, "b": both}).uncompared == 0
+
+
+def test_a_pairing_without_pairs_has_no_verdict_beside_those_that_have_one():
+    unpaired = [r | {"trial": 99} for r in episodes([1, 2])]
+    runs = {"a": episodes([1, 2]) + episodes([1, 2], game=RPS), "b": unpaired + episodes([1, 2], game=RPS)}
+    comparison = compare(runs, margin=Margin(1))
+    assert [row[-1] for row in comparison_tables(comparison)[0].rows if len(row) > 1] == ["", "-", "", "undecided"]
+    (none, judged) = csv.DictReader(rows_to_csv(as_rows(comparison)).splitlines())
+    assert (none["verdict"], judged["verdict"]) == ("", "undecided")
 
 
 def test_runs_without_a_game_in_common_are_refused():

@@ -12,6 +12,7 @@ from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin, decide, mde, pairs_needed, plan_pairs
 from smartplay_tools.evaluation.analysis.intervals import Bounds, Sample, mean_estimate
+from smartplay_tools.evaluation.analysis.planning import plan_comparisons
 from tests.evaluation import simulations
 from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, tilted
 from tests.evaluation.simulated_tables import agrees
@@ -73,6 +74,37 @@ def test_the_smallest_difference_that_is_seen(n, expected):
 def test_a_pilot_that_tells_too_little_is_refused():
     assert plan_pairs(mean_estimate([1.0, 2.0] * 4), 1) == "8 pairs are too few to judge from; play 10"
     assert "no spread" in plan_pairs(mean_estimate([1.0] * 20), 1)
+
+
+def test_a_plan_of_chains_is_one_of_their_trials():
+    """As many chains of two trials as pairs of independent ones, where the means of the chains have their spread."""
+
+    def planned(**facts):
+        spreads = {"a": 0, "b": 3}
+        length = facts.get("chain", 1)
+        facts |= {"prompts": "1", "versions": {}}
+        runs = {
+            name: [row(seed=trial, score=20 + spread * (trial // length % 2), **facts) for trial in range(12 * length)]
+            for name, spread in spreads.items()
+        }
+        (plan,) = plan_comparisons(compare(runs), Margin(1))
+        return plan.needed
+
+    alone, chained = planned(), planned(carry="notes", chain=2)
+    assert chained.mde == alone.mde
+    assert (chained.pairs, chained.needed) == (24, tuple(2 * trials for trials in alone.needed))
+    few = [
+        row(score=trial, trial=trial, player=player, prompts="1", versions={})
+        for player in ("a", "b")
+        for trial in range(2)
+    ]
+    assert plan_comparisons(compare({"run": few}), Margin(1))[0].reason.startswith("1 worlds are too few")
+
+
+def test_a_run_that_is_named_twice_is_refused(tmp_path):
+    for command in (["compare"], ["power", "--difference", "1"]):
+        refused = CliRunner().invoke(app, [*command, str(tmp_path), str(tmp_path / ".." / tmp_path.name)])
+        assert (refused.exit_code, refused.output.count("named twice")) == (2, 1)
 
 
 @pytest.mark.slow

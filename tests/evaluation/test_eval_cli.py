@@ -87,6 +87,8 @@ def test_an_incomplete_run_says_so_and_is_no_success(tmp_path):
         (["--shard", "half"], "--shard half is invalid; write it as 1/4."),
         (["--price", "3,4"], "--price 3,4 names no player"),
         (["--price", "rule=3"], "'3' is not a price"),
+        (["--price", "ruel=3,4"], "The run has no player ruel that could have a price; it has rule."),
+        (["--players", ""], "Name at least one player."),
         (["--player-option", "api_key=x"], "give it in the environment"),
         (["--player-option", "temperature"], "--player-option temperature has no value"),
         (["--player-option", "temperature=1"], "The player 'rule' cannot be made with"),

@@ -7,7 +7,11 @@ from xml.etree import ElementTree
 import pytest
 from typer.testing import CliRunner
 
+import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.evaluation.analysis.gates import mean_gates
+from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
+from tests.evaluation.runs import play_rows
 
 GAME = "Hanoi3Disk-v0"
 
@@ -41,6 +45,14 @@ def test_a_run_that_is_worse_than_the_one_before_fails(run, tmp_path):
     assert "different within 1" in shown.output
 
 
+def test_budgets_of_one_player_are_told_apart():
+    rows = [row for history in (1, 5) for row in play_rows(GAME, trials=1, budget=sp.Budget(history=history))]
+    names = [gate.name for gate in mean_gates(rows, [RowCondition.parse("score < 3")])]
+    assert names == ["rule, history 1, score < 3", "rule, history 5, score < 3"]
+
+
 def test_what_is_asked_wrongly_is_one_sentence(run, tmp_path):
     assert "--baseline needs --margin" in run("x", "--baseline", str(tmp_path)).output
     assert "is not a condition" in run("x", "--fail-if", "bad").output
+    unwritten = run("x", "--junit", str(tmp_path))
+    assert (unwritten.exit_code, f"{tmp_path} cannot be written" in unwritten.output) == (2, True)

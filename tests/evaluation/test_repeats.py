@@ -12,12 +12,14 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis import pairs, summarize
 from smartplay_tools.evaluation.analysis.repeats import (
+    as_json,
     flips,
     icc,
     noise_floor,
     pass_all,
     pass_at,
     repeated,
+    repeats_table,
     variances,
 )
 from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
@@ -56,6 +58,16 @@ def test_worlds_are_the_sample_of_a_mean(run):
     assert pairs.paired_difference(rows["rule"], rows["random"], pairs.score).episodes == 6
 
 
+def test_worlds_are_the_sample_of_a_capability_score_too(run):
+    random, rule = summarize(run.rows).profiles
+    worlds = [row for row in run.rows if row["player"] == "rule"][::3]
+    (once,) = summarize(worlds).profiles
+    assert rule.capabilities == once.capabilities
+    estimate = random.capabilities.scores[0].estimate
+    assert estimate is not None
+    assert estimate.episodes == 6
+
+
 def test_a_player_that_plays_a_world_always_alike(run):
     random, rule = repeated(run.rows)
     assert (rule.within, rule.noise_floor, rule.flips) == (0, 0, 0)
@@ -90,6 +102,22 @@ def test_the_commands(run, tmp_path):
     assert len(printed[0]["pass^3"]) == 3
     with pytest.raises(sp.InvalidArgumentError, match="plays each world 3 times"):
         sp.evaluate([GAME], ["random", "rule"], trials=6, executor="inline", out=run.folder.path)
+
+
+def test_a_world_that_was_not_repeated_takes_no_others_with_it(run):
+    rows = [row for row in run.rows if row["player"] == "random"]
+    (whole,), (begun,) = repeated(rows), repeated(rows[:-2])
+    assert (whole.worlds, whole.repeats, whole.left_out) == (6, 3, 0)
+    assert (begun.worlds, begun.repeats, begun.left_out) == (5, 3, 1)
+    assert "1 episodes are left out" in repeats_table([begun]).notes[-1]
+
+
+def test_budgets_of_one_player_are_told_apart(tmp_path):
+    budgets = [sp.Budget(history=0), sp.Budget(history=1)]
+    run = sp.evaluate([GAME], ["rule"], budgets=budgets, trials=2, repeats=2, executor="inline", out=tmp_path)
+    figures = repeated(run.rows)
+    assert [row[0].strip() for row in repeats_table(figures).rows] == [GAME, "rule, history 0", "rule, history 1"]
+    assert [as_json(each)["condition"] for each in figures] == ["history 0", "history 1"]
 
 
 @pytest.mark.slow

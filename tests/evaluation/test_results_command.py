@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shlex
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -54,6 +55,14 @@ def test_it_shows_the_run(folder):
     assert f"smartplay-tools results {folder} --all --explain" in shown.output.replace("\n", "")
 
 
+def test_what_is_next_can_be_entered_as_it_stands(folder, tmp_path):
+    spaced = tmp_path / "a run"
+    spaced.symlink_to(folder)
+    *_, results, report = run(spaced).output.splitlines()
+    assert shlex.split(results) == ["smartplay-tools", "results", str(spaced), "--all", "--explain"]
+    assert shlex.split(report)[:3] == ["smartplay-tools", "report", str(spaced)]
+
+
 def test_everything_is_behind_an_option(folder):
     shown = run(folder, "--all", "--explain").output
     for title in ("scores", "baselines", "capabilities, the paper's weights", "how it went", "what it took"):
@@ -78,6 +87,15 @@ def test_it_fits_eighty_columns_and_cuts_no_number(folder, tmp_path):
         assert max(map(len, lines)) <= 80
         assert "…" not in tables
     assert "123,457 (all 2 equal)" in run(wide).output
+
+
+def test_tables_of_several_runs_are_named_in_every_format(folder, tmp_path):
+    other = tmp_path / "other"
+    other.symlink_to(folder)
+    shown = run(folder, other, "--format", "markdown").output
+    assert [line for line in shown.splitlines() if line.startswith("**")] == [f"**{folder}**", f"**{other}**"]
+    assert f"\\caption{{{other}. [ ]" in run(folder, other, "--format", "latex").output.replace("\\_", "_")
+    assert run(folder, "--format", "markdown").output.startswith("| game and player |")
 
 
 def test_several_runs_are_shown_beneath_each_other(folder, tmp_path):

@@ -116,6 +116,8 @@ def test_one_player_has_so_many_episodes_at_a_time(tmp_path):
         ("[[budgets]]\nhistroy = 1", "did you mean history or beyond_history or strategy?"),
         ("trials = 0", "trials: Input should be greater than or equal to 1"),
         ('players = [{ name = "rule", concurrency = 0 }]', "concurrency"),
+        ('players = [{ name = "rule", price = [-1, 2] }]', "price.0: Input should be greater than or equal to 0"),
+        ('players = [{ name = "rule", price = [1, inf] }]', "price.1: Input should be a finite number"),
         (f'players = [{{ name = "openai:m", options = {{ api_key = "{SECRET}" }} }}]', "looks like a credential"),
         (f"# the key is {SECRET}\ntrials = 1", "looks like a credential"),
         ('players = [{ name = "openai:m", base_url = "http://me:secret@host/v1" }]', "looks like a credential"),

@@ -16,7 +16,8 @@ from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.records import RunFolder
 from smartplay_tools.records.manifest import trial_seed
-from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Leaver, Waiting
+from smartplay_tools.records.prices import Price
+from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Leaver, Metered, Waiting
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 GAMES = [BANDIT, HANOI]
@@ -312,6 +313,21 @@ def test_a_merge_without_all_shards_can_be_played_to_its_end(tmp_path):
     sp.evaluate(GAMES, out=tmp_path / "1", shard=(1, 2), **arguments)
     merge([tmp_path / "1"], tmp_path / "merged")
     sp.evaluate(GAMES, out=tmp_path / "merged", **arguments)
+    assert results(tmp_path / "merged") == results(tmp_path / "whole")
+
+
+def test_a_part_is_merged_once_and_with_parts_of_the_same_prices_only(tmp_path):
+    arguments = {"games": [HANOI], "players": {"metered": Metered}, "trials": 2, "executor": "inline"}
+    for part, price in ((1, 1.0), (2, 2.0)):
+        prices = {"metered": Price.per_million(price, 1.0)}
+        sp.evaluate(out=tmp_path / str(part), shard=(part, 2), prices=prices, **arguments)
+    with pytest.raises(sp.InvalidArgumentError, match="named twice"):
+        merge([tmp_path / "1", tmp_path / "1"], tmp_path / "merged")
+    with pytest.raises(sp.InvalidArgumentError, match="costs at different prices"):
+        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    sp.evaluate(out=tmp_path / "1", shard=(1, 2), prices=prices, **arguments)
+    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    sp.evaluate(out=tmp_path / "whole", prices=prices, **arguments)
     assert results(tmp_path / "merged") == results(tmp_path / "whole")
 
 

@@ -21,9 +21,12 @@ from smartplay_tools.evaluation.board.submissions import (
     report_json,
     report_text,
 )
+from smartplay_tools.evaluation.runs import PlayerConfig
 from smartplay_tools.evaluation.suites import get_suite
+from smartplay_tools.records.manifest import Until
 from tests.evaluation import bundles
 from tests.evaluation.bundles import BANDIT, FACTS, HANOI, Files, changed, edit_json, edit_record, records
+from tests.evaluation.players import FirstMoves
 
 
 @pytest.fixture(scope="module")
@@ -309,6 +312,17 @@ def test_what_cannot_be_prepared(bundle, tmp_path):
     assert check_submission(tmp_path / "one.zip", workers=0).verified
     with pytest.raises(sp.InvalidArgumentError, match="submission_date: this day does not exist"):
         prepare_submission(run, tmp_path / "day.zip", {**FACTS, "submission_date": "2026-02-31"}, player="rule")
+    sp.evaluate([HANOI], ["rule"], out=tmp_path / "again", trials=1, repeats=2, executor="inline")
+    with pytest.raises(sp.InvalidArgumentError, match="plays every world 2 times; submit a run without repeats"):
+        prepare_submission(tmp_path / "again", tmp_path / "again.zip", FACTS)
+    heats = [PlayerConfig(name="first", factory=FirstMoves, options={"heat": heat}) for heat in (0, 1)]
+    sp.evaluate([BANDIT], heats, out=tmp_path / "heats", trials=1, executor="inline")
+    with pytest.raises(sp.InvalidArgumentError, match="first has several sets of options"):
+        prepare_submission(tmp_path / "heats", tmp_path / "heats.zip", FACTS)
+    until = Until("5", None, "score")
+    sp.evaluate([BANDIT], ["rule", "random"], until=until, out=tmp_path / "until", trials=12, executor="inline")
+    with pytest.raises(sp.InvalidArgumentError, match="Play it without --until"):
+        prepare_submission(tmp_path / "until", tmp_path / "until.zip", FACTS, player="rule")
     (run / "results.jsonl").write_text("")
     with pytest.raises(sp.InvalidArgumentError, match="1 of 1 episodes are not finished"):
         prepare_submission(run, tmp_path / "none.zip", FACTS, player="rule")

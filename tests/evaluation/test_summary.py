@@ -7,8 +7,14 @@ import copy
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.comparison import compare
+from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
+from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.grouping import by_cell, conditions
+from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.summary import summarize
+from smartplay_tools.evaluation.analysis.tables import cell_rows
+from smartplay_tools.evaluation.pages.report.summary_tables import lines
 from smartplay_tools.records.prices import Price
 from tests.evaluation.runs import failed_row, play_row, play_rows
 
@@ -227,6 +233,20 @@ def test_a_game_that_was_played_in_two_ways_splits_its_condition():
         ("rule", "no options", [HANOI, "MessengerL1-v0"]),
         ("rule", "text=corrected", [HANOI, "MessengerL1-v0"]),
     ]
+
+
+def test_a_player_with_two_sets_of_options_is_told_apart_everywhere():
+    row = play_row(HANOI)
+    warm, cold = ({**row, "player_options": {"parameters": {"temperature": t, "top_p": 1}, "n": 1}} for t in (1, 0))
+    summary = summarize([warm, cold])
+    named = ['rule, parameters={"temperature":1,"top_p":1}', 'rule, parameters={"temperature":0,"top_p":1}']
+    assert [line[0].strip() for line in headline(summary).rows[1:]] == named
+    assert [f"rule, {each['condition']}" for each in cell_rows(summary)] == named
+    assert [column.heading for column in next(t for t in details(summary) if "capab" in t.title).columns[1:]] == named
+    assert [f"rule, {line['rules'].partition(', ')[2]}" for line in lines(summary)] == named
+    compared = comparison_tables(compare({"run": [warm, cold]}))[0]
+    assert [line[0].strip() for line in compared.rows[1:]] == named
+    assert "everywhere: n=1" in compared.notes
 
 
 # Profiles and baselines.

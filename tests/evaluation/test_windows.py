@@ -87,6 +87,16 @@ def test_a_front_of_cost_needs_the_price_of_every_episode():
     assert [c.on_cost_front for c in compare_windows(priced)] == [None, None]
 
 
+def test_repeats_of_a_world_and_trials_of_a_chain_have_a_front_too():
+    def twice(history, score, **facts):
+        return [row(3, score, trial=trial, history=history, cost=0.1, **facts) for trial in range(2)]
+
+    for facts in ({}, {"carry": "notes", "chain": 2}):
+        comparisons = compare_windows([*twice(5, 2.0, tokens=100, **facts), *twice(50, 1.0, tokens=200, **facts)])
+        assert [c.on_token_front for c in comparisons] == [True, False]
+        assert [c.on_cost_front for c in comparisons] == [True, False]
+
+
 def test_a_flat_row_is_plain_data_with_the_same_columns_everywhere():
     small, full = (as_row(c) for c in compare_windows(cell([30, 41], history=1) + cell([40, 44], history=50)))
     assert list(small) == list(full)
@@ -110,6 +120,16 @@ def test_cells_with_the_same_window_are_told_apart_by_their_other_caps():
     assert [(row["reply_tokens"], row["tool_calls"]) for row in map(as_row, comparisons)] == [
         (30, 216), (300, 216), (300, 20)
     ]  # fmt: skip
+
+
+def test_families_of_one_player_are_told_apart_by_what_its_options_are():
+    warm, cold = ({"player_options": {"parameters": {"temperature": t, "top_p": 1}, "n": 1}} for t in (1, 0))
+    comparisons = compare_windows([*cell([1, 2], history=5, **warm), *cell([1, 2], history=5, **cold)])
+    assert [line[0] for line in windows_table(comparisons).rows if not line[1:]] == [
+        'BanditTwoArmedHighLowFixed-v0, rule, parameters={"temperature":1,"top_p":1}',
+        'BanditTwoArmedHighLowFixed-v0, rule, parameters={"temperature":0,"top_p":1}',
+    ]
+    assert len({as_row(comparison)["player_options"] for comparison in comparisons}) == 2
 
 
 def test_other_caps_are_not_named_where_windows_tell_cells_apart():

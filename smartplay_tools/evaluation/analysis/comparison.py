@@ -20,7 +20,7 @@ from typing import Any
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
-from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
+from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions, in_words
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
@@ -99,6 +99,13 @@ class Comparison:
     overall: tuple[Overall, ...]
     versions: Mapping[str, Mapping[str, str]]
     """Differing versions of programs: name -> run -> version, or several versions separated by commas."""
+    uncompared: int = 0
+    """Episodes of games, and of sides, that are in no pairing."""
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether there is a margin, and a pairing with pairs that it judges."""
+        return any(each.verdict for each in self.pairings)
 
 
 def compare(
@@ -140,6 +147,7 @@ def compare(
         pairings=pairings,
         overall=tuple(_overall(sides, pairings)),
         versions=_versions(runs),
+        uncompared=_uncompared(sides, matches),
     )
 
 
@@ -164,9 +172,10 @@ def _sides(runs: Mapping[str, Sequence[Row]]) -> dict[Side, dict[str, list[Row]]
 
 
 def _side(run: str, condition: Condition) -> Side:
-    options = [f"{name}={value}" for name, value in sorted(condition.player_options.items())]
     facts = {**condition.budget, **condition.rules}
-    return Side(run, condition.player, ", ".join(filter(None, [condition.label, *options])), facts)
+    return Side(
+        run, condition.player, ", ".join(filter(None, [condition.label, *in_words(condition.player_options)])), facts
+    )
 
 
 def _counterpart(side: Side, sides: Sequence[Side], reference: str | None, first_run: str) -> Side | None:
@@ -208,6 +217,19 @@ def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]], margin: M
         unpaired = len(sides[side][game]) + len(sides[other][game]) - 2 * len(own)
         pairings.append(Pairing(game, side, other, len(own), unpaired, mean, difference, *outcomes, verdict))
     return tuple(pairings)
+
+
+def _uncompared(sides: Sides, matches: Sequence[tuple[str, Side, Side]]) -> int:
+    """How many episodes are in no match. A cell can be of several sides, since conditions may overlap."""
+    compared = {(game, side) for game, *both in matches for side in both}
+    every: set[tuple[str, str, str]] = set()
+    used: set[tuple[str, str, str]] = set()
+    for side, games in sides.items():
+        for game, rows in games.items():
+            keys = {(side.run, game, row["key"]) for row in rows}
+            every |= keys
+            used |= keys if (game, side) in compared else set()
+    return len(every - used)
 
 
 def _sign(difference: float) -> int:
@@ -262,7 +284,8 @@ def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
             own, other = each.means.get(measure), means[each.game, each.reference].get(measure)
             row |= {measure: own and own.mean, f"reference_{measure}": other and other.mean}
             row |= with_ends(f"{measure}_difference", each.differences.get(measure))
-        if each.verdict is not None:
-            row |= {"verdict": each.verdict.word, "margin": each.verdict.margin, "mde": each.verdict.mde}
+        if comparison.is_judged:
+            names = {"verdict": "word", "margin": "margin", "mde": "mde"}
+            row |= {name: each.verdict and getattr(each.verdict, own) for name, own in names.items()}
         rows.append(row)
     return rows

@@ -28,7 +28,7 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     names = side_names(comparison)
     games = dict.fromkeys(each.game for each in comparison.pairings)
     rows = sections((game, _game_rows(comparison, game, names)) for game in games)
-    judged = any(each.verdict for each in comparison.pairings)
+    judged = comparison.is_judged
     last = Column("verdict", words=True) if judged else Column("tokens")
     headings = (*columns("", "pairs", "score", "+-", "W/T/L"), last)
     notes = (NOTES[0], *VERDICT_NOTES) if judged else NOTES
@@ -43,15 +43,15 @@ def _game_rows(comparison: Comparison, game: str, names: Mapping[Side, str]) -> 
     references = [(side, means) for named, side, means in comparison.references if named == game]
     points = decimals_of([*(each.means["score"] for each in pairings), *(means["score"] for _, means in references)])
     for side, means in references:
-        judged = any(each.verdict for each in pairings)
-        last = "" if judged else _tokens(means)
+        last = "" if comparison.is_judged else _tokens(means)
         yield f"  {names[side]}", NOTHING, fixed(means["score"].mean, points), "reference", "", last
         for each in pairings:
             if each.reference == side:
-                yield _pairing_row(each, names[each.side], points)
+                told = _verdict(each.verdict) if comparison.is_judged else _tokens(each.means)
+                yield _pairing_row(each, names[each.side], points, told)
 
 
-def _pairing_row(each: Pairing, name: str, points: int) -> tuple[str, ...]:
+def _pairing_row(each: Pairing, name: str, points: int, last: str) -> tuple[str, ...]:
     difference = with_interval(each.differences.get("score"), points, sign="+")
     outcome = f"{each.wins}/{each.ties}/{each.losses}"
     return (
@@ -60,11 +60,13 @@ def _pairing_row(each: Pairing, name: str, points: int) -> tuple[str, ...]:
         fixed(each.means["score"].mean, points),
         difference,
         outcome,
-        _tokens(each.means) if each.verdict is None else _verdict(each.verdict),
+        last,
     )
 
 
-def _verdict(verdict: Verdict) -> str:
+def _verdict(verdict: Verdict | None) -> str:
+    if verdict is None:
+        return NOTHING
     if verdict.word == "undecided":
         return "undecided" + ("" if verdict.mde is None else f", MDE {verdict.mde:.2g}")
     return verdict.word + (f" than {verdict.margin:g}" if verdict.word == "different, but less" else "")
@@ -115,6 +117,8 @@ def _notes(comparison: Comparison) -> Iterator[str]:
     yield from interval_notes(each.differences.get("score") for each in comparison.pairings)
     if unpaired := sum(each.unpaired for each in comparison.pairings):
         yield f"{unpaired} episodes have no counterpart of the same seed and trial, and are in no difference"
+    if comparison.uncompared:
+        yield f"{comparison.uncompared} episodes are of a game or a side that has nothing to be compared with here"
     for name, versions in comparison.versions.items():
         yield f"{name} differs: {', '.join(f'{version} in {run}' for run, version in versions.items())}"
 

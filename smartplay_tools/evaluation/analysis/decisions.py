@@ -133,11 +133,14 @@ class Needed:
     """The same if the pilot's standard deviation was small by chance: from its upper 80 % limit."""
 
 
-def plan_pairs(estimate: MeanEstimate, difference: float) -> Needed | str:
-    """Plan the pairs that show a difference, from those of a pilot; return the reason if they tell too little."""
+def plan_pairs(estimate: MeanEstimate, difference: float, unit: str = "pairs") -> Needed | str:
+    """Plan the pairs that show a difference, from those of a pilot; return the reason if they tell too little.
+
+    `unit` names what the values of the estimate are of, where they are means of several pairs.
+    """
     n, sd = estimate.episodes, estimate.sd
     if n < FEWEST_PAIRS:
-        return f"{n} pairs are too few to judge from; play {FEWEST_PAIRS}"
+        return f"{n} {unit} are too few to judge from; play {FEWEST_PAIRS}"
     if estimate.all_equal or not sd:
         return f"{estimate.note}, so there is no spread to judge from"
     upper = sd * math.sqrt((n - 1) / chi_squared_quantile(0.2, n - 1))

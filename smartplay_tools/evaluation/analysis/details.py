@@ -11,6 +11,7 @@ from typing import Any
 
 from smartplay_tools.evaluation.analysis.baselines import Baseline, Baselines
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.headline import INTERVALS, PRIVILEGED, by_game, shared, warnings
 from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
@@ -40,7 +41,8 @@ def details(summary: RunSummary) -> Iterator[TextTable]:
         yield _scores(summary)
         yield from _baselines(summary)
     for first in range(0, len(summary.profiles), PROFILES_PER_TABLE):
-        yield _capabilities(summary.profiles[first : first + PROFILES_PER_TABLE])
+        shown = summary.profiles[first : first + PROFILES_PER_TABLE]
+        yield _capabilities(shown, [profile.condition for profile in summary.profiles])
     if summary.cells:
         yield _cells(summary, "how it went", PLAY, "totals over episodes; cut: share of tool results")
         yield _ends(summary)
@@ -159,10 +161,11 @@ def _score(baseline: Baseline | None, decimals: int) -> str:
     return NOTHING if baseline is None else f"{baseline.score:,.{decimals}f}"
 
 
-def _capabilities(profiles: Sequence[Profile]) -> TextTable:
+def _capabilities(profiles: Sequence[Profile], among: Sequence[Condition]) -> TextTable:
     weights = profiles[0].capabilities.weights
     whose = "the paper's weights" if weights == "paper" else "the original code's weights, degree - 1"
-    names = [", ".join(filter(None, [p.condition.player + "*" * p.privileged, p.condition.label])) for p in profiles]
+    given = [(p.condition.player + "*" * p.privileged, p.condition.label_among(among)) for p in profiles]
+    names = [", ".join(filter(None, words)) for words in given]
     rows = [
         (capability, *(with_interval(p.capabilities.scores[index].estimate, 2) for p in profiles))
         for index, capability in enumerate(CAPABILITIES)

@@ -10,7 +10,7 @@ import html
 import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 Align = Literal["left", "right"]
@@ -32,6 +32,10 @@ class TextTable:
     columns: tuple[Column, ...]
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
+
+    def of_run(self, name: str) -> TextTable:
+        """Return the table with the name of its run, for those that stand beside tables of others."""
+        return replace(self, title=", ".join(filter(None, (name, self.title))))
 
     def full_rows(self) -> list[tuple[str, ...]]:
         """Return the rows, each with its heading as the first cell, for formats without heading rows."""
@@ -59,7 +63,8 @@ def to_markdown(table: TextTable) -> str:
     head = [column.heading for column in table.columns]
     rule = ["---" if column.words else "---:" for column in table.columns]
     rows = [[cell.replace("|", "\\|").replace("\n", " ") for cell in row] for row in table.full_rows()]
-    lines = [f"**{table.title}**", "", *(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))]
+    title = [f"**{table.title}**", ""] if table.title else []
+    lines = [*title, *(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))]
     return "\n".join([*lines, *(["", *(f"{note}  " for note in table.notes)] if table.notes else [])]) + "\n"
 
 

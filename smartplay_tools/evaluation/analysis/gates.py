@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin
-from smartplay_tools.evaluation.analysis.grouping import by_cell
+from smartplay_tools.evaluation.analysis.grouping import by_cell, labels
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, values
 from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
 from smartplay_tools.records.rows import Row
@@ -26,15 +26,17 @@ class Gate:
 
 def mean_gates(rows: Sequence[Row], fail_if: Sequence[RowCondition]) -> Iterator[Gate]:
     """Yield a gate for every cell and condition: it fails if the condition holds for the cell's mean."""
-    for cell, members in by_cell(rows):
+    groups = by_cell(rows)
+    for (cell, members), label in zip(groups, labels([cell for cell, _ in groups]), strict=True):
         for condition in fail_if:
+            name = ", ".join(filter(None, (cell.player, label, str(condition))))
             measured = values(members, MEASURES[condition.measure])
             if not measured:
-                yield Gate(cell.game, f"{cell.player}, {condition}", False, f"There is no {condition.measure}.")
+                yield Gate(cell.game, name, False, f"There is no {condition.measure}.")
                 continue
             mean = sum(measured) / len(measured)
             message = f"{condition.measure} is {mean:.4g} (mean of {len(measured)})"
-            yield Gate(cell.game, f"{cell.player}, {condition}", not condition.holds(mean), message)
+            yield Gate(cell.game, name, not condition.holds(mean), message)
 
 
 def baseline_gates(rows: Sequence[Row], baseline: Sequence[Row], margin: Margin) -> Iterator[Gate]:

@@ -18,8 +18,9 @@ from itertools import product
 from typing import Any
 
 from smartplay_tools.episode.budgets import SMALLEST_AUTO_CAP, resolve
-from smartplay_tools.episode.config import RULES, Rules
+from smartplay_tools.episode.config import RULES, USUAL_RULES
 from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.json_text import canonical_text
 from smartplay_tools.records.rows import Row
 from smartplay_tools.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.transcript.hashing import canonical_json
@@ -32,7 +33,7 @@ WORDS = ("history", "tool_calls")
 CAPS = tuple(name for name in Budget.model_fields if name not in (*WORDS, "result_tokens"))
 """The fields that are the same in every game."""
 
-USUAL = {**dict(Rules()), "tokenizer": DEFAULT_TOKENIZER}
+USUAL = {**USUAL_RULES, "tokenizer": DEFAULT_TOKENIZER}
 """The defaults of a condition, except its budget."""
 
 
@@ -77,6 +78,23 @@ class Condition:
         given = {**self.rules, "tokenizer": self.tokenizer}
         unusual = [f"{name} {value}" for name, value in given.items() if value != USUAL[name]]
         return ", ".join(filter(None, [*unusual, Budget(**self.budget).describe(), self.variant]))
+
+    def label_among(self, others: Iterable[Condition]) -> str:
+        """Return the label, with the options in which the player differs from that of its name in other conditions."""
+        rivals = (other.player_options for other in others if other.player == self.player)
+        return ", ".join(filter(None, [self.label, *differing(self.player_options, rivals)]))
+
+
+def in_words(options: Mapping[str, Any]) -> list[str]:
+    """Return options as the command line takes them: KEY=VALUE, where a value that is not text is JSON."""
+    values = ((name, options[name]) for name in sorted(options))
+    return [f"{name}={value if isinstance(value, str) else canonical_text(value)}" for name, value in values]
+
+
+def differing(options: Mapping[str, Any], others: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the options, in words, that are not the same in all of others."""
+    rivals = list(map(in_words, others))
+    return [words for words in in_words(options) if not all(words in rival for rival in rivals)]
 
 
 def _facts(row: Row) -> dict[str, Any]:
@@ -123,6 +141,12 @@ def conditions(cells: Sequence[PlayedCell]) -> list[Condition]:
         for common, mixed in groups.values()
         for variant, members in _variants(mixed)
     ]
+
+
+def labels(cells: Sequence[PlayedCell]) -> list[str]:
+    """Return the label of the condition of each cell, among these; empty for the default."""
+    among = conditions(cells)
+    return [next(condition.label_among(among) for condition in among if cell in condition.cells) for cell in cells]
 
 
 class _AskedField:

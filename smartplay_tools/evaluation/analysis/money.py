@@ -14,14 +14,14 @@ from typing import Any
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimate
-from smartplay_tools.evaluation.analysis.names import window_names
+from smartplay_tools.evaluation.analysis.names import family_titles, window_names
 from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, fixed, percent
-from smartplay_tools.evaluation.analysis.window_tables import family_title
+from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.groups import grouped
 from smartplay_tools.quantities import short
 from smartplay_tools.records.charges import Charge
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import Row, has_reported_tokens
 from smartplay_tools.records.tariffs import Charged, Tariff
 
 LEAST = "*"
@@ -44,6 +44,7 @@ class CellCost:
     uncounted: int
     """Episodes without prompts on record, which are in no mean."""
     score: float
+    """The mean, as of every other table: of worlds or chains, where these have several episodes."""
     tokens: float
     """Budget tokens of prompts and replies."""
     costs: tuple[float, ...]
@@ -71,20 +72,21 @@ def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, ru
             most = dearest.setdefault(family(cell), [0.0] * len(each.charges))
             dearest[family(cell)] = [max(pair) for pair in zip(most, (c.cost for c in each.charges), strict=True)]
     costs = []
-    names = window_names([cell for cell, _, _ in played])
-    for (cell, members, pairs), name in zip(played, names, strict=True):
+    cells = [cell for cell, _, _ in played]
+    named = zip(played, family_titles(cells), window_names(cells), strict=True)
+    for (cell, members, pairs), title, name in named:
         by_tariff = list(zip(*(each.charges for _, each in pairs), strict=True))
-        scores = [row["score"] for row, _ in pairs]
-        bills = [(row["cost"], each.own) for row, each in pairs if row["cost"] and row["tokens"]["provider"]]
+        scores = [score(row) for row, _ in pairs]
+        bills = [(row["cost"], each.own) for row, each in pairs if row["cost"] and has_reported_tokens(row)]
         own = [each.cost for _, each in bills if each is not None]
         costs.append(
             CellCost(
                 cell=cell,
-                title=", ".join(filter(None, [run, family_title(cell)])),
+                title=", ".join(filter(None, [run, title])),
                 window=name or "the default",
                 episodes=len(pairs),
                 uncounted=len(members) - len(pairs),
-                score=fmean(scores),
+                score=fmean(sample([row for row, _ in pairs], score).values),
                 tokens=fmean(row["tokens"]["prompt"] + row["tokens"]["reply"] for row, _ in pairs),
                 costs=tuple(fmean(charge.cost for charge in charges) for charges in by_tariff),
                 shares=tuple(map(_shares, by_tariff)),

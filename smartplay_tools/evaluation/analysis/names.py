@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-from smartplay_tools.evaluation.analysis.grouping import PlayedCell
+from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell, in_words
 from smartplay_tools.evaluation.analysis.windows import LIMITS, WINDOW, WindowComparison
 from smartplay_tools.groups import grouped
 from smartplay_tools.transcript.hashing import canonical_json
@@ -28,6 +28,28 @@ def _facts(cell: PlayedCell) -> dict[str, str]:
 def strategy_name(cell: PlayedCell) -> str:
     """Return what the budget of a cell does with the past, which may be dropping alone."""
     return _part(cell, STRATEGIES).describe() or Budget().words()["beyond_history"]
+
+
+def family_titles(cells: Sequence[PlayedCell]) -> list[str]:
+    """Return what each cell has in common with those that differ only in their window: game, player, unusual rules.
+
+    Engine, options and tokenizer follow where they tell the families of a player at a game apart.
+    """
+    rivals = grouped(cells, lambda cell: (cell.game, cell.player))
+    made = {key: [*map(_made, members)] for key, members in rivals.items()}
+    return [", ".join(_title(cell, made[cell.game, cell.player])) for cell in cells]
+
+
+def _title(cell: PlayedCell, made: Sequence[Sequence[str]]) -> Iterator[str]:
+    yield from (cell.game, cell.player)
+    yield from (f"{name} {value}" for name, value in cell.rules.items() if value != USUAL[name])
+    yield from (words for words in _made(cell) if not all(words in each for each in made))
+
+
+def _made(cell: PlayedCell) -> list[str]:
+    """What a cell is of beside its rules and its budget, in words."""
+    given = [*in_words(cell.options), *in_words(cell.player_options)]
+    return [f"engine {cell.engine}", f"tokenizer {cell.tokenizer}", *given]
 
 
 def window_name(cell: PlayedCell) -> str:

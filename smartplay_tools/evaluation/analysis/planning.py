@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.comparison import Comparison, Side
+from smartplay_tools.evaluation.analysis.comparison import Comparison, Pairing, Side
 from smartplay_tools.evaluation.analysis.comparison_tables import side_names
 from smartplay_tools.evaluation.analysis.decisions import POWERS, Margin, Needed, plan_pairs
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
@@ -37,11 +38,25 @@ def plan_comparisons(comparison: Comparison, difference: Margin) -> list[Planned
     names = side_names(comparison)
     planned = []
     for each in comparison.pairings:
-        plan = plan_pairs(each.differences["score"], difference.points(each.game)) if each.pairs else "no pairs"
+        plan = _plan(each, difference.points(each.game)) if each.pairs else "no pairs"
         needed, reason = (None, plan) if isinstance(plan, str) else (plan, None)
         name = f"{names[each.side]} against {names[each.reference]}"
         planned.append(Planned(each.game, name, each.side, each.reference, each.pairs, needed, reason))
     return planned
+
+
+def _plan(each: Pairing, points: float) -> Needed | str:
+    """The trials of a pairing: where trials carry something over, those of the chains that it takes."""
+    estimate, carrying = each.differences["score"], [s for s in (each.side, each.reference) if s.facts.get("carry")]
+    if not carrying:
+        return plan_pairs(estimate, points, "pairs" if estimate.episodes == each.pairs else "worlds")
+    plan = plan_pairs(estimate, points, "chains")
+    if isinstance(plan, str):
+        return plan
+    # Several chains are of limited lengths: without a limit, all trials are one chain.
+    length = math.lcm(*(side.facts["chain"] for side in carrying))
+    needed, at_most = ([length * chains for chains in counts] for counts in (plan.needed, plan.at_most))
+    return replace(plan, pairs=length * plan.pairs, needed=tuple(needed), at_most=tuple(at_most))
 
 
 def planning_table(planned: Sequence[Planned]) -> TextTable:

@@ -9,7 +9,8 @@ world.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 
 from smartplay_tools.evaluation.analysis.distributions import t_quantile
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
-from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, RESAMPLES, SEED, Values
 from smartplay_tools.evaluation.analysis.numbers import NOTHING
 from smartplay_tools.groups import grouped
@@ -34,9 +35,13 @@ class Repeats:
     """A cell whose worlds were played several times."""
 
     cell: PlayedCell
+    label: str
+    """A short description of what its player was given; empty for the default."""
     worlds: int
     repeats: int
-    """The fewest of any world; further ones are left out."""
+    """The fewest of any world; further ones are left out, and so are worlds that were played once."""
+    left_out: int
+    """Episodes that are therefore in none of these figures."""
     within: float
     """The variance of scores within a world."""
     between: float
@@ -56,16 +61,18 @@ def repeated(rows: Sequence[Row], succeeds: Succeeds | None = None) -> list[Repe
 
     `succeeds` says which episodes succeed; without it, those that completed, in cells where any did.
     """
-    figures = (_repeats(cell, members, succeeds) for cell, members in by_cell(rows))
+    groups = by_cell(rows)
+    labelled = zip(groups, labels([cell for cell, _ in groups]), strict=True)
+    figures = (_repeats(cell, label, members, succeeds) for (cell, members), label in labelled)
     return [each for each in figures if each is not None]
 
 
-def _repeats(cell: PlayedCell, rows: Sequence[Row], succeeds: Succeeds | None) -> Repeats | None:
-    worlds = grouped(rows, lambda row: row["seed"])
-    repeats = min(map(len, worlds.values()))
-    if repeats < 2 or len(worlds) < 2:
+def _repeats(cell: PlayedCell, label: str, rows: Sequence[Row], succeeds: Succeeds | None) -> Repeats | None:
+    worlds = [members for members in grouped(rows, lambda row: row["seed"]).values() if len(members) > 1]
+    if len(worlds) < 2:
         return None
-    played = [sorted(members, key=lambda row: row["trial"])[:repeats] for members in worlds.values()]
+    repeats = min(map(len, worlds))
+    played = [sorted(members, key=lambda row: row["trial"])[:repeats] for members in worlds]
     scores = np.array([[row["score"] for row in members] for members in played], dtype=float)
     if succeeds is None and any(row["completed"] for row in rows):
         succeeds = itemgetter("completed")
@@ -74,8 +81,10 @@ def _repeats(cell: PlayedCell, rows: Sequence[Row], succeeds: Succeeds | None) -
     share = float(icc(scores))
     return Repeats(
         cell,
+        label,
         len(played),
         repeats,
+        len(rows) - len(played) * repeats,
         within,
         between,
         None if math.isnan(share) else by_worlds(scores, icc),
@@ -150,18 +159,28 @@ NOTES = (
 
 def repeats_table(figures: Sequence[Repeats]) -> TextTable:
     """Return the table of cells with repeats."""
-    rows = sections((game, map(_row, own)) for game, own in grouped(figures, lambda each: each.cell.game).items())
+    rows = sections((game, _rows(own)) for game, own in grouped(figures, lambda each: each.cell.game).items())
     numbers = ("worlds x", "sd within", "between", "ICC", "floor", "flip", "pass@k", "pass^k")
     equal = [each.cell.player for each in figures if not each.within]
     notes = [f"{', '.join(dict.fromkeys(equal))}: all repeats are equal, so more trials say more"] if equal else []
+    left_out = sum(each.left_out for each in figures)
+    notes += (
+        [f"{left_out} episodes are left out, of worlds with more repeats than others or with one"] if left_out else []
+    )
     return TextTable("repeats", columns("game and player", *numbers), rows, (*NOTES, *notes))
 
 
-def _row(each: Repeats) -> tuple[str, ...]:
+def _rows(figures: Sequence[Repeats]) -> Iterator[tuple[str, ...]]:
+    players = Counter(each.cell.player for each in figures)
+    for each in figures:
+        yield _row(each, each.label if players[each.cell.player] > 1 else "")
+
+
+def _row(each: Repeats, label: str) -> tuple[str, ...]:
     at = " ".join(f"{share[0]:.2f}" for _, share, _ in each.passes) or NOTHING
     every = " ".join(f"{share[0]:.2f}" for _, _, share in each.passes) or NOTHING
     return (
-        f"  {each.cell.player}",
+        "  " + ", ".join(filter(None, [each.cell.player, label])),
         f"{each.worlds} x {each.repeats}",
         f"{math.sqrt(each.within):.3g}",
         f"{math.sqrt(each.between):.3g}",
@@ -176,7 +195,6 @@ def _row(each: Repeats) -> tuple[str, ...]:
 def as_json(each: Repeats) -> dict[str, Any]:
     """Return the figures of a cell as plain data."""
     shares = {f"{name}{k}": share for k, at, every in each.passes for name, share in (("pass@", at), ("pass^", every))}
-    facts = {
-        name: getattr(each, name) for name in ("worlds", "repeats", "within", "between", "icc", "noise_floor", "flips")
-    }
-    return {"game": each.cell.game, "player": each.cell.player, **facts, **shares}
+    names = ("worlds", "repeats", "left_out", "within", "between", "icc", "noise_floor", "flips")
+    facts = {name: getattr(each, name) for name in names}
+    return {"game": each.cell.game, "player": each.cell.player, "condition": each.label, **facts, **shares}

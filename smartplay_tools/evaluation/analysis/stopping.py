@@ -232,7 +232,7 @@ def decisions_table(decisions: Sequence[Decision], cells: Sequence[CellConfig]) 
 
 
 def _name(cell: CellConfig) -> str:
-    return ", ".join(filter(None, (cell.player, cell.budget.describe())))
+    return ", ".join(filter(None, (cell.player, cell.describe())))
 
 
 def _figures(each: Decision) -> tuple[str, ...]:

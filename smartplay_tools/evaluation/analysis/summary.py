@@ -21,8 +21,8 @@ from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, 
 from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, Sample, named_estimates
 from smartplay_tools.evaluation.analysis.pairs import completed, normalized_score, reward, sample, score
 from smartplay_tools.groups import grouped
-from smartplay_tools.records.rows import Row, is_unplayed
-from smartplay_tools.types import EndReason, Usage
+from smartplay_tools.records.rows import Row, has_reported_tokens, is_unplayed
+from smartplay_tools.types import EndReason
 
 COUNTS = (
     "steps",
@@ -151,8 +151,8 @@ class RunSummary:
 
     def label_of(self, cell: CellSummary) -> str:
         """Return a short description of what a cell's player was given; empty for the default."""
-        conditions = (profile.condition for profile in self.profiles)
-        return next((condition.label for condition in conditions if cell.cell in condition.cells), "")
+        among = [profile.condition for profile in self.profiles]
+        return next((condition.label_among(among) for condition in among if cell.cell in condition.cells), "")
 
 
 def summarize(
@@ -196,18 +196,19 @@ def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str,
         normalized_score=estimates.get("normalized_score"),
         counts={name: sum(row.get(name, 0) for row in rows) for name in COUNTS},
         end_reasons={reason: ends[reason] for reason in get_args(EndReason) if ends[reason]},
-        tokens=_tokens([row["tokens"] for row in rows]),
+        tokens=_tokens(rows),
         cost=None if None in costs else math.fsum(costs),
         deviations=_deviations(cell, rows),
         unplayed=sum(map(is_unplayed, rows)),
     )
 
 
-def _tokens(tokens: Sequence[Mapping[str, Any]]) -> TokenSummary:
+def _tokens(rows: Sequence[Row]) -> TokenSummary:
+    tokens = [row["tokens"] for row in rows]
     total = {name: sum(each[name] for each in tokens) for name in ("prompt", "reply", "prefix", "overruns")}
     reported = [each for each in tokens if each["provider"] is not None]
     requests = sum(each["provider"]["requests"] for each in reported) if reported else None
-    counted = [each for each in reported if Usage(**each["provider"]).has_tokens]
+    counted = [row["tokens"] for row in rows if has_reported_tokens(row)]
     return TokenSummary(
         **total, prompt_drift=_drift("prompt", counted), reply_drift=_drift("reply", counted), requests=requests
     )
@@ -240,7 +241,7 @@ def _profile(
     weights: Weights,
 ) -> Profile:
     rows = {cell.game: members for cell, members in groups if cell in condition.cells}
-    normalized = {game: [row["normalized_score"] for row in members] for game, members in rows.items()}
+    normalized = {game: sample(members, normalized_score).values for game, members in rows.items()}
     privileged = any(cell.privileged for cell in cells if cell.cell in condition.cells)
     return Profile(condition, privileged, capability_scores(normalized, weights=weights))
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import itemgetter
 
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns
-from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell
 from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS, is_much_cut
-from smartplay_tools.evaluation.analysis.names import window_names
+from smartplay_tools.evaluation.analysis.names import family_titles, window_names
 from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
     decimals_of,
@@ -43,7 +43,9 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
     compared = sum(difference is not None for difference in differences)
     priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
     rows: list[tuple[str, ...]] = []
-    for title, members in grouped(comparisons, lambda comparison: family_title(comparison.cell)).items():
+    titled = zip(family_titles([c.cell for c in comparisons]), comparisons, strict=True)
+    for title, pairs in grouped(titled, itemgetter(0)).items():
+        members = [comparison for _, comparison in pairs]
         decimals = decimals_of(c.means["score"] for c in members)
         rows.append((title,))
         for name, comparison in zip(window_names([c.cell for c in members]), members, strict=True):
@@ -63,12 +65,6 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
 def is_cut(comparison: WindowComparison) -> bool:
     """Whether too many results of a cell were cut for its score to measure its window alone."""
     return is_much_cut(comparison.cut_share)
-
-
-def family_title(cell: PlayedCell) -> str:
-    """Return what a cell has in common with those that differ only in their window: game, player, unusual rules."""
-    rules = (f"{name} {value}" for name, value in cell.rules.items() if value != USUAL[name])
-    return ", ".join([cell.game, cell.player, *rules])
 
 
 def _figures(comparison: WindowComparison, decimals: int, *, priced: bool, single: bool) -> tuple[str, ...]:

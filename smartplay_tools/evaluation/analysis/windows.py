@@ -26,6 +26,7 @@ from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstima
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, cut_share, difference_samples, pairs, samples
 from smartplay_tools.evaluation.analysis.pareto import pareto_front
 from smartplay_tools.groups import grouped
+from smartplay_tools.json_text import canonical_text
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES, Budget
 
@@ -146,7 +147,7 @@ def _fronts(
     verdicts: list[bool | None] = [None] * len(groups)
     for members in grouped(range(len(groups)), lambda at: groups[at][0].game).values():
         # A mean over only those episodes that have a price would be misleading.
-        if any(price not in means[at] or means[at][price].episodes < len(groups[at][1]) for at in members):
+        if any(MEASURES[price](row) is None for at in members for row in groups[at][1]):
             continue
         front = pareto_front([(means[at][price].mean, means[at]["score"].mean) for at in members])
         for position, at in enumerate(members):
@@ -158,6 +159,8 @@ def as_row(comparison: WindowComparison) -> dict[str, Any]:
     """Return a comparison as one flat row of a table: `score`, `score_low`, `score_high`, `score_difference`, ..."""
     cell = comparison.cell
     row: dict[str, Any] = {"game": cell.game, "engine": cell.engine, "player": cell.player, **cell.rules}
+    row |= {"tokenizer": cell.tokenizer}
+    row |= {name: canonical_text(getattr(cell, name)) for name in ("options", "player_options")}
     row |= {name: cell.budget[name] for name in (*WINDOW, *LIMITS)}
     row |= {"episodes": comparison.episodes, "full_context": comparison.is_full}
     row |= {"cut_share": comparison.cut_share}

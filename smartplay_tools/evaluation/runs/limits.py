@@ -113,7 +113,8 @@ class Account:
         usage = Usage(prompt=now.prompt - before.prompt, reply=now.reply - before.reply)
         if now.provider is not None and now.provider != before.provider:
             earlier = before.provider or Usage(requests=0)
-            usage = Usage(**{name: getattr(now.provider, name) - getattr(earlier, name) for name in Usage.model_fields})
+            more = {name: getattr(now.provider, name) - getattr(earlier, name) for name in Usage.model_fields}
+            usage = usage.replaced_by(Usage(**more))
         cost = 0.0 if self._price is None else self._price.cost(usage)
         self._limits.settle(self._reserved, (tokens, cost))
         self._reserved, self._settled = (0, 0.0), now

@@ -25,24 +25,30 @@ SHARED = ("seed", "cells", "episodes")
 def merge(parts: Sequence[str | Path], out: str | Path) -> RunFolder:
     """Merge the parts of a run into a new folder, and return it.
 
-    Parts of different runs, with different results of the same episode, or with a part of a chain of trials only, raise
-    an `InvalidArgumentError`.
+    Parts of different runs or with different prices, with different results of the same episode, or with a part of a
+    chain of trials only, raise an `InvalidArgumentError`.
     """
     folders, whole = [RunFolder(part) for part in parts], RunWriter(out)
     if not folders:
         raise InvalidArgumentError("Name at least one folder to merge.")
     if (whole.path / "manifest.json").exists():
         raise InvalidArgumentError(f"{whole.path} already contains a run; name a new folder.")
+    if len({folder.path.resolve() for folder in folders}) < len(folders):
+        raise InvalidArgumentError("The same folder is named twice; name every part once.")
     manifests = [folder.manifest() for folder in folders]
     for folder, manifest in zip(folders, manifests, strict=True):
         if any(getattr(manifest, name) != getattr(manifests[0], name) for name in SHARED):
             raise InvalidArgumentError(f"{folder.path} and {folders[0].path} are not parts of the same run.")
+        if manifest.prices != manifests[0].prices:
+            raise InvalidArgumentError(
+                f"{folder.path} and {folders[0].path} have costs at different prices; play one of them again with "
+                "the prices of the other, which keeps its episodes and computes their costs anew."
+            )
     rows = _all_rows(folders)
     for folder in folders:
         _check_chains(folder, manifests[0].predecessors)
     with whole.writing():
-        prices = {player: price for manifest in manifests for player, price in manifest.prices.items()}
-        merged = manifests[0].model_copy(update={"shard": None, "prices": prices})
+        merged = manifests[0].model_copy(update={"shard": None})
         whole.write_manifest(merged)
         for folder in folders:
             _copy_records(folder, whole)

@@ -22,6 +22,7 @@ from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_crede
 from smartplay_tools.evaluation.suites import Suite
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.records.manifest import Manifest, ManifestEpisode, shard_of, trial_seed
+from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
@@ -84,8 +85,8 @@ class Plan:
 
 
 def cell_name(cell: CellConfig) -> str:
-    """Return the name of a cell in messages: game, player, and the budget as given."""
-    return ", ".join(filter(None, (cell.game, player_of(cell), cell.budget.describe())))
+    """Return the name of a cell in messages: game, player, and what it is given."""
+    return ", ".join(filter(None, (cell.game, player_of(cell), cell.describe())))
 
 
 def player_of(cell: CellConfig) -> str:
@@ -97,6 +98,14 @@ def player_of(cell: CellConfig) -> str:
 def player_key(cell: CellConfig) -> str:
     """Return a player and its options as one text, which is equal for cells with the same player."""
     return f"{cell.player} {canonical_json(cell.player_options).decode('ascii')}"
+
+
+def prices_in_tables(cells: Iterable[CellConfig]) -> dict[str, Price]:
+    """Return the prices of players that the tables have; none where some of a player's cells have another, or none."""
+    found: dict[str, set[Price | None]] = {}
+    for player, options in {player_key(cell): (player_of(cell), cell.player_options) for cell in cells}.values():
+        found.setdefault(player, set()).add(find_price(player, options))
+    return {player: price for player, prices in found.items() if len(prices) == 1 for price in prices if price}
 
 
 def plan_episodes(

@@ -26,6 +26,9 @@ PlayerFactory: TypeAlias = Callable[..., Player | AsyncPlayer]
 processes import it by name, so it must be importable there."""
 
 
+_Rate: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
 class PlayerConfig(BaseModel):
     """A player of a run."""
 
@@ -43,7 +46,7 @@ class PlayerConfig(BaseModel):
     """The environment variable that holds the player's key; not recorded."""
     concurrency: Annotated[int, Field(ge=1)] | None = None
     """The most episodes of this player at a time; None for no further limit than the run's."""
-    price: Annotated[tuple[float, ...], Field(min_length=2, max_length=4)] | None = None
+    price: Annotated[tuple[_Rate, ...], Field(min_length=2, max_length=4)] | None = None
     """US dollars per million tokens of prompts, replies, cached and written parts, if no table has them."""
 
     def secret_values(self) -> dict[str, str]:
@@ -86,6 +89,15 @@ def player_named(name: str) -> PlayerConfig:
         if is_agent(function):
             return PlayerConfig(name=name, agent=FunctionAgent(function))
     return PlayerConfig(name=name)
+
+
+def check_prices(priced: Iterable[str], players: Iterable[str]) -> None:
+    """Raise an `InvalidArgumentError` if a price is that of no player of the run."""
+    names = dict.fromkeys(players)
+    if others := ", ".join(name for name in priced if name not in names):
+        raise InvalidArgumentError(
+            f"The run has no player {others} that could have a price; it has {', '.join(names)}."
+        )
 
 
 def given_prices(configs: Iterable[PlayerConfig]) -> dict[str, Price]:

@@ -79,7 +79,7 @@ class Probe:
         if self.played and not self.acted:
             advice.append(f"{self.player} has played no action in {TURNS} turns; it only looks.")
         if not self.usage:
-            advice.append(f"{self.player} does not report usage, so its cost is not known; only budget tokens are.")
+            advice.append(f"{self.player} does not report usage, so its cost is that of our count of tokens.")
         if self.price is None:
             advice.append(
                 f"{self.player} has no known price: --price {self.player}=INPUT,OUTPUT (USD a million tokens)."

@@ -28,8 +28,9 @@ from smartplay_tools.evaluation.runs.plan import (
     plan_suite,
     player_key,
     player_of,
+    prices_in_tables,
 )
-from smartplay_tools.evaluation.runs.players import PlayerConfig, Players, given_prices, read_players
+from smartplay_tools.evaluation.runs.players import PlayerConfig, Players, check_prices, given_prices, read_players
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import Display, following, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
@@ -40,7 +41,7 @@ from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import ModelPlayer, is_model
 from smartplay_tools.records.manifest import Manifest
-from smartplay_tools.records.prices import Price, check_known, find_price
+from smartplay_tools.records.prices import Price, check_known
 from smartplay_tools.records.rows import Row
 from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.records.run_follower import run_snapshot
@@ -159,6 +160,7 @@ def run_plan(
     without it and without `on_progress`, a notebook shows it below the cell.
     """
     part = plan if options.shard is None else plan.shard(*options.shard)
+    check_prices(options.prices or (), map(player_of, plan.cells))
     configs = _configs(plan, read_players(players))
     by_executor, remote = _by_executor(part, configs, options.executor)
     executors = {name: EXECUTORS[name] for name in by_executor}
@@ -310,12 +312,7 @@ def _manifest(
                 "ask for the same, or name another folder."
             )
         prices, run_file = dict(before.prices), before.run_file if run_file is None else run_file
-    for cell in plan.cells:
-        price = given.get(player_of(cell)) or (
-            None if player_of(cell) in prices else find_price(player_of(cell), cell.player_options)
-        )
-        if price is not None:
-            prices[player_of(cell)] = price
+    prices = {**prices_in_tables(plan.cells), **prices, **given}
     if options.run_cost is not None:
         check_known({player_of(cell) for cell in plan.cells if is_model(player_of(cell))} - prices.keys())
     return plan.manifest(

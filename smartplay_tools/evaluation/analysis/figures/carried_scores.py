@@ -44,10 +44,10 @@ def score_against_trial(rows: Sequence[Row]) -> Figure:
     counts: list[int] = []
     for panel, (game, own) in zip(axes, games.items(), strict=True):
         for index, (cell, members) in enumerate(own):
-            places = [[row for row in members if row["trial"] % length == place] for place in range(length)]
-            estimates = mean_estimates([sample(each, MEASURES["score"]) for each in places])
+            places = sorted(grouped(members, lambda row: row["trial"] % length).items())
+            estimates = mean_estimates([sample(each, MEASURES["score"]) for _, each in places])
             counts += [estimate.episodes for estimate in estimates]
-            at = [place + 1 + spread(index, len(own)) for place in range(length)]
+            at = [place + 1 + spread(index, len(own)) for place, _ in places]
             draw_estimates(panel, at, estimates, Series.number(index), _name(cell))
         panel.set(title=game.removesuffix("-v0"), xlabel="trial of the chain", ylabel="score (points)")
         panel.set_xticks(range(1, length + 1))

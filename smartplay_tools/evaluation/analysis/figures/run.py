@@ -18,6 +18,7 @@ from smartplay_tools.evaluation.analysis.figures.strategy_costs import ALONG, ef
 from smartplay_tools.evaluation.analysis.figures.style import FORMATS, save_figure
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
+from smartplay_tools.evaluation.analysis.pairs import normalized_score, sample
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows, is_widest_but
 from smartplay_tools.records.rows import Row
 
@@ -94,9 +95,9 @@ def _varies(comparisons: Sequence[WindowComparison], field: str) -> bool:
 
 def _profiles(cells: Cells, comparisons: Sequence[WindowComparison]) -> dict[str, Scores]:
     """The normalised scores of every player in full context; empty if the players have no setting in common."""
-    profiles: dict[str, dict[str, list[float]]] = {}
+    profiles: dict[str, dict[str, Sequence[float]]] = {}
     for comparison, members in _with_rows(comparisons, cells):
-        normalized = [row["normalized_score"] for row in members if row["normalized_score"] is not None]
+        normalized = sample(members, normalized_score).values
         if comparison.is_full:
             profiles.setdefault(series_name(comparison, comparisons), {})
             if normalized:

@@ -33,7 +33,8 @@ def prepare_submission(
         facts: fields of `submission.json`; versions and results are filled in.
         player: whose episodes are submitted, where the run has several players.
 
-    An unfinished run, a shard, or metadata that contradict the run, are an `InvalidArgumentError`.
+    An unfinished run, a shard, a run with `repeats`, a player with several sets of options, or metadata that contradict
+    the run, are an `InvalidArgumentError`.
     """
     folder, out = RunFolder(run), Path(out)
     if out.suffix != ".zip":
@@ -42,9 +43,9 @@ def prepare_submission(
     keys = {episode.key for episode in manifest.episodes}
     rows = [row for row in folder.rows() if row["key"] in keys]
     if missing := len(keys) - len(rows):
+        remedy = "The command that played it continues it." if manifest.until is None else "Play it without --until."
         raise InvalidArgumentError(
-            f"{missing} of {len(keys)} episodes are not finished; a submission holds all of its run. The command that "
-            "played it continues it."
+            f"{missing} of {len(keys)} episodes are not finished; a submission holds all of its run. {remedy}"
         )
     submission = _submission(facts, rows)
     for finding in check_suite(read_plan(manifest.to_json()), submission.suite, submission.submission_type):
@@ -57,6 +58,10 @@ def _part_of(folder: RunFolder, manifest: Manifest, player: str | None) -> Manif
     """Return the manifest of one player's part of a run, without what only the run itself needs."""
     if manifest.shard is not None:
         raise InvalidArgumentError(f"{folder.path} holds a shard; merge all shards and submit the whole run.")
+    if manifest.repeats is not None:
+        raise InvalidArgumentError(
+            f"{folder.path} plays every world {manifest.repeats} times; submit a run without repeats."
+        )
     names = list(dict.fromkeys(cell.player or "" for cell in manifest.cells))
     if player is None and len(names) > 1:
         raise InvalidArgumentError(f"The run has the players {', '.join(names)}; name the one that is submitted.")
@@ -64,6 +69,8 @@ def _part_of(folder: RunFolder, manifest: Manifest, player: str | None) -> Manif
     if player not in names:
         raise InvalidArgumentError(f"The run has no player {player!r}; it has {', '.join(names)}.")
     kept = [number for number, cell in enumerate(manifest.cells) if cell.player == player]
+    if any(manifest.cells[number].player_options != manifest.cells[kept[0]].player_options for number in kept):
+        raise InvalidArgumentError(f"{player} has several sets of options in {folder.path}; submit a run with one.")
     place = {number: at for at, number in enumerate(kept)}
     return manifest.model_copy(
         update={

@@ -211,7 +211,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "pairs": list(pairs_of(episodes)) if len(runs) > 1 else [],
         "tables": [(page.run.letter, table) for page in pages for table in _tables(page)],
         "profiles": [
-            (page.run.letter, profile)
+            (page.run.letter, profile, profile.condition.label_among(each.condition for each in page.summary.profiles))
             for page in pages
             for profile in page.summary.profiles
             if profile.capabilities.settings

@@ -10,6 +10,7 @@ from typing import Any
 
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.episode.config import Rules
+from smartplay_tools.evaluation.analysis.grouping import differing
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary, summarize
 from smartplay_tools.games.paper_tables import HUMAN_SCORES, PAPER_RESULTS
@@ -40,7 +41,7 @@ def lines(summary: RunSummary) -> Iterator[dict[str, Any]]:
         yield {
             "game": cell.cell.game,
             "player": cell.cell.player + "*" * cell.privileged,
-            "rules": rules({**asdict(cell.cell), **cell.cell.rules}),
+            "rules": ", ".join([rules({**asdict(cell.cell), **cell.cell.rules}), *_made(cell, summary)]),
             "episodes": cell.episodes,
             "score": cell.score,
             "normalized": cell.normalized_score,
@@ -51,6 +52,14 @@ def lines(summary: RunSummary) -> Iterator[dict[str, Any]]:
             "mistakes": sum(counted[name] for name in MISTAKES),
             "scale": scale(cell),
         }
+
+
+def _made(cell: CellSummary, summary: RunSummary) -> list[str]:
+    """The tokenizer and the options of a player, where they tell its cells apart."""
+    own, rivals = cell.cell, [each.cell for each in summary.cells if each.cell.player == cell.cell.player]
+    tokenizers = {rival.tokenizer for rival in rivals}
+    counted = [f"tokenizer {own.tokenizer}"] if len(tokenizers) > 1 else []
+    return [*counted, *differing(own.player_options, [rival.player_options for rival in rivals])]
 
 
 def scale(cell: CellSummary) -> dict[str, Any] | None:

@@ -184,7 +184,7 @@ class SiteRun:
 
     def _list(self) -> list[list[Any]]:
         manifest = self.folder.manifest()
-        budgets = [cell.budget.describe() for cell in manifest.cells]
+        budgets = [cell.describe() for cell in manifest.cells]
         self._follower.count()
         results = self._follower.results
         others: dict[str, list[list[Any]]] = {}
