@@ -101,11 +101,11 @@ def player_key(cell: CellConfig) -> str:
 
 
 def prices_in_tables(cells: Iterable[CellConfig]) -> dict[str, Price]:
-    """Return the prices of players that the tables have; none where some of a player's cells have another, or none."""
-    found: dict[str, set[Price | None]] = {}
+    """Return the prices of players from the tables; none for a player whose cells differ in price, or partly have none."""
+    by_player: dict[str, set[Price | None]] = {}
     for player, options in {player_key(cell): (player_of(cell), cell.player_options) for cell in cells}.values():
-        found.setdefault(player, set()).add(find_price(player, options))
-    return {player: price for player, prices in found.items() if len(prices) == 1 for price in prices if price}
+        by_player.setdefault(player, set()).add(find_price(player, options))
+    return {player: price for player, prices in by_player.items() if len(prices) == 1 for price in prices if price}
 
 
 def plan_episodes(
