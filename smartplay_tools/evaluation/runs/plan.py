@@ -101,7 +101,7 @@ def player_key(cell: CellConfig) -> str:
 
 
 def prices_in_tables(cells: Iterable[CellConfig]) -> dict[str, Price]:
-    """Return the prices of players from the tables; none for a player whose cells differ in price, or partly have none."""
+    """Return the prices of players from the tables; none for a player whose cells differ in it, or partly have none."""
     by_player: dict[str, set[Price | None]] = {}
     for player, options in {player_key(cell): (player_of(cell), cell.player_options) for cell in cells}.values():
         by_player.setdefault(player, set()).add(find_price(player, options))
