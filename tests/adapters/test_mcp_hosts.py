@@ -268,6 +268,18 @@ class TestHttp:
             )
         assert (answer.status_code, answer.json()["error"]["code"]) == (400, code)
 
+    @pytest.mark.parametrize("method", [[], {}, None, 1])
+    @pytest.mark.parametrize("version", ["2025-11-25", "2026-07-28"])
+    def test_a_method_that_is_not_a_text_is_refused_in_a_sentence(self, version, method):
+        store = EpisodeStore()
+        with HttpServer(store, port=0) as server:
+            url = f"{server.url}/mcp/{store.open(GAME, seed=1)}"
+            meta = {"io.modelcontextprotocol/protocolVersion": version}
+            body = {**request("tools/list", _meta=meta), "method": method}
+            headers = {**AGENT, "Mcp-Protocol-Version": version}
+            answer = httpx2.post(url, json=body, headers=headers, trust_env=False, verify=False)
+        assert (answer.status_code, answer.json()["error"]["code"]) == (400, -32600)
+
     async def test_many_calls_at_once_are_played_one_at_a_time(self):
         store = EpisodeStore()
         handle = store.open(GAME, seed=1, budget=sp.Budget(stalled_turns=None))
