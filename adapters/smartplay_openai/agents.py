@@ -245,6 +245,10 @@ class SmartPlayModel(Model):
             return chat.begin(first, system=system, foreign_tools=foreign)
         if self.episode.done:
             return chat.session
+        if chat.session.awaits_reply:
+            chat.refuse_late_words(before_the_game(items, self._names))
+        if not has_calls(items):
+            self._history.begin_again()  # a run that begins anew
         turn = chat.session.latest_turn
         sent = [call for call in (turn.calls if turn else ()) if not self._is_hidden(call.name)]
         if sent and not chat.session.awaits_reply:

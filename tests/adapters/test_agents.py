@@ -373,6 +373,22 @@ async def test_a_failed_model_ends_as_player_error():
     assert (episode.result.end_reason, episode.result.error) == ("player_error", "ConnectionError: down")
 
 
+async def test_new_words_wait_for_the_reply_to_a_prompt_that_was_made(caplog):
+    episode, _ = fresh()
+    down = ModelStep.raise_error(ConnectionError("down"))
+    model = SmartPlayModel(ScriptedModel([step(calling(act(WAY[0]))), down, down]), episode)
+    agent = Agent("player", model=model, tools=model.tools)
+    with episode:
+        for words, error, sentence in (
+            ("Play!", ConnectionError, "down"),
+            ("Hurry!", sp.InvalidArgumentError, "without new messages"),
+            ("Play!", ConnectionError, "down"),
+        ):
+            with pytest.raises(error, match=sentence):
+                await Runner.run(agent, words, max_turns=None, run_config=model.run_config)
+    assert not caplog.records, "the history of a run that begins anew was not trimmed"
+
+
 async def test_a_run_goes_on_from_its_record():
     episode, events = fresh()
     async with models([*map(calling, map(act, WAY))], episode) as ([model], _):
