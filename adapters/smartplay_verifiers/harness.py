@@ -17,7 +17,6 @@ from smartplay_tools.players import ModelPlayer
 from smartplay_tools.transcript import Event
 from smartplay_verifiers.tasks import INFO, SmartPlayData, outcome
 
-
 CANCELLED = "cancelled"
 """The detail of an episode that verifiers has cancelled."""
 

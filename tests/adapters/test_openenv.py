@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from smartplay_openenv import (
 )
 
 import smartplay_tools as sp
+from smartplay_tools.games import get_spec
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.records import trial_seed
 from smartplay_tools.types import TOOL_NAMES
@@ -261,6 +263,28 @@ def test_a_mistake_in_the_options_is_reported_where_the_server_is_made():
         new_app("Hanoi4Disk-v0")
     with pytest.raises(sp.InvalidArgumentError, match="reset takes seed"):
         SmartPlayEnvironment(GAME).reset(seed=1, world=3)
+
+
+def test_every_game_that_an_environment_makes_is_closed():
+    open_games = []
+
+    class Counted(get_spec(GAME).load()):
+        def reset(self, *, seed: int) -> None:
+            open_games.append(self)
+            super().reset(seed=seed)
+
+        def close(self) -> None:
+            if self in open_games:
+                open_games.remove(self)
+            super().close()
+
+    environment = SmartPlayEnvironment(replace(get_spec(GAME), entry_point=Counted))
+    assert not open_games
+    environment.reset(seed=7)
+    environment.reset(seed=8)
+    assert len(open_games) == 1
+    environment.close()
+    assert not open_games
 
 
 def test_the_folder_for_the_hub_is_valid_and_serves(monkeypatch):
