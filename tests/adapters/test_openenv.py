@@ -132,6 +132,15 @@ def test_calls_that_are_too_many_for_a_message_are_refused_by_the_host():
     assert [event.get("host") for event in events if event["event"] == "call"] == [None, "refused"]
 
 
+def test_half_a_character_of_the_model_reaches_no_request():
+    episode, events = fresh()
+    sampler = Sampler([calling(("act", {"action": "half \ud83d"})), *[calling(say="\ud83d")] * 3])
+    rollout = SmartPlayHarness().run_white_box(sampler, SmartPlaySession(episode))
+    assert any("half \ufffd" in text_of(message) for message in sampler.received[-1].messages)
+    json.dumps([[each.messages for each in sampler.received], rollout.messages], ensure_ascii=False).encode()
+    assert sp.replay(events).identical
+
+
 def test_every_rollout_has_a_seed():
     sessions = SmartPlaySessions(GAME)
     assert sessions.create({"seed": 3}, seed=7).episode.config.seed == 3
@@ -251,6 +260,13 @@ def test_the_page_has_a_button_for_every_action_while_the_game_runs():
     environment.close()
     assert environment.web_actions({}) == []
     assert environment.state.end_reason == "host"
+
+
+def test_half_a_character_in_an_action_is_answered(url):
+    with MCPToolClient(base_url=url).sync() as connected:
+        connected.reset(seed=7)
+        answer = connected.step(CallToolAction(tool_name="act", arguments={"action": "half \ud83d"}))
+        assert '"half \ufffd" is not' in answer.observation.result
 
 
 def test_a_call_before_the_reset_is_an_error_of_the_client():

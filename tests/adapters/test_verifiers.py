@@ -216,7 +216,16 @@ async def test_a_limit_of_time_keeps_the_score_and_the_record():
     await task.finalize(trace, None)
     result, record = trace.info["smartplay"]["result"], trace.info["smartplay"]["record"]
     assert (result["end_reason"], result["detail"], result["steps"]) == ("host", "cancelled", 2)
-    assert sp.replay(record).identical
+    assert sp.replay([json.loads(line) for line in record.splitlines()]).identical
+
+
+def test_a_trace_with_half_a_character_can_be_written():
+    with OpenAIStub([calling(("act", '{"action": "half \\ud83d"}')), *[calling(say="Well.")] * 3]) as stub:
+        trace, _ = launched(stub.base_url)
+    record = json.loads(trace.model_dump_json())["info"]["smartplay"]["record"]
+    events = [json.loads(line) for line in record.splitlines()]
+    assert any("half \ud83d" in event["text"] for event in events if event["event"] == "call")
+    assert sp.replay(events).identical
 
 
 def test_the_package_for_the_hub_plays_under_the_hubs_name(tmp_path):
