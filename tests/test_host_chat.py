@@ -89,7 +89,6 @@ def test_words_are_heard_once_however_often_the_list_is_read():
 
 def test_words_that_come_while_a_prompt_awaits_its_reply_are_refused():
     chat, _ = begun(("act", '{"action": "3"}'))
-    chat.refuse_late_words([user("Win."), user("Faster.")])
     chat.settle([], play={"c0": None})
     chat.hear([user("Faster.")])
     chat.session.prompt()

@@ -154,18 +154,16 @@ class HostChat:
         return new
 
     def refuse_late_words(self, messages: Iterable[Message]) -> None:
-        """Raise an error for user messages that the episode has not received, while a prompt awaits its reply.
+        """Raise an error for user messages that the episode has not received, where the reply to a prompt is to come.
 
         That prompt stays as it is, and in a host's list these words would come before its reply: they would be lost.
         """
         session = self._begun
-        if not session.awaits_reply:
-            return
         received = [*session.host_head, *(item.message for turn in session.turns for item in turn.items)]
         if _words_of_user(messages) - _words_of_user(received):
             raise InvalidArgumentError(
-                "The episode awaits the reply to a recorded prompt. Run the agent without new messages, and add yours "
-                "after the reply."
+                "The reply to a prompt on record comes first. Run the agent without new messages, and add yours after "
+                "the reply."
             )
 
     @property
