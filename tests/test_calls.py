@@ -126,6 +126,16 @@ def test_an_error_quotes_at_most_80_characters(episode):
     assert "x" * 81 not in result.text
 
 
+def test_half_a_character_is_quoted_in_words_that_a_request_can_hold():
+    record = []
+    with sp.Episode(RPS, seed=1, context="host", transcript=record) as episode:
+        for half in ({"action": "half \ud83d"}, '{"action": "half \\ud83d"}'):
+            assert '"half \ufffd"' in episode.call("act", half).text
+        assert '"half \ufffd"' in episode.functions()[1]("half \ud83d")
+    assert '"half \ud83d"' in record[1]["text"]
+    assert sp.replay(record).identical
+
+
 def test_an_illegal_move_of_the_game_is_the_games_business():
     with sp.Episode(HANOI, seed=0) as episode:
         result = episode.call("act", {"action": "Move the top disk of rod B to the top of rod A"})

@@ -24,6 +24,14 @@ def test_episodes_differ_in_their_seeds_and_are_recorded_and_rewarded(tmp_path):
     assert all(sp.replay(record).identical for record in records)
 
 
+@pytest.mark.parametrize("name", ["/../../elsewhere", "..\\elsewhere", "a/b", "a\0", "\ud800", "a" * 101])
+def test_a_name_leads_to_no_other_folder(tmp_path, name):
+    factory = EpisodeFactory(GAME, records=tmp_path / "rollouts" / "today")
+    with pytest.raises(sp.InvalidArgumentError, match="The id of an episode is part of its record's name"):
+        factory.episode(7, name)
+    assert not list(tmp_path.iterdir())
+
+
 def test_without_a_folder_nothing_is_recorded():
     factory = EpisodeFactory(GAME, reward="return")
     with factory.episode(7) as episode:

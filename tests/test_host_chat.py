@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 import smartplay_tools as sp
 from smartplay_tools.conversation import HostChat
 
@@ -83,6 +85,16 @@ def test_words_are_heard_once_however_often_the_list_is_read():
     assert turn_of(chat)[1:] == ["Faster.", "Faster.", "Please."]
     chat.hear([user("Now.")])  # too late: a prompt that was made stays as it is
     assert chat.unheard([user("Now.")]) == [user("Now.")]
+
+
+def test_words_that_come_while_a_prompt_awaits_its_reply_are_refused():
+    chat, _ = begun(("act", '{"action": "3"}'))
+    chat.settle([], play={"c0": None})
+    chat.hear([user("Faster.")])
+    chat.session.prompt()
+    chat.refuse_late_words([user("Win."), user("Faster.")])
+    with pytest.raises(sp.InvalidArgumentError, match="without new messages"):
+        chat.refuse_late_words([user("Faster."), user("Faster.")])
 
 
 def test_a_chat_goes_on_from_a_record_with_other_instructions():

@@ -29,7 +29,7 @@ from inspect_ai.tool import ToolCall, ToolInfo, ToolParams
 
 from smartplay_tools import InvalidArgumentError, Message, Reply, ToolSpec, Usage
 from smartplay_tools.json_text import object_in
-from smartplay_tools.message_forms import function_call, kept_item, reply_message, shown
+from smartplay_tools.message_forms import encodable, function_call, kept_item, reply_message, shown
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.pictures import NO_PICTURES, Picture
 
@@ -63,8 +63,12 @@ class InspectChat:
     def remember(self, message: Message, sent: ChatMessageAssistant) -> None:
         """Have a reply go back to the model as Inspect's own message, with the call ids of the conversation."""
         ids = [call["id"] for call in calls_of(message)]
-        calls = [replace(call, id=i) for call, i in zip(sent.tool_calls or (), ids, strict=True)]
-        self._keep(message, sent.model_copy(update={"tool_calls": calls or None}))
+        calls = [
+            replace(call, id=i, arguments=encodable(call.arguments))
+            for call, i in zip(sent.tool_calls or (), ids, strict=True)
+        ]
+        content: Any = encodable(sent.content)
+        self._keep(message, sent.model_copy(update={"content": content, "tool_calls": calls or None}))
 
     def _written(self, message: Message, pictures: Mapping[str, Picture]) -> ChatMessage:
         return self._written_messages.get(_key(message)) or self._keep(message, self._new(message, pictures))
@@ -75,6 +79,8 @@ class InspectChat:
         return written
 
     def _new(self, message: Message, pictures: Mapping[str, Picture]) -> ChatMessage:
+        # What the record keeps as it was said may have half a character, which neither a request nor a log can hold.
+        message = encodable(message)
         text = text_of(message)
         match message["role"]:
             case "system" | "developer":

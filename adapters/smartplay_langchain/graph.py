@@ -143,18 +143,14 @@ class GraphSession(CallPlayer):
         Returns messages for the state: the results of calls that no tool node has answered, because their arguments
         are not JSON or a middleware stopped them, and the results of calls that were held.
         """
-        if self.session is None or self.session.latest_turn is None:
+        if self.session is None:
             return []
-        since = after_latest_reply(messages)
         self._history.see(messages)
         with self.episode.lock:
-            if not self.session.awaits_reply:
-                return self._take(since)
-            if self._chat.unheard(map(from_langchain, filter(_is_word, since))):
-                raise InvalidArgumentError(
-                    "The episode awaits the reply to a recorded prompt. Invoke the graph without new messages, "
-                    "and add yours after the reply."
-                )
+            if self.session.awaits_reply:
+                self._chat.refuse_late_words(map(from_langchain, filter(_is_word, messages)))
+            elif self.session.latest_turn is not None:
+                return self._take(after_latest_reply(messages))
             return []
 
     def prepare(

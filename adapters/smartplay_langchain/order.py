@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from concurrent.futures import wait as wait_for
+from contextlib import contextmanager
 
 PATIENCE = 1.0
 """Seconds that a call waits for an earlier one that has not begun, before it is held; no result depends on it."""
@@ -33,19 +34,19 @@ class TurnOrder:
 
     def begin(self, position: int) -> bool:
         """Wait for the calls before a position; whether the call may be played now. If not, it is held."""
-        future = self._ask(position)
-        while not future.done():
-            wait_for([future], timeout=PATIENCE)
-            self._give_up(position, future)
-        return future.result()
+        with self._asking(position) as future:
+            while not future.done():
+                wait_for([future], timeout=PATIENCE)
+                self._give_up(position, future)
+            return future.result()
 
     async def abegin(self, position: int) -> bool:
         """Wait as `begin` does, without blocking the event loop."""
-        future = self._ask(position)
-        while not future.done():
-            await asyncio.wait([asyncio.wrap_future(future)], timeout=PATIENCE)
-            self._give_up(position, future)
-        return future.result()
+        with self._asking(position) as future:
+            while not future.done():
+                await asyncio.wait([asyncio.wrap_future(future)], timeout=PATIENCE)
+                self._give_up(position, future)
+            return future.result()
 
     def end(self, position: int) -> None:
         """Note that a call has been answered, and wake those that waited for it."""
@@ -53,11 +54,19 @@ class TurnOrder:
             self._playing.discard(position)
             self._decide_all()
 
-    def _ask(self, position: int) -> Future[bool]:
+    @contextmanager
+    def _asking(self, position: int) -> Iterator[Future[bool]]:
+        """Ask whether a call may be played. One that is cancelled while it waits is not played, nor waited for."""
         future: Future[bool] = Future()
         with self._lock:
             self._decide(position, future)
-        return future
+        try:
+            yield future
+        except BaseException:
+            with self._lock:
+                self._playing.discard(position)
+                self._waiting = [each for each in self._waiting if each[1] is not future]
+            raise
 
     def _decide_all(self) -> None:
         waiting, self._waiting = self._waiting, []

@@ -51,7 +51,7 @@ def _opened(store: EpisodeStore, body: bytes) -> str:
         game, seed, budget = str(wanted.pop("game")), wanted.pop("seed"), wanted.pop("budget", {})
         if reserved := wanted.keys() & {"transcript", "context", "self"}:
             raise InvalidArgumentError(f"These fields cannot be set: {', '.join(sorted(reserved))}.")
-        return store.open(game, seed=int(seed), budget=Budget(**budget), **wanted)
+        return store.open(game, seed=seed, budget=Budget(**budget), **wanted)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))

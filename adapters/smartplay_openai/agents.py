@@ -23,6 +23,7 @@ from typing import Any
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec
 from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
 from smartplay_tools.errors import extra_named
+from smartplay_tools.messages import Call
 from smartplay_tools.prompts import with_pictures_below
 from smartplay_tools.records import CacheFields, openai_cache_fields
 
@@ -111,6 +112,8 @@ class SmartPlayModel(Model):
         self._history = HostHistory[Item](self.episode.counter, known_by)
         self._handoffs: frozenset[str] = frozenset()
         """The names of the latest request's handoffs."""
+        self._latest: ModelResponse | None = None
+        """The response of the latest reply, unless it was returned twice."""
         self._model, self._player, self._cache = model, player, cache
         self._only_game_tools = only_game_tools
 
@@ -141,6 +144,8 @@ class SmartPlayModel(Model):
         _check(output_schema, options)
         if self._only_game_tools:
             tools, handoffs = [tool for tool in tools if tool.name in self._names], ()
+        if (unseen := self._unseen_response(items)) is not None:
+            return unseen
         session = await asyncio.to_thread(self._prepare, system_instructions, items, self._foreign(tools, handoffs))
         usage = AgentsUsage()
 
@@ -157,12 +162,33 @@ class SmartPlayModel(Model):
 
         self._handoffs = frozenset(handoff.tool_name for handoff in handoffs)
         while (answer := await session.aask(send)) is not None:
-            response = await asyncio.to_thread(_receive, session, answer)
-            response = self._without_hidden(response) if self._only_game_tools else response
-            if calls := [item for item in response.output if isinstance(item, ResponseFunctionToolCall)]:
-                self._note_handoff(session, calls)
+            self._latest = answer.response
+            calls = await session.areceive(answer.message, answer.usage)
+            response = self._for_runner(answer.response, calls)
+            if shown := _calls_of(response):
+                self._note_handoff(session, shown)
                 return dataclasses.replace(response, usage=usage)
+            self._answer_unknown(())
         return _words("The episode is over.", usage)
+
+    def _unseen_response(self, items: Sequence[Item]) -> ModelResponse | None:
+        """Return the latest response once more to a run without it: one that began when another had been cancelled.
+
+        Calls that were played give their recorded results again. Those of other tools could be run twice.
+        """
+        session, latest = self._chat.session, self._latest
+        if latest is None or session is None or session.awaits_reply or self.episode.done:
+            return None
+        turn = session.latest_turn
+        assert turn is not None
+        ids, foreign = {call.id for call in turn.calls}, {tool.name for tool in session.foreign_tools}
+        response = self._for_runner(latest, turn.calls)
+        has_foreign = any(call.name in foreign for call in turn.calls)
+        if has_foreign or not _calls_of(response) or any(item.get("call_id") in ids for item in items):
+            return None
+        self._chat.refuse_late_words(before_the_game(items, self._names))
+        self._latest = None
+        return dataclasses.replace(response, usage=AgentsUsage())
 
     def _note_handoff(self, session: AgentSession, calls: Sequence[ResponseFunctionToolCall]) -> None:
         """Take note of a handoff: the other agent may have another model, which does not play."""
@@ -186,15 +212,19 @@ class SmartPlayModel(Model):
     def _is_hidden(self, name: str) -> bool:
         return self._only_game_tools and name not in self._names
 
-    def _without_hidden(self, response: ModelResponse) -> ModelResponse:
-        """Return a response without calls of hidden tools, which the runner would run; the episode answers these."""
-        kept = [
-            item
+    def _for_runner(self, response: ModelResponse, calls: Sequence[Call]) -> ModelResponse:
+        """Return a response with the call ids of the session, and without calls of hidden tools.
+
+        The runner would run these; the episode answers them.
+        """
+        ids = iter([call.id for call in calls])
+        output = [
+            item.model_copy(update={"call_id": next(ids)}) if isinstance(item, ResponseFunctionToolCall) else item
             for item in response.output
-            if not isinstance(item, ResponseFunctionToolCall) or not self._is_hidden(item.name)
         ]
-        if not any(isinstance(item, ResponseFunctionToolCall) for item in kept):
-            self._answer_unknown(())
+        kept = [
+            item for item in output if not isinstance(item, ResponseFunctionToolCall) or not self._is_hidden(item.name)
+        ]
         return dataclasses.replace(response, output=kept)
 
     async def stream_response(self, *arguments: Any, **options: Any) -> AsyncIterator[Any]:
@@ -245,6 +275,10 @@ class SmartPlayModel(Model):
             return chat.begin(first, system=system, foreign_tools=foreign)
         if self.episode.done:
             return chat.session
+        if chat.session.awaits_reply:
+            chat.refuse_late_words(before_the_game(items, self._names))
+        if not has_calls(items):
+            self._history.begin_again()  # a run that begins anew
         turn = chat.session.latest_turn
         sent = [call for call in (turn.calls if turn else ()) if not self._is_hidden(call.name)]
         if sent and not chat.session.awaits_reply:
@@ -290,15 +324,8 @@ class SmartPlayModel(Model):
         return (await self.session.aanswer(call_id, earlier=False)).text
 
 
-def _receive(session: AgentSession, answer: _Answer) -> ModelResponse:
-    """Take a reply; return the model's response with the call ids of the session."""
-    response = answer.response
-    ids = iter([call.id for call in session.receive(answer.message, answer.usage)])
-    output = [
-        item.model_copy(update={"call_id": next(ids)}) if isinstance(item, ResponseFunctionToolCall) else item
-        for item in response.output
-    ]
-    return dataclasses.replace(response, output=output)
+def _calls_of(response: ModelResponse) -> list[ResponseFunctionToolCall]:
+    return [item for item in response.output if isinstance(item, ResponseFunctionToolCall)]
 
 
 def _words(text: str, usage: AgentsUsage) -> ModelResponse:

@@ -93,7 +93,8 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
         super().__init__()
         new = partial(EpisodeFactory, game, budget=budget, reward=reward, records=records, context="host")
         self._factory = new(**options)
-        self._factory.sample().refuse_pictures("OpenEnv")
+        with self._factory.sample() as sample:
+            sample.refuse_pictures("OpenEnv")
         self._game, self._tools = self._factory.game, tools_of(self._factory.tools)
         has_splits = "split" in get_spec(game).load().options and "split" not in options
         self._of_split = {name: new(split=name, **options) if has_splits else self._factory for name in SPLITS}

@@ -26,6 +26,7 @@ from openenv.core.harness import ToolResult as OpenEnvResult
 from smartplay_openenv.environment import tools_of
 from smartplay_tools import AgentSession, Budget, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolResult
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
+from smartplay_tools.message_forms import encodable
 
 TOO_MANY = "Error: The host allows no more calls in one message."
 
@@ -139,7 +140,7 @@ class _Rollout:
                 result = self._agent.answer(call.id) if allowed else self._agent.refuse(call.id, TOO_MANY)
                 self._trace.append(ToolTraceEntry(call.name, dict(call.arguments.values or {}), _result(result)))
         return HarnessRolloutResult(
-            messages=[dict(message) for turn in self._agent.turns for message in turn.messages],
+            messages=[encodable(message) for turn in self._agent.turns for message in turn.messages],
             tool_trace=self._trace,
             done=True,
             metrics={"turns": self._turns, "tool_calls": len(self._trace)},
@@ -147,7 +148,8 @@ class _Rollout:
 
     def _sample(self, prompt: Prompt) -> Reply:
         sampling = prompt.settings(self._limits.sampling)
-        step = self._model_step([dict(message) for message in prompt.messages], self._tools, sampling)
+        # What the record keeps as it was said may have half a character, which a request cannot.
+        step = self._model_step([encodable(message) for message in prompt.messages], self._tools, sampling)
         return Reply(cast(Message, step.response.to_message_dict()))
 
     def _is_at_a_limit(self) -> bool:

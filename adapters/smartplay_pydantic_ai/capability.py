@@ -202,6 +202,8 @@ class SmartPlay(AbstractCapability[Any]):
         """Take over the results of other tools, and other words, since the latest reply."""
         assert self._host is not None
         since = since_response(history)
+        if self._session.awaits_reply:
+            self._host.refuse_late_words(since)
         self._host.settle(since)
         self._host.hear(since)
 

@@ -17,6 +17,9 @@ from smartplay_tools.players import ModelPlayer
 from smartplay_tools.transcript import Event
 from smartplay_verifiers.tasks import INFO, SmartPlayData, outcome
 
+CANCELLED = "cancelled"
+"""The detail of an episode that verifiers has cancelled."""
+
 
 class SmartPlayHarnessConfig(vf.HarnessConfig):
     """The harness has no options of its own: the taskset decides what is played."""
@@ -53,11 +56,13 @@ class SmartPlayHarness(vf.Harness[SmartPlayHarnessConfig]):
         # One attempt for each call: verifiers retries what fails at the model's provider.
         player = get_player(f"openai:{ctx.model}", base_url=endpoint, api_key=secret, retries=0, parameters=own)
         assert isinstance(player, ModelPlayer)
-        with episode:
-            async with player:
-                await _play(episode, player, trace)
+        try:
+            with episode:
+                async with player:
+                    await _play(episode, player, trace)
+        finally:
+            trace.info[INFO] = outcome(episode, task.reward, events)
         assert episode.result is not None
-        trace.info[INFO] = outcome(episode, task.reward, events)
         return _program_result(episode.result)
 
 
@@ -67,6 +72,9 @@ async def _play(episode: Episode, player: ModelPlayer, trace: vf.Trace[Any, Any]
     while (prompt := await conversation.aprompt()) is not None:
         try:
             reply = await player.areply(prompt)
+        except asyncio.CancelledError:  # the limit of time, whose name verifiers notes afterwards
+            episode.end("host", detail=CANCELLED)
+            raise
         except Exception as error:
             if trace.stop_condition is None:
                 conversation.give_up(error)

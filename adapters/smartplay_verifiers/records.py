@@ -22,8 +22,7 @@ def save_records(traces: str | Path, folder: str | Path) -> list[Path]:
             if INFO in trace["info"]:
                 name = trace["task"]["data"]["name"]
                 rollout = sum(other.startswith(f"{name}.") for other in texts)
-                events = trace["info"][INFO]["record"]
-                texts[f"{name}.{rollout}.jsonl"] = "".join(json.dumps(event) + "\n" for event in events)
+                texts[f"{name}.{rollout}.jsonl"] = trace["info"][INFO]["record"]
     if not texts:
         raise TranscriptError(f"{traces} holds no record of an episode; it has to be of smartplay_verifiers' tasks.")
     return write_records(texts, folder)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
@@ -35,12 +36,15 @@ class SmartPlayData(vf.TaskData):
 
 
 def outcome(episode: Episode, reward: RewardName, record: Sequence[Event]) -> dict[str, Any]:
-    """Return what a trace keeps of an episode that is over: reward, result and record."""
+    """Return what a trace keeps of an episode that is over: reward, result, and the record as the text of its file.
+
+    As text in ASCII, since a trace is written as UTF-8, which cannot hold the half characters that models write.
+    """
     assert episode.result is not None
     return {
         "reward": reward_of(episode, reward),
         "result": episode.result.model_dump(mode="json"),
-        "record": list(record),
+        "record": "".join(json.dumps(event) + "\n" for event in record),
     }
 
 

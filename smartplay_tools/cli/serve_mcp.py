@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import functools
 import importlib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,12 +16,18 @@ from smartplay_tools.cli.episode_options import OF_RUNS, EpisodeOptions, with_ep
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import STRATEGIES
 
+if TYPE_CHECKING:
+    from smartplay_tools.episode.episode import Episode
+
 NOT_ENFORCED = (
     *("prompt_tokens", "reply_tokens", "episode_tokens", "slack", "batch", "protocol"),
     *STRATEGIES,
     *OF_RUNS,
 )
 """Options that cannot be enforced where the host decides what the model sees."""
+
+PATIENCE = 10.0
+"""Seconds in which another server that plays the same record may end."""
 
 ADAPTER = "smartplay_mcp"
 """The adapter that serves games; imported at first use."""
@@ -65,10 +72,17 @@ def mcp(
     adapter = importlib.import_module(ADAPTER)
     settings = {**episode.conditions, **episode.options}
     if not http:
-        make = functools.partial(adapter.open_episode, game, seed=seed, transcript=transcript, **settings)
-        opened = asyncio.run(adapter.serve_stdio(make))
-        if transcript is None:
-            opened.close()  # otherwise the record stays open, and the next start continues it
+        with ExitStack() as held:
+
+            def make() -> Episode:
+                if transcript is not None:
+                    held.enter_context(_only_server_of(transcript))
+                opened: Episode = adapter.open_episode(game, seed=seed, transcript=transcript, **settings)
+                return opened
+
+            opened = asyncio.run(adapter.serve_stdio(make))
+            if transcript is None:
+                opened.close()  # otherwise the record stays open, and the next start continues it
         return
     from smartplay_tools.web import EpisodeStore
 
@@ -80,3 +94,25 @@ def mcp(
         typer.echo(f"{server.url}/mcp/{handle}  seed {seed + number}")
     typer.echo("Stop with Ctrl-C.")
     server.run()
+
+
+@contextmanager
+def _only_server_of(record: Path) -> Iterator[None]:
+    """Wait until no other server plays a record, because two at once would write over each other.
+
+    A host that starts a server for each call starts several at once, each of which ends after its call.
+    """
+    from filelock import FileLock, Timeout
+
+    record.parent.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(f"{record}.lock", timeout=PATIENCE, thread_local=False)  # released in another thread
+    try:
+        lock.acquire()
+    except Timeout:
+        raise InvalidArgumentError(
+            f"Another server plays the episode of {record}; stop that one, or name another file."
+        ) from None
+    try:
+        yield
+    finally:
+        lock.release()

@@ -15,6 +15,7 @@ from typing import Any
 
 from smartplay_tools.conversation.agent_session import NOT_RUN, AgentSession
 from smartplay_tools.episode.episode import Episode
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.messages import Message, text_of, words_of
 from smartplay_tools.types import ToolResult, ToolSpec
 
@@ -140,7 +141,7 @@ class HostChat:
         """Return the user messages among these that the session has not received since the latest reply."""
         turn = self._begun.latest_turn
         items = () if turn is None else turn.items if turn.calls else turn.items[1:]  # the first is this library's
-        heard = Counter(text_of(item.message) for item in items if item.message["role"] == "user")
+        heard = _words_of_user(item.message for item in items)
         new = []
         for message in messages:
             if message["role"] != "user":
@@ -152,7 +153,24 @@ class HostChat:
                 new.append(message)
         return new
 
+    def refuse_late_words(self, messages: Iterable[Message]) -> None:
+        """Raise an error for user messages that the episode has not received, where the reply to a prompt is to come.
+
+        That prompt stays as it is, and in a host's list these words would come before its reply: they would be lost.
+        """
+        session = self._begun
+        received = [*session.host_head, *(item.message for turn in session.turns for item in turn.items)]
+        if _words_of_user(messages) - _words_of_user(received):
+            raise InvalidArgumentError(
+                "The reply to a prompt on record comes first. Run the agent without new messages, and add yours after "
+                "the reply."
+            )
+
     @property
     def _begun(self) -> AgentSession:
         assert self.session is not None, "the session begins with the first prompt"
         return self.session
+
+
+def _words_of_user(messages: Iterable[Message]) -> Counter[str]:
+    return Counter(text_of(message) for message in messages if message["role"] == "user")

@@ -40,7 +40,7 @@ from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.messages import Message
 from smartplay_tools.tokens import TokenCounter, Tokenizer, get_tokenizer
-from smartplay_tools.tokens.counter import picture_counter, shared_counter
+from smartplay_tools.tokens.counter import picture_counter, shared_counter, well_formed
 from smartplay_tools.tokens.tokenizers import split_rule, with_pictures
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import Sink, TranscriptWriter
@@ -226,7 +226,8 @@ class Episode:
             self._complete_turn()
             if results and self.done:
                 results[-1] = replace(results[-1], done=True)
-            return results
+            # A mistake quotes what the model wrote; half a character is on record, and no request can hold it.
+            return [replace(result, text=well_formed(result.text)) for result in results]
 
     async def acall(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
         """Answer one call in a shared thread; the calls of an episode are answered in the order of their arrival."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,12 @@ from uuid import uuid4
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.rewards import RewardName, reward_of
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec
 from smartplay_tools.types import Budget
+
+NAME = re.compile(r"[\w .+=@#-]{0,100}", re.ASCII)
+"""What names the record of an episode. It may come from the network, so it leads to no other folder."""
 
 
 class EpisodeFactory:
@@ -53,9 +58,19 @@ class EpisodeFactory:
 
     def episode(self, seed: int, name: str | None = None) -> Episode:
         """Return the episode of a seed; its record is `SEED.NAME.jsonl`, by default with a random name."""
-        record = None if self._records is None else self._records / f"{seed}.{name or uuid4().hex}.jsonl"
+        record = None if self._records is None else self._records / f"{seed}.{_checked(name) or uuid4().hex}.jsonl"
         return self._new(seed=seed, transcript=record)
 
     def reward(self, episode: Episode) -> float:
         """Return the reward of an episode so far."""
         return reward_of(episode, self._reward)
+
+
+def _checked(name: str | None) -> str | None:
+    """Return the name of a record; `InvalidArgumentError` for one that is not part of a file's name."""
+    if name is not None and NAME.fullmatch(name) is None:
+        raise InvalidArgumentError(
+            f"The id of an episode is part of its record's name, so {name[:100]!r} cannot be one: it has up to 100 "
+            "letters, digits, spaces and . _ + = @ # -."
+        )
+    return name

@@ -78,6 +78,8 @@ def _check_headers(request: Request, message: Any) -> None:
         raise ProtocolError(mcp.UNSUPPORTED_VERSION, "Unsupported protocol version", supported)
     if version not in mcp.STATELESS_VERSIONS or not isinstance(message, dict) or "id" not in message:
         return
+    if not isinstance(message.get("method"), str):
+        return  # no request, which is said in the answer
     params = message.get("params")
     meta = params.get("_meta") if isinstance(params, dict) else None
     if not isinstance(params, dict) or not isinstance(meta, dict) or mcp.VERSION_KEY not in meta:

@@ -13,6 +13,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
@@ -199,12 +200,16 @@ class Store(ABC, Generic[H]):
             while self._hosted and self._is_idle(handle := next(iter(self._hosted))):
                 idle[handle] = self._hosted.pop(handle)[0]
             self._busy.update(idle)
-        for handle, hosted in idle.items():
-            try:
-                hosted.episode.close()
-            finally:
-                self._let_go(handle, hosted, f"The episode was closed after {self._idle:g} seconds without a request.")
-                self._done_with(handle)
+        with ExitStack() as closing:  # all of them, even if the record of one cannot be written
+            for handle, hosted in idle.items():
+                closing.callback(self._close_for_good, handle, hosted)
+
+    def _close_for_good(self, handle: str, hosted: H) -> None:
+        try:
+            hosted.episode.close()
+        finally:
+            self._let_go(handle, hosted, f"The episode was closed after {self._idle:g} seconds without a request.")
+            self._done_with(handle)
 
     def _done_with(self, handle: str) -> None:
         with self._lock:

@@ -373,6 +373,43 @@ async def test_a_failed_model_ends_as_player_error():
     assert (episode.result.end_reason, episode.result.error) == ("player_error", "ConnectionError: down")
 
 
+async def test_new_words_wait_for_the_reply_to_a_prompt_that_was_made(caplog):
+    episode, _ = fresh()
+    down = ModelStep.raise_error(ConnectionError("down"))
+    model = SmartPlayModel(ScriptedModel([step(calling(act(WAY[0]))), down, down]), episode)
+    agent = Agent("player", model=model, tools=model.tools)
+    with episode:
+        for words, error, sentence in (
+            ("Play!", ConnectionError, "down"),
+            ("Hurry!", sp.InvalidArgumentError, "without new messages"),
+            ("Play!", ConnectionError, "down"),
+        ):
+            with pytest.raises(error, match=sentence):
+                await Runner.run(agent, words, max_turns=None, run_config=model.run_config)
+    assert not caplog.records, "the history of a run that begins anew was not trimmed"
+
+
+async def test_a_reply_that_a_cancelled_run_has_not_seen_is_given_to_the_next_one():
+    episode, events = fresh()
+    script = [step(calling(act(each))) for each in WAY]
+    model = SmartPlayModel(ScriptedModel(script), episode)
+    agent = Agent("player", model=model, tools=model.tools)
+    with episode:
+        stopped = Runner.run_streamed(agent, "Play!", max_turns=None, run_config=model.run_config)
+        async for _ in stopped.stream_events():
+            if episode.stats.turns == 2:
+                break
+        stopped.cancel()
+        items = stopped.to_input_list()
+        assert sum(item.get("type") == "function_call" for item in items) == 1, "the second reply is not among them"
+        late = [*items, {"role": "user", "content": "Hurry!"}]
+        with pytest.raises(sp.InvalidArgumentError, match="without new messages"):
+            await Runner.run(agent, late, max_turns=None, run_config=model.run_config)
+        await Runner.run(agent, items, max_turns=None, run_config=model.run_config)
+    assert (episode.result.completed, episode.result.turns, episode.result.steps) == (True, 7, 7)
+    assert sp.replay(events).identical
+
+
 async def test_a_run_goes_on_from_its_record():
     episode, events = fresh()
     async with models([*map(calling, map(act, WAY))], episode) as ([model], _):

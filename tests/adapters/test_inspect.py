@@ -273,6 +273,15 @@ def test_arguments_that_inspect_could_not_parse_are_counted_as_they_were_sent():
     assert from_output(reply).message["tool_calls"][0]["function"]["arguments"] == sent
 
 
+def test_half_a_character_is_recorded_and_the_log_can_be_written():
+    odd = calling(("act", '{"action": "half \\ud83d"}'), say="half \ud83d")
+    sample = sample_of(run(smartplay("RockPaperScissorBasic-v0", trials=1, tool_calls=3), lambda *_: output(odd)))
+    record = list(map(json.loads, sample.store_as(Played).record.splitlines()))
+    assert next(event for event in record if event["event"] == "message")["message"]["content"] == "half \ud83d"
+    assert sample.store_as(Played).result["illegal_actions"] == 3
+    assert sp.replay(record).identical
+
+
 CUT = """
 import smartplay_tools as sp
 

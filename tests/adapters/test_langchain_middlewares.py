@@ -296,6 +296,16 @@ def test_after_a_failure_the_agent_may_be_invoked_again():
     assert sp.replay(events).identical
 
 
+def test_new_words_wait_for_the_reply_to_the_first_prompt_too():
+    episode, _ = fresh()
+    agent = create_agent(ScriptedModel([]), middleware=[SmartPlayMiddleware(episode)], checkpointer=InMemorySaver())
+    with episode:
+        with pytest.raises(Exception, match="StopIteration"):
+            agent.invoke({"messages": [HumanMessage("Play!")]}, THREAD)
+        with pytest.raises(sp.InvalidArgumentError, match="without new messages"):
+            agent.invoke({"messages": [HumanMessage("Hurry!")]}, THREAD)
+
+
 def test_a_fallback_model_plays_where_it_is_outside_and_is_refused_inside():
     def run(inside: bool) -> sp.EpisodeResult:
         episode, _ = fresh()
@@ -464,6 +474,31 @@ def test_a_middleware_may_answer_in_the_games_place_and_may_not_change_its_resul
         assert "Look yourself." in [text(message) for message in bodies[1]["messages"]]
     with pytest.raises(sp.InvalidArgumentError, match="changed the result of observe"):
         play(script, lambda ours: [ours, hiding])
+
+
+class Impatient(AgentMiddleware):
+    """The first call of a message comes late, and the second one is not waited for."""
+
+    async def awrap_tool_call(self, request: Any, handler: Any) -> Any:
+        if request.tool_call["id"] == "c0":
+            await asyncio.sleep(0.5)
+        if request.tool_call["id"] != "c1":
+            return await handler(request)
+        try:
+            return await asyncio.wait_for(handler(request), 0.1)
+        except TimeoutError:
+            return ToolMessage("Error: This took too long.", tool_call_id=request.tool_call["id"])
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_call_that_a_middleware_stops_waiting_for_holds_up_no_other(order):
+    script = [calling(*map(act, ["A->C", "A->B", "C->B", "A->C"])), *[calling(say="Well.")] * 3]
+    result, events, _, messages = play(script, lambda ours: order(ours, Impatient()), asynchronously=True)
+    calls = [event for event in events if event["event"] == "call"]
+    played = [(event["position"], event.get("host")) for event in calls]
+    assert played == [(0, None), (1, "refused"), (2, None), (3, None)]
+    assert (result.steps, result.refused_calls) == (3, 1)
+    assert [message.text.split(".")[0] for message in results(messages)][1] == "Error: This took too long"
 
 
 def test_callbacks_see_the_calls_and_one_model_run_for_each_reply():

@@ -256,8 +256,10 @@ class TestTheDoor:
             assert client.get(f"/episodes/{made['episode']}").json() == {"done": True, "result": result}
             assert post(f"{server.url}/episodes", json={}).status_code == 401
             assert client.post("/episodes", json={"game": "Chess", "seed": 1}).status_code == 400
-            for wrong in ([], {}, {"game": GAME, "seed": "x"}, {"game": GAME, "seed": 1, "transcript": "/etc/x"}):
-                refused = client.post("/episodes", json=wrong)
+            seeds: list[Any] = ["x", "7", 1.5, True, 1e400]
+            wrongs: list[Any] = [{"game": GAME, "seed": seed} for seed in seeds]
+            for wrong in ([], {}, {"game": GAME, "seed": 1, "transcript": "/etc/x"}, *wrongs):
+                refused = client.post("/episodes", content=json.dumps(wrong))
                 assert refused.status_code == 400
                 assert "Traceback" not in refused.text
 
@@ -308,6 +310,20 @@ class TestEpisodes:
         sentence = "The episode was closed after 60 seconds without a request."
         assert (refused.status_code, refused.text) == (404, sentence)
         assert episodes.gone(handle).result.end_reason == "closed"
+
+    def test_idle_episodes_are_closed_even_if_the_record_of_one_cannot_be_written(self, tmp_path):
+        now = [0.0]
+        episodes = EpisodeStore(folder=tmp_path, idle=60, most=2, clock=lambda: now[0])
+        handles = [episodes.open(GAME, seed=seed) for seed in (1, 2)]
+        full, other = (episodes.find(handle).episode for handle in handles)
+        full._transcript._file.close()
+        full._transcript._file = Path("/dev/full").open("wb", buffering=0)  # noqa: SIM115 - the episode closes it
+        now[0] = 100
+        with pytest.raises(sp.SmartPlayError, match="No space left"):
+            episodes.open(GAME, seed=3)
+        assert (full.done, other.end_reason) == (True, "closed")
+        assert episodes.find(handles[1]).episode.result == other.result
+        episodes.close(episodes.open(GAME, seed=3))
 
     def test_with_a_folder_it_is_told_that_the_episode_is_over(self, tmp_path):
         now = [0.0]

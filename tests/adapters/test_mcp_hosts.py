@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -88,6 +89,21 @@ class TestStdio:
                 result = await client.call_tool(*act(move))
             assert result.structured_content["step"] == step
         assert [event["event"] for event in sp.read_transcript(record)] == ["start", "call", "resume", "call"]
+        assert sp.replay(record).differences == []
+
+    def test_servers_that_are_started_at_once_play_one_after_the_other(self, tmp_path):
+        """As a host does that starts one for each of the calls of a message."""
+        record = tmp_path / "hanoi.jsonl"
+        with ThreadPoolExecutor(3) as pool:
+
+            def play(short: str) -> Any:
+                name, arguments = act(short)
+                call = request("tools/call", name=name, arguments=arguments)
+                (answer,) = talk(call, options=("--seed", "7", "--transcript", str(record)))
+                return answer["result"]["structuredContent"]["step"]
+
+            steps = list(pool.map(play, ["A->C", "A->B", "C->B"]))
+        assert sorted(steps) == [1, 2, 3]
         assert sp.replay(record).differences == []
 
     def test_a_record_of_another_game_is_not_continued(self, tmp_path):
@@ -267,6 +283,18 @@ class TestHttp:
                 url, json=request("tools/list"), headers={**AGENT, **headers}, trust_env=False, verify=False
             )
         assert (answer.status_code, answer.json()["error"]["code"]) == (400, code)
+
+    @pytest.mark.parametrize("method", [[], {}, None, 1])
+    @pytest.mark.parametrize("version", ["2025-11-25", "2026-07-28"])
+    def test_a_method_that_is_not_a_text_is_refused_in_a_sentence(self, version, method):
+        store = EpisodeStore()
+        with HttpServer(store, port=0) as server:
+            url = f"{server.url}/mcp/{store.open(GAME, seed=1)}"
+            meta = {"io.modelcontextprotocol/protocolVersion": version}
+            body = {**request("tools/list", _meta=meta), "method": method}
+            headers = {**AGENT, "Mcp-Protocol-Version": version}
+            answer = httpx2.post(url, json=body, headers=headers, trust_env=False, verify=False)
+        assert (answer.status_code, answer.json()["error"]["code"]) == (400, -32600)
 
     async def test_many_calls_at_once_are_played_one_at_a_time(self):
         store = EpisodeStore()

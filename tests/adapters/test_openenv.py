@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from smartplay_openenv import (
 )
 
 import smartplay_tools as sp
+from smartplay_tools.games import get_spec
 from smartplay_tools.messages import calls_of, text_of
 from smartplay_tools.records import trial_seed
 from smartplay_tools.types import TOOL_NAMES
@@ -128,6 +130,15 @@ def test_calls_that_are_too_many_for_a_message_are_refused_by_the_host():
     assert (episode.result.steps, episode.result.refused_calls) == (1, 1)
     assert "no more calls" in rollout.tool_trace[1].result.error
     assert [event.get("host") for event in events if event["event"] == "call"] == [None, "refused"]
+
+
+def test_half_a_character_of_the_model_reaches_no_request():
+    episode, events = fresh()
+    sampler = Sampler([calling(("act", {"action": "half \ud83d"})), *[calling(say="\ud83d")] * 3])
+    rollout = SmartPlayHarness().run_white_box(sampler, SmartPlaySession(episode))
+    assert any("half \ufffd" in text_of(message) for message in sampler.received[-1].messages)
+    json.dumps([[each.messages for each in sampler.received], rollout.messages], ensure_ascii=False).encode()
+    assert sp.replay(events).identical
 
 
 def test_every_rollout_has_a_seed():
@@ -251,6 +262,13 @@ def test_the_page_has_a_button_for_every_action_while_the_game_runs():
     assert environment.state.end_reason == "host"
 
 
+def test_half_a_character_in_an_action_is_answered(url):
+    with MCPToolClient(base_url=url).sync() as connected:
+        connected.reset(seed=7)
+        answer = connected.step(CallToolAction(tool_name="act", arguments={"action": "half \ud83d"}))
+        assert '"half \ufffd" is not' in answer.observation.result
+
+
 def test_a_call_before_the_reset_is_an_error_of_the_client():
     answer = SmartPlayEnvironment(GAME).step(CallToolAction(tool_name="observe"))
     assert "Reset the environment first" in answer.error.message
@@ -261,6 +279,28 @@ def test_a_mistake_in_the_options_is_reported_where_the_server_is_made():
         new_app("Hanoi4Disk-v0")
     with pytest.raises(sp.InvalidArgumentError, match="reset takes seed"):
         SmartPlayEnvironment(GAME).reset(seed=1, world=3)
+
+
+def test_every_game_that_an_environment_makes_is_closed():
+    open_games = []
+
+    class Counted(get_spec(GAME).load()):
+        def reset(self, *, seed: int) -> None:
+            open_games.append(self)
+            super().reset(seed=seed)
+
+        def close(self) -> None:
+            if self in open_games:
+                open_games.remove(self)
+            super().close()
+
+    environment = SmartPlayEnvironment(replace(get_spec(GAME), entry_point=Counted))
+    assert not open_games
+    environment.reset(seed=7)
+    environment.reset(seed=8)
+    assert len(open_games) == 1
+    environment.close()
+    assert not open_games
 
 
 def test_the_folder_for_the_hub_is_valid_and_serves(monkeypatch):

@@ -16,7 +16,7 @@ pytest.importorskip("pydantic_ai", reason="needs smartplay-tools[pydantic-ai]; `
 
 from anthropic import AsyncAnthropic
 from openai import AsyncOpenAI
-from pydantic_ai import Agent, BinaryContent, Tool, UsageLimitExceeded
+from pydantic_ai import Agent, BinaryContent, Tool, UsageLimitExceeded, capture_run_messages
 from pydantic_ai.capabilities import AbstractCapability, PrepareTools, ProcessHistory
 from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ThinkingPart, ToolCallPart, ToolReturnPart
 from pydantic_ai.models.anthropic import AnthropicModel
@@ -248,6 +248,18 @@ def test_a_model_that_fails_once_can_be_asked_again():
             agent.run_sync("", usage_limits=NO_LIMIT)
         assert agent.run_sync("", usage_limits=NO_LIMIT).output == THE_END
     assert episode.result.completed
+
+
+def test_new_words_wait_for_the_reply_to_a_prompt_that_was_made():
+    episode, _ = fresh()
+    with episode:
+        agent = Agent(Scripted([calling(act(WAY[0]))]).model, capabilities=[SmartPlay(episode)])
+        with capture_run_messages() as messages, pytest.raises(Exception, match="StopIteration"):
+            agent.run_sync("Play!", usage_limits=NO_LIMIT)
+        with pytest.raises(sp.InvalidArgumentError, match="without new messages"):
+            agent.run_sync("Hurry!", message_history=list(messages), usage_limits=NO_LIMIT)
+        with pytest.raises(Exception, match="StopIteration"):
+            agent.run_sync("Play!", usage_limits=NO_LIMIT)
 
 
 def test_the_reasoning_of_a_reply_goes_back_to_the_model_and_into_the_record():

@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
@@ -33,7 +34,7 @@ from verifiers.v1.trace import AgentInfo, TraceTask
 
 import smartplay_tools as sp
 from smartplay_tools.records import Record, trial_seed
-from tests.adapters.conformance import GAME, Held, Window, WindowConformance
+from tests.adapters.conformance import GAME, WAY, Held, Window, WindowConformance, act, calling
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.situations import SituationConformance, lacking
 
@@ -46,6 +47,14 @@ def launched(
     base_url: str, harness: SmartPlayHarness | None = None, own_cap: int | None = None, **options: Any
 ) -> tuple[vf.Trace[Any, Any], vf.ProgramResult]:
     """Run a harness as verifiers does, with something else behind the endpoint."""
+    task, harness, trace, ctx = rollout(base_url, harness, own_cap, **options)
+    return trace, asyncio.run(harness.launch(ctx, trace, None, base_url, "none", {}, task.data))
+
+
+def rollout(
+    base_url: str, harness: SmartPlayHarness | None = None, own_cap: int | None = None, **options: Any
+) -> tuple[Any, SmartPlayHarness, vf.Trace[Any, Any], vf.ModelContext]:
+    """The task, the harness, the trace and the model of a rollout."""
     harness = harness or SmartPlayHarness(SmartPlayHarnessConfig())
     (task,) = tasks(1, **options)
     agent = AgentInfo(config=vf.AgentConfig(harness=harness.config), name="agent")
@@ -53,7 +62,7 @@ def launched(
     ctx = vf.ModelContext(
         model="rule", client=vf.EvalClientConfig(base_url=base_url), sampling=vf.Sampling(max_tokens=own_cap)
     )
-    return trace, asyncio.run(harness.launch(ctx, trace, None, base_url, "none", {}, task.data))
+    return task, harness, trace, ctx
 
 
 def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = "") -> Held:
@@ -187,6 +196,36 @@ def test_a_limit_of_verifiers_ends_the_episode_as_the_hosts_and_keeps_the_score(
     assert (result["end_reason"], result["detail"], result["turns"]) == ("host", "max_turns", 4)
     assert trace["rewards"]["game_reward"]["score"] == result["normalized_score"]
     assert leaves(trace) == 1, "without a window an episode is one row"
+
+
+class Slow(OpenAIStub):
+    """Answers the third request late."""
+
+    def say(self, path: str, body: dict[str, Any], message: Any) -> dict[str, Any]:
+        if len(self.requests) == 3:
+            time.sleep(1)
+        return super().say(path, body, message)
+
+
+async def test_a_limit_of_time_keeps_the_score_and_the_record():
+    with Slow([calling(act(each)) for each in WAY[:3]]) as stub:
+        task, harness, trace, ctx = rollout(stub.base_url)
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.7):
+                await harness.launch(ctx, trace, None, stub.base_url, "none", {}, task.data)
+    await task.finalize(trace, None)
+    result, record = trace.info["smartplay"]["result"], trace.info["smartplay"]["record"]
+    assert (result["end_reason"], result["detail"], result["steps"]) == ("host", "cancelled", 2)
+    assert sp.replay([json.loads(line) for line in record.splitlines()]).identical
+
+
+def test_a_trace_with_half_a_character_can_be_written():
+    with OpenAIStub([calling(("act", '{"action": "half \\ud83d"}')), *[calling(say="Well.")] * 3]) as stub:
+        trace, _ = launched(stub.base_url)
+    record = json.loads(trace.model_dump_json())["info"]["smartplay"]["record"]
+    events = [json.loads(line) for line in record.splitlines()]
+    assert any("half \ud83d" in event["text"] for event in events if event["event"] == "call")
+    assert sp.replay(events).identical
 
 
 def test_the_package_for_the_hub_plays_under_the_hubs_name(tmp_path):

@@ -62,6 +62,15 @@ class TestToolsOfTheAgentItself:
 
 
 class TestMessages:
+    @pytest.mark.parametrize("field", ["", "two\r\nlines", "\0", " ", *("x" * length + " y" for length in (3, 4, 5))])
+    def test_what_is_ignored_fits_a_header_whatever_it_is_named(self, endpoint, field):
+        host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
+        first = post(endpoint, "chat/completions", {**host.request(), field: 1})
+        assert first.headers["x-smartplay-ignored"].startswith("system messages")
+        many = {f"{number} {field}": 1 for number in range(2_000)}
+        long = post(endpoint, "chat/completions", {**host.request(), **many})
+        assert 3_990 < len(long.headers["x-smartplay-ignored"]) <= 4_000
+
     def test_the_agents_instructions_can_be_shown_and_are_counted(self):
         endpoint, player = scripted(calling(act(WAY[0])), show_system=True)
         with endpoint, sp.Episode(GAME, seed=7, budget=BUDGET, transcript=(events := [])) as episode:

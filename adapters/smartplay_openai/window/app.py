@@ -11,6 +11,7 @@ logged once an episode.
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -195,14 +196,20 @@ def _handler(store: WindowStore, form: HostFormat) -> Any:
         except SmartPlayError as error:
             raise RequestError(400, str(error), code="episode_refused") from error
         answer = form.write(reply.message, reply.usage, body)
-        ignored = episode.ignored_of(completion).encode("ascii", "replace").decode()
-        headers = {"x-smartplay-ignored": ignored[:LONGEST_HEADER]} if ignored else {}
+        ignored = _header_value(episode.ignored_of(completion))
+        headers = {"x-smartplay-ignored": ignored} if ignored else {}
         if body.get("stream"):
             events = event_stream(form.stream(answer, body))
             return StreamingResponse(events, media_type="text/event-stream", headers=headers)
         return json_response(answer, 200, headers)
 
     return handle
+
+
+def _header_value(text: str) -> str:
+    """Return a text as a header can have it: names that a host chose hold anything, and a header no breaks or edges."""
+    printable = re.sub(r"[\x00-\x20\x7f]+", " ", text.encode("ascii", "replace").decode())
+    return printable[:LONGEST_HEADER].strip()
 
 
 def _counter(store: WindowStore) -> Any:
