@@ -22,6 +22,7 @@ __all__ = [
     "reply_message",
     "shown",
     "system_text",
+    "well_formed",
 ]
 
 SYSTEM = ("system", "developer")
@@ -88,16 +89,16 @@ def encodable(value: Any) -> Any:
     A lone surrogate, which UTF-8 cannot hold, becomes U+FFFD, and a number that JSON cannot hold becomes its name.
     """
     if isinstance(value, str):
-        return _encodable_text(value)
+        return well_formed(value)
     copy = [value]
     waiting: list[Any] = [copy]
     while waiting:
         parent = waiting.pop()
         for place, item in enumerate(parent) if isinstance(parent, list) else parent.items():
             if isinstance(item, str):
-                parent[place] = _encodable_text(item)
+                parent[place] = well_formed(item)
             elif isinstance(item, dict):
-                parent[place] = {_encodable_text(key): own for key, own in item.items()}
+                parent[place] = {well_formed(key): own for key, own in item.items()}
                 waiting.append(parent[place])
             elif isinstance(item, list | tuple):
                 parent[place] = [*item]
@@ -107,8 +108,13 @@ def encodable(value: Any) -> Any:
     return copy[0]
 
 
-def _encodable_text(text: str) -> str:
-    return text if text.isascii() else text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+def well_formed(text: str) -> str:
+    """Return the text with pairs of surrogates joined to their character and each lone one replaced by U+FFFD."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
+    return text
 
 
 def accepted_name(name: str, longest: int = 64) -> str:

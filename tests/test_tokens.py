@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 import smartplay_tools as sp
 from smartplay_tools import tokens
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
+from smartplay_tools.message_forms import well_formed
 from smartplay_tools.tokens import TokenCounter, get_tokenizer
-from smartplay_tools.tokens.counter import well_formed
 from smartplay_tools.tokens.o200k import o200k_base
 
 WORDS = TokenCounter()

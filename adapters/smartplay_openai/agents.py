@@ -46,18 +46,17 @@ from openai.types.responses import (
     Response,
     ResponseCompletedEvent,
     ResponseFunctionToolCall,
-    ResponseOutputMessage,
-    ResponseOutputText,
     ResponseUsage,
 )
 
 from smartplay_openai.agents_items import (
-    OVER,
     Item,
     before_the_game,
+    calls_in,
     has_calls,
     input_of,
     known_by,
+    last_words,
     read_response,
     since_reply,
     usage_of,
@@ -140,7 +139,7 @@ class SmartPlayModel(Model):
         """
         items = [{"role": "user", "content": input}] if isinstance(input, str) else input
         if self._is_asked_by_sub_agent(items):
-            return _words(SUB_AGENT, AgentsUsage())
+            return last_words(SUB_AGENT, AgentsUsage())
         _check(output_schema, options)
         if self._only_game_tools:
             tools, handoffs = [tool for tool in tools if tool.name in self._names], ()
@@ -165,11 +164,11 @@ class SmartPlayModel(Model):
             self._latest = answer.response
             calls = await session.areceive(answer.message, answer.usage)
             response = self._for_runner(answer.response, calls)
-            if shown := _calls_of(response):
+            if shown := calls_in(response):
                 self._note_handoff(session, shown)
                 return dataclasses.replace(response, usage=usage)
             self._answer_unknown(())
-        return _words("The episode is over.", usage)
+        return last_words("The episode is over.", usage)
 
     def _unseen_response(self, items: Sequence[Item]) -> ModelResponse | None:
         """Return the latest response once more to a run without it: one that began when another had been cancelled.
@@ -184,7 +183,7 @@ class SmartPlayModel(Model):
         ids, foreign = {call.id for call in turn.calls}, {tool.name for tool in session.foreign_tools}
         response = self._for_runner(latest, turn.calls)
         has_foreign = any(call.name in foreign for call in turn.calls)
-        if has_foreign or not _calls_of(response) or any(item.get("call_id") in ids for item in items):
+        if has_foreign or not calls_in(response) or any(item.get("call_id") in ids for item in items):
             return None
         self._chat.refuse_late_words(before_the_game(items, self._names))
         self._latest = None
@@ -322,17 +321,6 @@ class SmartPlayModel(Model):
         if any(call.name in by_name and by_name[call.name].needs_approval for call in before):
             return self.session.refuse(call_id, AWAITS_APPROVAL).text
         return (await self.session.aanswer(call_id, earlier=False)).text
-
-
-def _calls_of(response: ModelResponse) -> list[ResponseFunctionToolCall]:
-    return [item for item in response.output if isinstance(item, ResponseFunctionToolCall)]
-
-
-def _words(text: str, usage: AgentsUsage) -> ModelResponse:
-    """Return words that end the agent's run, and that the model has not said."""
-    content = ResponseOutputText(text=text, type="output_text", annotations=[])
-    message = ResponseOutputMessage(id=OVER, content=[content], role="assistant", status="completed", type="message")
-    return ModelResponse(output=[message], usage=usage, response_id=None)
 
 
 def _check(output_schema: Any, options: Mapping[str, Any]) -> None:

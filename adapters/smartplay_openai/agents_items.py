@@ -7,6 +7,7 @@ from typing import Any
 
 from agents import ModelResponse
 from agents.usage import Usage as AgentsUsage
+from openai.types.responses import ResponseFunctionToolCall, ResponseOutputMessage, ResponseOutputText
 
 from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Usage
@@ -89,3 +90,15 @@ def usage_of(usage: AgentsUsage) -> Usage | None:
         reasoning=usage.output_tokens_details.reasoning_tokens or 0,
         requests=usage.requests,
     )
+
+
+def calls_in(response: ModelResponse) -> list[ResponseFunctionToolCall]:
+    """The calls of a response."""
+    return [item for item in response.output if isinstance(item, ResponseFunctionToolCall)]
+
+
+def last_words(text: str, usage: AgentsUsage) -> ModelResponse:
+    """Return words that end the agent's run, and that the model has not said."""
+    content = ResponseOutputText(text=text, type="output_text", annotations=[])
+    message = ResponseOutputMessage(id=OVER, content=[content], role="assistant", status="completed", type="message")
+    return ModelResponse(output=[message], usage=usage, response_id=None)

@@ -53,14 +53,10 @@ def evaluate(
     ] = None,
     margin: Annotated[
         str | None,
-        typer.Option(
-            metavar="M",
-            help="For --until and --baseline: the difference that does not matter, in points or human scores (0.1h).",
-        ),
+        typer.Option(metavar="M", help="For --until and --baseline: the margin, in points or human scores (0.1h)."),
     ] = None,
     clip: Annotated[
-        float | None,
-        typer.Option(min=0, help="For --until: the largest difference that counts, for games without score bounds."),
+        float | None, typer.Option(min=0, help="For --until: the largest difference, for games without score bounds.")
     ] = None,
     by: Annotated[str, typer.Option(help="For --until: score, or wins (which side of a pair scores more).")] = "score",
     fail_if: Annotated[

@@ -35,9 +35,7 @@ def view(
     folders: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[FOLDER]...",
-            help="Run folders, or folders that hold some; by default this one.",
-            show_default=False,
+            metavar="[FOLDER]...", help="Run folders, or folders of some; by default this one.", show_default=False
         ),
     ] = None,
     play: Annotated[

@@ -38,9 +38,10 @@ from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.message_forms import well_formed
 from smartplay_tools.messages import Message
 from smartplay_tools.tokens import TokenCounter, Tokenizer, get_tokenizer
-from smartplay_tools.tokens.counter import picture_counter, shared_counter, well_formed
+from smartplay_tools.tokens.counter import picture_counter, shared_counter
 from smartplay_tools.tokens.tokenizers import split_rule, with_pictures
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import Sink, TranscriptWriter

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from smartplay_tools.arguments import as_text, canonical
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.message_forms import well_formed
 from smartplay_tools.messages import Call, calls_of, reasoning_of, text_and_pictures
 from smartplay_tools.pictures.token_rules import DEFAULT_RULE
 from smartplay_tools.tokens.tokenizers import (
@@ -41,15 +42,6 @@ PRIMING = 3
 
 _CALL = 3 + 8
 """The tokens of a call in addition to those of its name and arguments."""
-
-
-def well_formed(text: str) -> str:
-    """Return the text with pairs of surrogates joined to their character and each lone one replaced by U+FFFD."""
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
-    return text
 
 
 def _remembered(count: Callable[[str], int]) -> Callable[[str], int]:

@@ -296,22 +296,31 @@ SIGNED = {"extra_content": {"google": {"thought_signature": "s"}}}
 OBSERVE = {"type": "function", "function": {"name": "observe", "arguments": "{}"}}
 
 
+def assembled(*deltas):
+    """The completion that a stream of these deltas ends with."""
+    chunks = [{"choices": [{"index": 0, "delta": delta, "finish_reason": None}]} for delta in deltas]
+    return so.CHAT.assemble([*chunks, {"choices": [{"index": 0, "delta": {}, "finish_reason": "tool_calls"}]}])
+
+
+def sent_back(reply):
+    """The message of a reply in the next request of its conversation."""
+    with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.receive(reply.message)
+        messages = so.chat_request(conversation.prompt())["messages"]
+    (sent,) = [message for message in messages if message["role"] == "assistant"]
+    return sent
+
+
 @pytest.mark.parametrize("stream", [False, True])
 def test_what_a_server_adds_to_a_call_goes_back_with_it(stream):
     """Gemini signs its thoughts in a field of the call, and refuses a request without."""
     calls = [{"id": "a", **OBSERVE, **SIGNED}, {"id": "b", **OBSERVE}]
     if stream:
-        deltas = [{"tool_calls": [{"index": at, **call}]} for at, call in enumerate(calls)]
-        chunks = [{"choices": [{"index": 0, "delta": delta, "finish_reason": None}]} for delta in deltas]
-        end = {"choices": [{"index": 0, "delta": {}, "finish_reason": "tool_calls"}]}
-        completion = so.CHAT.assemble([*chunks, end])
+        completion = assembled(*({"tool_calls": [{"index": at, **call}]} for at, call in enumerate(calls)))
     else:
         completion = {"choices": [{"message": {"role": "assistant", "content": None, "tool_calls": calls}}]}
-    reply = so.chat_reply(completion)
-    with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
-        conversation = sp.Conversation(episode)
-        conversation.receive(reply.message)
-        sent = so.chat_request(conversation.prompt())["messages"][-3]
+    sent = sent_back(so.chat_reply(completion))
     assert sent["tool_calls"] == calls
     assert sent.keys() == {"role", "content", "tool_calls"}
 
@@ -343,18 +352,12 @@ def test_thoughts_among_the_parts_of_a_content_are_thoughts_and_go_back_with_it(
     calls = [{"id": "a", **OBSERVE}]
     if stream:
         contents = ["", [thoughts("A small ")], [{**thoughts("disk first."), "closed": True}], "I ", "go."]
-        deltas = [*({"content": content} for content in contents), {"tool_calls": [{"index": 0, **calls[0]}]}]
-        chunks = [{"choices": [{"index": 0, "delta": delta, "finish_reason": None}]} for delta in deltas]
-        end = {"choices": [{"index": 0, "delta": {}, "finish_reason": "tool_calls"}]}
-        completion = so.CHAT.assemble([*chunks, end])
+        completion = assembled(*({"content": each} for each in contents), {"tool_calls": [{"index": 0, **calls[0]}]})
     else:
         completion = {"choices": [{"message": {"role": "assistant", "content": whole, "tool_calls": calls}}]}
     reply = so.chat_reply(completion)
     assert (text_of(reply.message), reasoning_of(reply.message)) == ("I go.", "A small disk first.")
-    with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
-        conversation = sp.Conversation(episode)
-        conversation.receive(reply.message)
-        *_, sent, _ = so.chat_request(conversation.prompt())["messages"]
+    sent = sent_back(reply)
     assert (sent["content"], sent["tool_calls"]) == (whole, calls)
 
 
