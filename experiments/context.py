@@ -20,8 +20,7 @@ from pathlib import Path
 
 from context_questions import CONTROL, QUESTIONS
 from context_tables import table
-from page_tables import mark
-from page_tables import publish as publish_table
+from page_tables import mark, publish as publish_table
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep

@@ -18,136 +18,70 @@ from smartplay_tools.games.gymnasium_names import announce_games
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_tools.context.strategies import Choice, Past, Strategy, register_strategy
-    from smartplay_tools.conversation.agent_session import AgentSession, Conversation
-    from smartplay_tools.conversation.loop import aplay, play
-    from smartplay_tools.conversation.text_env import TextEnv
-    from smartplay_tools.episode.config import EpisodeConfig
-    from smartplay_tools.episode.episode import Episode
-    from smartplay_tools.episode.tools import schema
-    from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-    from smartplay_tools.evaluation.runs.runner import evaluate
-    from smartplay_tools.evaluation.runs.sweeps import sweep
-    from smartplay_tools.games.base import TextGame
-    from smartplay_tools.games.specs import GAMES, GameSpec, register
-    from smartplay_tools.messages import Message
-    from smartplay_tools.players.player_registry import get_player
-    from smartplay_tools.players.prompt_reading import call
-    from smartplay_tools.players.scripted import ScriptedPlayer
-    from smartplay_tools.records.replays import replay
-    from smartplay_tools.records.resumption import fork, resume
-    from smartplay_tools.transcript.file import read_transcript
+    from smartplay_tools.context.strategies import (
+        Choice as Choice,
+        Past as Past,
+        Strategy as Strategy,
+        register_strategy as register_strategy,
+    )
+    from smartplay_tools.conversation.agent_session import AgentSession as AgentSession, Conversation as Conversation
+    from smartplay_tools.conversation.loop import aplay as aplay, play as play
+    from smartplay_tools.conversation.text_env import TextEnv as TextEnv
+    from smartplay_tools.episode.config import EpisodeConfig as EpisodeConfig
+    from smartplay_tools.episode.episode import Episode as Episode
+    from smartplay_tools.episode.tools import schema as schema
+    from smartplay_tools.errors import InvalidArgumentError as InvalidArgumentError, SmartPlayError as SmartPlayError
+    from smartplay_tools.evaluation.runs.runner import evaluate as evaluate
+    from smartplay_tools.evaluation.runs.sweeps import sweep as sweep
+    from smartplay_tools.games.base import TextGame as TextGame
+    from smartplay_tools.games.specs import GAMES as GAMES, GameSpec as GameSpec, register as register
+    from smartplay_tools.messages import Message as Message
+    from smartplay_tools.players.player_registry import get_player as get_player
+    from smartplay_tools.players.prompt_reading import call as call
+    from smartplay_tools.players.scripted import ScriptedPlayer as ScriptedPlayer
+    from smartplay_tools.records.replays import replay as replay
+    from smartplay_tools.records.resumption import fork as fork, resume as resume
+    from smartplay_tools.transcript.file import read_transcript as read_transcript
     from smartplay_tools.types import (
-        AsyncPlayer,
-        Budget,
-        EpisodeResult,
-        Player,
-        Prompt,
-        Reply,
-        SampledTokens,
-        ToolResult,
-        ToolSpec,
-        Usage,
+        AsyncPlayer as AsyncPlayer,
+        Budget as Budget,
+        EpisodeResult as EpisodeResult,
+        Player as Player,
+        Prompt as Prompt,
+        Reply as Reply,
+        SampledTokens as SampledTokens,
+        ToolResult as ToolResult,
+        ToolSpec as ToolSpec,
+        Usage as Usage,
     )
 
     __version__: str
 
-__all__ = [
-    "GAMES",
-    "AgentSession",
-    "AsyncPlayer",
-    "Budget",
-    "Choice",
-    "Conversation",
-    "Episode",
-    "EpisodeConfig",
-    "EpisodeResult",
-    "GameSpec",
-    "InvalidArgumentError",
-    "Message",
-    "Past",
-    "Player",
-    "Prompt",
-    "Reply",
-    "SampledTokens",
-    "ScriptedPlayer",
-    "SmartPlayError",
-    "Strategy",
-    "TextEnv",
-    "TextGame",
-    "ToolResult",
-    "ToolSpec",
-    "Usage",
-    "aplay",
-    "call",
-    "evaluate",
-    "fork",
-    "get_player",
-    "play",
-    "read_transcript",
-    "register",
-    "register_strategy",
-    "replay",
-    "resume",
-    "schema",
-    "sweep",
-]
-
 if not TYPE_CHECKING:
-    _of_a_module, __dir__ = lazy_exports(
+    _of_a_module, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "context.strategies": (
-                "Choice",
-                "Past",
-                "Strategy",
-                "register_strategy",
-            ),
-            "conversation.loop": (
-                "aplay",
-                "play",
-            ),
-            "conversation.agent_session": (
-                "AgentSession",
-                "Conversation",
-            ),
-            "conversation.text_env": ("TextEnv",),
-            "episode.config": ("EpisodeConfig",),
-            "episode.episode": ("Episode",),
-            "episode.tools": ("schema",),
-            "errors": (
-                "InvalidArgumentError",
-                "SmartPlayError",
-            ),
-            "evaluation.runs.runner": ("evaluate",),
-            "evaluation.runs.sweeps": ("sweep",),
-            "games.base": ("TextGame",),
-            "games.specs": (
-                "GAMES",
-                "GameSpec",
-                "register",
-            ),
-            "messages": ("Message",),
-            "players.prompt_reading": ("call",),
-            "players.player_registry": ("get_player",),
-            "players.scripted": ("ScriptedPlayer",),
-            "records.replays": ("replay",),
-            "records.resumption": (
-                "fork",
-                "resume",
-            ),
-            "transcript.file": ("read_transcript",),
-            "types": (
-                "AsyncPlayer",
-                "Budget",
-                "EpisodeResult",
-                "Player",
-                "Prompt",
-                "Reply",
-                "SampledTokens",
-                "ToolResult",
-                "ToolSpec",
-                "Usage",
+            "smartplay_tools.context.strategies": "Choice Past Strategy register_strategy",
+            "smartplay_tools.conversation.loop": "aplay play",
+            "smartplay_tools.conversation.agent_session": "AgentSession Conversation",
+            "smartplay_tools.conversation.text_env": "TextEnv",
+            "smartplay_tools.episode.config": "EpisodeConfig",
+            "smartplay_tools.episode.episode": "Episode",
+            "smartplay_tools.episode.tools": "schema",
+            "smartplay_tools.errors": "InvalidArgumentError SmartPlayError",
+            "smartplay_tools.evaluation.runs.runner": "evaluate",
+            "smartplay_tools.evaluation.runs.sweeps": "sweep",
+            "smartplay_tools.games.base": "TextGame",
+            "smartplay_tools.games.specs": "GAMES GameSpec register",
+            "smartplay_tools.messages": "Message",
+            "smartplay_tools.players.prompt_reading": "call",
+            "smartplay_tools.players.player_registry": "get_player",
+            "smartplay_tools.players.scripted": "ScriptedPlayer",
+            "smartplay_tools.records.replays": "replay",
+            "smartplay_tools.records.resumption": "fork resume",
+            "smartplay_tools.transcript.file": "read_transcript",
+            "smartplay_tools.types": (
+                "AsyncPlayer Budget EpisodeResult Player Prompt Reply SampledTokens ToolResult ToolSpec Usage"
             ),
         },
     )

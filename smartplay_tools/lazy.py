@@ -1,7 +1,7 @@
 """Exports that are imported when they are first used, so that importing a package takes milliseconds (PEP 562).
 
 A package lists its exports twice: for type checkers and editors as ordinary imports under `TYPE_CHECKING`, and for
-Python as the table that it passes here. A test keeps the two and `__all__` equal.
+Python as the table that it passes here. A test keeps the two equal.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ __all__ = ["lazy_exports"]
 
 
 def lazy_exports(
-    package: str, modules: Mapping[str, tuple[str, ...]]
-) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return the functions `__getattr__` and `__dir__` of a package.
+    package: str, modules: Mapping[str, str]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return `__getattr__`, `__dir__` and `__all__` of a package.
 
-    `modules` maps each module, relative to the package, to the names that are imported from it.
+    `modules` maps each module to the names that the package exports from it, separated by spaces.
     """
-    places = {name: f"{package}.{module}" for module, names in modules.items() for name in names}
+    places = {name: module for module, names in modules.items() for name in names.split()}
 
     def find(name: str) -> Any:
         if name not in places:
@@ -33,4 +33,8 @@ def lazy_exports(
     def names() -> list[str]:
         return sorted({*vars(sys.modules[package]), *places})
 
-    return find, names
+    return find, names, sorted(places, key=_constants_classes_functions)
+
+
+def _constants_classes_functions(name: str) -> tuple[bool, bool, str]:
+    return not name.isupper(), name.islower(), name

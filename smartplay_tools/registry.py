@@ -104,18 +104,18 @@ class Registry(Mapping[str, Any]):
     """
 
     def __init__(self, kind: str, places: Mapping[str, str], group: str | None = None) -> None:
-        self._kind, self._places, self._group = kind, dict(places), group
+        self._kind, self.places, self._group = kind, dict(places), group
 
     def __getitem__(self, name: str) -> Any:
-        if name in self._places:
-            return resolve(self._places[name])
+        if name in self.places:
+            return resolve(self.places[name])
         for declared in self._declared():
             if declared.name == name:
                 return load_declared(self._kind, declared)
         raise UnknownNameError(self._kind, name, self)
 
     def __iter__(self) -> Iterator[str]:
-        yield from dict.fromkeys([*self._places, *sorted(declared.name for declared in self._declared())])
+        yield from dict.fromkeys([*self.places, *sorted(declared.name for declared in self._declared())])
 
     def __len__(self) -> int:
         return sum(1 for _ in self)

@@ -8,8 +8,7 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.episode import AsyncGameTools, GameTools, tool_specs

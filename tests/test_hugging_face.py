@@ -7,8 +7,7 @@ import pickle
 
 import pytest
 import tokenizers
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.tokens import TokenCounter, get_tokenizer

@@ -6,8 +6,7 @@ import json
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from smartplay_tools.json_text import encoder, object_in, value_in
 from smartplay_tools.transcript.lines import parse_json

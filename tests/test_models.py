@@ -18,8 +18,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.models import KNOWN_MODELS, fetch, find_model, name_of, read_gguf
-from smartplay_tools.models import model_files as files
+from smartplay_tools.models import KNOWN_MODELS, fetch, find_model, model_files as files, name_of, read_gguf
 from smartplay_tools.tokens import get_tokenizer
 
 WORDS = ["a", "b", "c", "ab", "Ġ", "Ġab"]

@@ -14,7 +14,14 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import UnknownNameError
+from smartplay_tools.evaluation.runs.executors import EXECUTORS
+from smartplay_tools.evaluation.runs.tracking import TRACKERS
+from smartplay_tools.exports.export import FORMATS, RESULTS
+from smartplay_tools.games import GAMES
 from smartplay_tools.games.game_registry import Games
+from smartplay_tools.games.minecraft.engines import ENGINES
+from smartplay_tools.players.player_registry import PLAYERS
+from smartplay_tools.registry import resolve
 
 HANOI = sp.GAMES["Hanoi3Disk-v0"]
 TOWER = dataclasses.replace(HANOI, id="Tower-v0", kwargs={"disks": 5}, rollout=40)
@@ -25,7 +32,23 @@ import smartplay_tools as sp
 TOWER = dataclasses.replace(sp.GAMES["Hanoi3Disk-v0"], id="Tower-v0", kwargs={"disks": 5}, rollout=40)
 """
 
+PLACES = {**PLAYERS, **EXECUTORS.places, **TRACKERS.places, **ENGINES.places, **FORMATS, **RESULTS}
+NEED_THEIR_OWN_ENVIRONMENT = ("smartplay_inspect", "smartplay_local", "smartplay_trackers")
+
 Install = Callable[..., None]
+
+
+@pytest.mark.parametrize(
+    "place", [place for place in PLACES.values() if not place.startswith(NEED_THEIR_OWN_ENVIRONMENT)]
+)
+def test_everything_that_is_named_by_its_place_is_there(place):
+    assert callable(resolve(place))
+
+
+@pytest.mark.parametrize("spec", GAMES.values(), ids=GAMES)
+def test_a_setting_names_classes_that_are_there(spec):
+    places = [spec.entry_point, spec.gymnasium_entry_point]
+    assert all(callable(resolve(place)) for place in places if place)
 
 
 @pytest.fixture

@@ -12,8 +12,7 @@ import tracemalloc
 import numpy as np
 import pytest
 import tiktoken_ext.openai_public
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools import tokens

@@ -15,27 +15,17 @@ from typing import TYPE_CHECKING
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_mcp.http import HttpServer, http_app
-    from smartplay_mcp.server import CALL_KEY, MANUAL, game_server
-    from smartplay_mcp.stdio import open_episode, serve_stdio
-
-__all__ = [
-    "CALL_KEY",
-    "MANUAL",
-    "HttpServer",
-    "game_server",
-    "http_app",
-    "open_episode",
-    "serve_stdio",
-]
+    from smartplay_mcp.http import HttpServer as HttpServer, http_app as http_app
+    from smartplay_mcp.server import CALL_KEY as CALL_KEY, MANUAL as MANUAL, game_server as game_server
+    from smartplay_mcp.stdio import open_episode as open_episode, serve_stdio as serve_stdio
 
 if not TYPE_CHECKING:
     # On stdio no web framework is imported, and the first answer does not even wait for the game.
-    __getattr__, __dir__ = lazy_exports(
+    __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "http": ("HttpServer", "http_app"),
-            "server": ("CALL_KEY", "MANUAL", "game_server"),
-            "stdio": ("open_episode", "serve_stdio"),
+            "smartplay_mcp.http": "HttpServer http_app",
+            "smartplay_mcp.server": "CALL_KEY MANUAL game_server",
+            "smartplay_mcp.stdio": "open_episode serve_stdio",
         },
     )

@@ -18,10 +18,10 @@ from openenv.core.harness import (
     ModelStep,
     ResourceSession,
     ResourceSessionFactory,
+    ToolResult as OpenEnvResult,
     ToolTraceEntry,
     VerifyResult,
 )
-from openenv.core.harness import ToolResult as OpenEnvResult
 
 from smartplay_openenv.environment import tools_of
 from smartplay_tools import AgentSession, Budget, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolResult

@@ -13,8 +13,7 @@ from smartplay_tools.cli.cost import check_columns, cost_columns
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.comparison import as_rows
-from smartplay_tools.evaluation.analysis.comparison import compare as compare_runs
+from smartplay_tools.evaluation.analysis.comparison import as_rows, compare as compare_runs
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.tables import plain

@@ -16,8 +16,7 @@ from smartplay_tools.cli.results import print_next, print_summary
 from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.errors import InvalidArgumentError, file_named
 from smartplay_tools.evaluation.analysis.decisions import Margin
-from smartplay_tools.evaluation.analysis.gates import Gate, baseline_gates, mean_gates
-from smartplay_tools.evaluation.analysis.gates import junit as as_junit
+from smartplay_tools.evaluation.analysis.gates import Gate, baseline_gates, junit as as_junit, mean_gates
 from smartplay_tools.evaluation.analysis.repeats import repeated, repeats_table
 from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
 from smartplay_tools.evaluation.analysis.stopping import decisions_table

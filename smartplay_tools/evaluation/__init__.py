@@ -18,22 +18,20 @@ from typing import TYPE_CHECKING
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_tools.evaluation.runs.players import PlayerConfig
-    from smartplay_tools.evaluation.runs.run_file import RunFile, read_run_file
-    from smartplay_tools.evaluation.runs.run_options import RunOptions
-    from smartplay_tools.evaluation.runs.runner import Run, evaluate
-    from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep
-
-__all__ = ["PlayerConfig", "Run", "RunFile", "RunOptions", "Sweep", "evaluate", "read_run_file", "sweep"]
+    from smartplay_tools.evaluation.runs.players import PlayerConfig as PlayerConfig
+    from smartplay_tools.evaluation.runs.run_file import RunFile as RunFile, read_run_file as read_run_file
+    from smartplay_tools.evaluation.runs.run_options import RunOptions as RunOptions
+    from smartplay_tools.evaluation.runs.runner import Run as Run, evaluate as evaluate
+    from smartplay_tools.evaluation.runs.sweeps import Sweep as Sweep, sweep as sweep
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_exports(
+    __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "runs.players": ("PlayerConfig",),
-            "runs.run_file": ("RunFile", "read_run_file"),
-            "runs.run_options": ("RunOptions",),
-            "runs.runner": ("Run", "evaluate"),
-            "runs.sweeps": ("Sweep", "sweep"),
+            "smartplay_tools.evaluation.runs.players": "PlayerConfig",
+            "smartplay_tools.evaluation.runs.run_file": "RunFile read_run_file",
+            "smartplay_tools.evaluation.runs.run_options": "RunOptions",
+            "smartplay_tools.evaluation.runs.runner": "Run evaluate",
+            "smartplay_tools.evaluation.runs.sweeps": "Sweep sweep",
         },
     )

@@ -15,18 +15,21 @@ from typing import TYPE_CHECKING
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_tools.games.base import TextGame, with_action_list
-    from smartplay_tools.games.paper_tables import PAPER_RESULTS
-    from smartplay_tools.games.specs import GAMES, GameSpec, get_spec, register
-
-__all__ = ["GAMES", "PAPER_RESULTS", "GameSpec", "TextGame", "get_spec", "register", "with_action_list"]
+    from smartplay_tools.games.base import TextGame as TextGame, with_action_list as with_action_list
+    from smartplay_tools.games.paper_tables import PAPER_RESULTS as PAPER_RESULTS
+    from smartplay_tools.games.specs import (
+        GAMES as GAMES,
+        GameSpec as GameSpec,
+        get_spec as get_spec,
+        register as register,
+    )
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_exports(
+    __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "base": ("TextGame", "with_action_list"),
-            "paper_tables": ("PAPER_RESULTS",),
-            "specs": ("GAMES", "GameSpec", "get_spec", "register"),
+            "smartplay_tools.games.base": "TextGame with_action_list",
+            "smartplay_tools.games.paper_tables": "PAPER_RESULTS",
+            "smartplay_tools.games.specs": "GAMES GameSpec get_spec register",
         },
     )

@@ -31,77 +31,56 @@ from typing import TYPE_CHECKING
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_tools.records.caches import CacheFields, CacheRule, cache_rules, openai_cache_fields, rule_of
-    from smartplay_tools.records.charges import Charge, calls_under, charge
-    from smartplay_tools.records.manifest import Manifest, Until, trial_seed
-    from smartplay_tools.records.prices import Price
-    from smartplay_tools.records.prompts import SentPrompt, recorded_turns, sent_prompts
-    from smartplay_tools.records.record import Record
-    from smartplay_tools.records.replayed_pictures import recorded_pictures
-    from smartplay_tools.records.replays import Replay, replay
-    from smartplay_tools.records.request_log import RequestLog
-    from smartplay_tools.records.requests import requests_of
-    from smartplay_tools.records.resumption import Resumed, fork, resume
-    from smartplay_tools.records.run_folder import RunFolder
-    from smartplay_tools.records.run_follower import run_snapshot
-    from smartplay_tools.records.snapshot import CellSnapshot, RunSnapshot, Spending
-    from smartplay_tools.records.spent import Spent
-    from smartplay_tools.records.tariffs import Tariff, tariffs_of
-
-__all__ = [
-    "CacheFields",
-    "CacheRule",
-    "CellSnapshot",
-    "Charge",
-    "Manifest",
-    "Price",
-    "Record",
-    "Replay",
-    "RequestLog",
-    "Resumed",
-    "RunFolder",
-    "RunSnapshot",
-    "SentPrompt",
-    "Spending",
-    "Spent",
-    "Tariff",
-    "Until",
-    "cache_rules",
-    "calls_under",
-    "charge",
-    "fork",
-    "openai_cache_fields",
-    "recorded_pictures",
-    "recorded_turns",
-    "replay",
-    "requests_of",
-    "resume",
-    "rule_of",
-    "run_snapshot",
-    "sent_prompts",
-    "tariffs_of",
-    "trial_seed",
-]
+    from smartplay_tools.records.caches import (
+        CacheFields as CacheFields,
+        CacheRule as CacheRule,
+        cache_rules as cache_rules,
+        openai_cache_fields as openai_cache_fields,
+        rule_of as rule_of,
+    )
+    from smartplay_tools.records.charges import Charge as Charge, calls_under as calls_under, charge as charge
+    from smartplay_tools.records.manifest import Manifest as Manifest, Until as Until, trial_seed as trial_seed
+    from smartplay_tools.records.prices import Price as Price
+    from smartplay_tools.records.prompts import (
+        SentPrompt as SentPrompt,
+        recorded_turns as recorded_turns,
+        sent_prompts as sent_prompts,
+    )
+    from smartplay_tools.records.record import Record as Record
+    from smartplay_tools.records.replayed_pictures import recorded_pictures as recorded_pictures
+    from smartplay_tools.records.replays import Replay as Replay, replay as replay
+    from smartplay_tools.records.request_log import RequestLog as RequestLog
+    from smartplay_tools.records.requests import requests_of as requests_of
+    from smartplay_tools.records.resumption import Resumed as Resumed, fork as fork, resume as resume
+    from smartplay_tools.records.run_folder import RunFolder as RunFolder
+    from smartplay_tools.records.run_follower import run_snapshot as run_snapshot
+    from smartplay_tools.records.snapshot import (
+        CellSnapshot as CellSnapshot,
+        RunSnapshot as RunSnapshot,
+        Spending as Spending,
+    )
+    from smartplay_tools.records.spent import Spent as Spent
+    from smartplay_tools.records.tariffs import Tariff as Tariff, tariffs_of as tariffs_of
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_exports(
+    __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "manifest": ("Manifest", "Until", "trial_seed"),
-            "caches": ("CacheFields", "CacheRule", "cache_rules", "openai_cache_fields", "rule_of"),
-            "charges": ("Charge", "calls_under", "charge"),
-            "replayed_pictures": ("recorded_pictures",),
-            "prices": ("Price",),
-            "prompts": ("SentPrompt", "recorded_turns", "sent_prompts"),
-            "record": ("Record",),
-            "replays": ("Replay", "replay"),
-            "request_log": ("RequestLog",),
-            "requests": ("requests_of",),
-            "resumption": ("Resumed", "fork", "resume"),
-            "run_folder": ("RunFolder",),
-            "run_follower": ("run_snapshot",),
-            "snapshot": ("CellSnapshot", "RunSnapshot", "Spending"),
-            "spent": ("Spent",),
-            "tariffs": ("Tariff", "tariffs_of"),
+            "smartplay_tools.records.manifest": "Manifest Until trial_seed",
+            "smartplay_tools.records.caches": "CacheFields CacheRule cache_rules openai_cache_fields rule_of",
+            "smartplay_tools.records.charges": "Charge calls_under charge",
+            "smartplay_tools.records.replayed_pictures": "recorded_pictures",
+            "smartplay_tools.records.prices": "Price",
+            "smartplay_tools.records.prompts": "SentPrompt recorded_turns sent_prompts",
+            "smartplay_tools.records.record": "Record",
+            "smartplay_tools.records.replays": "Replay replay",
+            "smartplay_tools.records.request_log": "RequestLog",
+            "smartplay_tools.records.requests": "requests_of",
+            "smartplay_tools.records.resumption": "Resumed fork resume",
+            "smartplay_tools.records.run_folder": "RunFolder",
+            "smartplay_tools.records.run_follower": "run_snapshot",
+            "smartplay_tools.records.snapshot": "CellSnapshot RunSnapshot Spending",
+            "smartplay_tools.records.spent": "Spent",
+            "smartplay_tools.records.tariffs": "Tariff tariffs_of",
         },
     )

@@ -14,8 +14,7 @@ import pytest
 pytest.importorskip("inspect_ai", reason="needs smartplay-tools[inspect]; `.ci/run` has an environment with it")
 
 import anyio
-from inspect_ai import Task, score
-from inspect_ai import eval as evaluate
+from inspect_ai import Task, eval as evaluate, score
 from inspect_ai.agent import AgentState, agent_bridge
 from inspect_ai.analysis import messages_df, samples_df
 from inspect_ai.dataset import Sample

@@ -9,8 +9,7 @@ from typing import Any
 import openai
 import pytest
 import smartplay_openai as so
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from starlette.testclient import TestClient
 
 import smartplay_tools as sp

@@ -25,8 +25,7 @@ import smartplay_tools as sp
 
 pytest.importorskip("uvicorn")
 
-from smartplay_tools.web import EpisodeStore, Server, bodies
-from smartplay_tools.web import server as web_server
+from smartplay_tools.web import EpisodeStore, Server, bodies, server as web_server
 
 GAME = "Hanoi3Disk-v0"
 ROOT = Path(__file__).parents[2]

@@ -10,8 +10,7 @@ from typing import Any
 
 import httpx2
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 from smartplay_openai import WindowEndpoint, WindowStore, window_app

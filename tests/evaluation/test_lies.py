@@ -20,8 +20,6 @@ from smartplay_tools.evaluation.board.submissions import (
     check_submission,
     prepare_submission,
     report_json,
-)
-from smartplay_tools.evaluation.board.submissions import (
     rollout_cards as card,
 )
 from smartplay_tools.evaluation.board.submissions.submitted_plan import read_plan

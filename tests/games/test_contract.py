@@ -12,8 +12,7 @@ from typing import Any
 
 import gymnasium
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.games.base import TextGame

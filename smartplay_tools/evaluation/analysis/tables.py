@@ -19,8 +19,7 @@ from smartplay_tools.evaluation.analysis.formats import rows_to_csv
 from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.intervals import with_ends
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
-from smartplay_tools.records.rows import LATER as ROWS_LATER
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import LATER as ROWS_LATER, Row
 from smartplay_tools.types import STRATEGIES, WORDS, Budget, EpisodeResult, Tokens, Usage
 
 _STRINGS = ("key", "game", "engine", "player", *(name for name in RULES if name != "chain"), "tokenizer", "prompts")

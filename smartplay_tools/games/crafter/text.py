@@ -10,8 +10,16 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 
-from smartplay_tools.games.crafter.facts import ACTIONS as ENGINE_ACTIONS
-from smartplay_tools.games.crafter.facts import CARRIED, ITEMS, MOST, NAMES, PLAYER, VIEW, VITALS
+from smartplay_tools.games.crafter.facts import (
+    ACTIONS as ENGINE_ACTIONS,
+    CARRIED,
+    ITEMS,
+    MOST,
+    NAMES,
+    PLAYER,
+    VIEW,
+    VITALS,
+)
 from smartplay_tools.games.crafter.views import Sight
 from smartplay_tools.games.crafter.world import cells_around, position
 

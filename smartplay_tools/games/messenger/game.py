@@ -8,8 +8,7 @@ from typing import Any, Literal
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame
-from smartplay_tools.games.messenger import manuals, rules
-from smartplay_tools.games.messenger import text as words
+from smartplay_tools.games.messenger import manuals, rules, text as words
 
 
 class Messenger(TextGame):

@@ -20,12 +20,18 @@ from typing import TYPE_CHECKING
 from smartplay_tools.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_tools.evaluation.pages.report.page import render_report, write_excerpt, write_report
-    from smartplay_tools.evaluation.pages.report.widget import ReplayWidget
-
-__all__ = ["ReplayWidget", "render_report", "write_excerpt", "write_report"]
+    from smartplay_tools.evaluation.pages.report.page import (
+        render_report as render_report,
+        write_excerpt as write_excerpt,
+        write_report as write_report,
+    )
+    from smartplay_tools.evaluation.pages.report.widget import ReplayWidget as ReplayWidget
 
 if not TYPE_CHECKING:  # a process that reads records needs neither templates nor tables
-    __getattr__, __dir__ = lazy_exports(
-        __name__, {"page": ("render_report", "write_excerpt", "write_report"), "widget": ("ReplayWidget",)}
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "smartplay_tools.evaluation.pages.report.page": "render_report write_excerpt write_report",
+            "smartplay_tools.evaluation.pages.report.widget": "ReplayWidget",
+        },
     )

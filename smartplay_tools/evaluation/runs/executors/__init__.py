@@ -55,15 +55,13 @@ class Executor(Protocol):
         ...
 
 
-_HERE = "smartplay_tools.evaluation.runs.executors"
-
 EXECUTORS = Registry(
     "executor",
     {
-        "async": f"{_HERE}.asynchronous:AsyncExecutor",
-        "inline": f"{_HERE}.inline:InlineExecutor",
-        "processes": f"{_HERE}.processes:ProcessExecutor",
-        "ray": f"{_HERE}.ray:RayExecutor",
+        "async": "smartplay_tools.evaluation.runs.executors.asynchronous:AsyncExecutor",
+        "inline": "smartplay_tools.evaluation.runs.executors.inline:InlineExecutor",
+        "processes": "smartplay_tools.evaluation.runs.executors.processes:ProcessExecutor",
+        "ray": "smartplay_tools.evaluation.runs.executors.ray:RayExecutor",
     },
 )
 """name -> class, which is called with `workers, caps, spent`."""
