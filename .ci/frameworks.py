@@ -32,7 +32,7 @@ from typing import Any
 from smartplay_openai import LocalEndpoint
 
 import smartplay_tools as sp
-from smartplay_tools.messages import text_of
+from smartplay_tools.types.messages import text_of
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -23,7 +23,8 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.records import RequestLog, cache_rules, calls_under, sent_prompts
+from smartplay_tools.evaluation.costs import cache_rules, calls_under
+from smartplay_tools.records import RequestLog, sent_prompts
 from smartplay_tools.records.request_log import Request, Unit
 
 GAME = "BanditTwoArmedHighLowFixed-v0"

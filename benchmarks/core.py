@@ -26,8 +26,8 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
+from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.context.turns import Item, Turn
-from smartplay_tools.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.transcript.hashing import message_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import ResolvedBudget
 

@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
 from smartplay_tools.records import Record
-from smartplay_tools.records.tariffs import charge_records, tariffs_of
 
 RULES = ("openai-5-5", "openai-5-6", "anthropic-512", "anthropic-4096", "deepseek-4", "vllm")
 WINDOWS = (

@@ -24,9 +24,9 @@ import ray
 from ray.cluster_utils import Cluster
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs import Run, RunProgress
 from smartplay_tools.players.rule import RulePlayer
-from smartplay_tools.records.run_follower import run_snapshot
 
 GAME = "Hanoi3Disk-v0"
 BILL = "SMARTPLAY_BENCHMARK_BILL"

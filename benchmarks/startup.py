@@ -20,13 +20,13 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
-from smartplay_tools.tokens.o200k import vocabulary
+from smartplay_tools.context.tokens.o200k import vocabulary
 
 TIMES = 10
 PEERS = {"inspect_ai": "inspect_ai", "textarena": "textarena"}
 INITIALIZE = {"jsonrpc": "2.0", "id": 1, "method": "initialize", "params": {"protocolVersion": "2025-11-25"}}
 LIST_TOOLS = {"jsonrpc": "2.0", "id": 2, "method": "tools/list"}
-IMPORTS = "import sys, time, tiktoken.load; from smartplay_tools.tokens import o200k"
+IMPORTS = "import sys, time, tiktoken.load; from smartplay_tools.context.tokens import o200k"
 OURS = "made = o200k.o200k_base.__wrapped__()"
 PUBLISHED = """
 ranks = tiktoken.load.load_tiktoken_bpe(sys.argv[1], expected_hash=o200k.VOCABULARY_SHA256)

@@ -34,9 +34,9 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
+from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.records import sent_prompts
-from smartplay_tools.tokens import get_tokenizer
 from smartplay_tools.transcript.events import Event
 
 GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0", "MessengerL2-v0", "Crafter-v0")

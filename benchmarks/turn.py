@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.tokens import get_tokenizer
+from smartplay_tools.context.tokens import get_tokenizer
 
 GAMES = {
     "BanditTwoArmedHighLowFixed-v0": 2,

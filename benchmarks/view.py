@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.pages.view import SiteRun, ViewServer
+from smartplay_tools.web.site import SiteRun, ViewServer
 
 
 def large_run(folder: Path, count: int) -> Path:

@@ -19,7 +19,7 @@ import tiny_agent
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import mean_estimate
-from smartplay_tools.exports import export
+from smartplay_tools.evaluation.exports import export
 
 GAME = "RockPaperScissorBasic-v0"
 CAPS = (600, 800, 1200, None)  # tokens of a prompt; None is full context

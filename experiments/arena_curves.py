@@ -32,12 +32,12 @@ from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.names import strategy_name
 from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample, tokens
 from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
+from smartplay_tools.evaluation.run_folder.manifest import trial_seed
 from smartplay_tools.evaluation.runs import PlayerConfig, make_cells
 from smartplay_tools.evaluation.runs.plan import check_playable
 from smartplay_tools.records import Record
-from smartplay_tools.records.manifest import trial_seed
 from smartplay_tools.records.rows import Row, row_of
-from smartplay_tools.records.tariffs import charge_records, tariffs_of
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, PAGES_TOOL, RECALL_TOOL, STRATEGIES
 
 if TYPE_CHECKING:

@@ -21,9 +21,9 @@ from typing import Any
 from page_tables import publish
 
 import smartplay_tools as sp
+from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.games import PAPER_RESULTS
 from smartplay_tools.records import Record
-from smartplay_tools.tokens import get_tokenizer
 
 PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
 GAMES = (*PAPER_RESULTS[0].raw, "Hanoi4Disk-v0", "MessengerL3-v0")

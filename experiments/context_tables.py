@@ -22,9 +22,9 @@ from smartplay_tools.evaluation.analysis import (
 from smartplay_tools.evaluation.analysis.decisions import mde
 from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs
 from smartplay_tools.evaluation.analysis.names import strategy_name
+from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records, tariffs_of
+from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.evaluation.runs.sweeps import Sweep
-from smartplay_tools.quantities import short
-from smartplay_tools.records.tariffs import Tariff, charge_records, tariffs_of
 from smartplay_tools.types import STRATEGIES
 
 Column = tuple[str, Callable[[WindowComparison], str]]

@@ -34,11 +34,11 @@ from smartplay_tools.evaluation.analysis import MEASURES, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample
 from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.run_folder import RunFolder
 from smartplay_tools.evaluation.runs import PlayerConfig
-from smartplay_tools.messages import text_of
 from smartplay_tools.players import NotedPlayer
-from smartplay_tools.records import RunFolder
 from smartplay_tools.records.rows import Row
+from smartplay_tools.types.messages import text_of
 
 PAGE = Path(__file__).parents[1] / "docs" / "hosts.md"
 GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0")

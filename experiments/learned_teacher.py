@@ -11,10 +11,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import ClassVar
 
-from smartplay_tools.messages import Message, calls_of, text_of
 from smartplay_tools.players.prompt_reading import Reading
 from smartplay_tools.players.rule import Remembering, RuleNotesPlayer
 from smartplay_tools.players.rules import rock_paper_scissors
+from smartplay_tools.types.messages import Message, calls_of, text_of
 
 NOTE = re.compile(r"Rock (\d), Paper (\d), Scissor (\d)")
 

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs.sweeps import sweep as sweep
     from smartplay_tools.games.base import TextGame as TextGame
     from smartplay_tools.games.specs import GAMES as GAMES, GameSpec as GameSpec, register as register
-    from smartplay_tools.messages import Message as Message
     from smartplay_tools.players.player_registry import get_player as get_player
     from smartplay_tools.players.prompt_reading import call as call
     from smartplay_tools.players.scripted import ScriptedPlayer as ScriptedPlayer
@@ -54,6 +53,7 @@ if TYPE_CHECKING:
         ToolSpec as ToolSpec,
         Usage as Usage,
     )
+    from smartplay_tools.types.messages import Message as Message
 
     __version__: str
 
@@ -73,7 +73,7 @@ if not TYPE_CHECKING:
             "smartplay_tools.evaluation.runs.sweeps": "sweep",
             "smartplay_tools.games.base": "TextGame",
             "smartplay_tools.games.specs": "GAMES GameSpec register",
-            "smartplay_tools.messages": "Message",
+            "smartplay_tools.types.messages": "Message",
             "smartplay_tools.players.prompt_reading": "call",
             "smartplay_tools.players.player_registry": "get_player",
             "smartplay_tools.players.scripted": "ScriptedPlayer",

@@ -22,7 +22,7 @@ PICTURE = "The picture shows the current observation."
 PRIMING = 3
 Json = dict[str, Any]
 Count = Callable[[str], int]
-TEXTS = resources.files("smartplay_tools.prompts") / "v1"
+TEXTS = resources.files("smartplay_tools.context.prompts") / "v1"
 FRAME = (TEXTS / "summary.txt").read_text(encoding="utf-8")
 ASKED = (TEXTS / "summary_request.txt").read_text(encoding="utf-8").removesuffix("\n")
 

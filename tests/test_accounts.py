@@ -8,11 +8,11 @@ import json
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.players import call
 from smartplay_tools.records import Record
 from smartplay_tools.records.accounts import PARTS, Accounts, Departure
-from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import ResolvedBudget, ToolSpec
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"

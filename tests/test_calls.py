@@ -10,9 +10,9 @@ import threading
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.arguments import read
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import ToolCall
+from smartplay_tools.types.arguments import read
 
 RPS, HANOI = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 COUNT = TokenCounter().text

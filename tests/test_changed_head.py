@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.records.prompts import sent_prompts
-from smartplay_tools.tokens import TokenCounter
 from tests.adapters.conformance import act, calling
 
 SEARCH = sp.ToolSpec("search", "Search the web.", {"type": "object", "properties": {}, "additionalProperties": False})

@@ -12,13 +12,13 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies import KINDS
+from smartplay_tools.context.tokens.tokenizers import with_pictures
 from smartplay_tools.context.turns import with_ids
 from smartplay_tools.errors import TranscriptError, UnknownNameError
+from smartplay_tools.evaluation.costs.caches import CacheRule, cache_rules, rule_named, rule_of
+from smartplay_tools.evaluation.costs.charges import calls_under, charge
 from smartplay_tools.records import Price, Record
-from smartplay_tools.records.caches import CacheRule, cache_rules, rule_named, rule_of
-from smartplay_tools.records.charges import calls_under, charge
 from smartplay_tools.records.requests import requests_of
-from smartplay_tools.tokens.tokenizers import with_pictures
 from tests import cache_judge, fuzz, scripts
 
 RULE = {"title": "a rule", "read_on": "2026-11-23", "source": "this test"}

@@ -10,10 +10,10 @@ from hypothesis import given, settings, strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
+from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.errors import PromptOverflowError
 from smartplay_tools.records.prompts import recorded_turns, sent_prompts
-from smartplay_tools.tokens import get_tokenizer
 from tests import checker, scripts
 
 CASES = settings(deadline=None, derandomize=True, database=None)

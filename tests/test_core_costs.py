@@ -8,9 +8,8 @@ from collections import Counter
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools import arguments
 from smartplay_tools.context import turns
-from smartplay_tools.types import prompt
+from smartplay_tools.types import arguments, prompt
 
 RPS = "RockPaperScissorBasic-v0"
 

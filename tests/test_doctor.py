@@ -121,7 +121,7 @@ def test_the_core_works_here():
 
 
 def test_a_damaged_vocabulary_is_found(monkeypatch):
-    monkeypatch.setattr("smartplay_tools.tokens.o200k.UNPACKED_SHA256", "0" * 64)
+    monkeypatch.setattr("smartplay_tools.context.tokens.o200k.UNPACKED_SHA256", "0" * 64)
     finding = checkup.check_vocabulary()
     assert not finding.works
     assert finding.detail.startswith("The vocabulary of o200k_base is damaged: pip install --force-reinstall")

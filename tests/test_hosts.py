@@ -7,9 +7,9 @@ import asyncio
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.players import NotedPlayer
 from smartplay_tools.records import Record, replay
-from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"

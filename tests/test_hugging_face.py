@@ -10,7 +10,7 @@ import tokenizers
 from hypothesis import given, strategies as st
 
 import smartplay_tools as sp
-from smartplay_tools.tokens import TokenCounter, get_tokenizer
+from smartplay_tools.context.tokens import TokenCounter, get_tokenizer
 
 TEXT = "The player chose Rock, and the opponent chose Paper. You lost and received score -1. "
 

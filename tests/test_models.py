@@ -14,12 +14,14 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from smartplay_local import model_files as files
+from smartplay_local.gguf_header import read_gguf
+from smartplay_local.model_files import KNOWN_MODELS, fetch, find_model, name_of
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.models import KNOWN_MODELS, fetch, find_model, model_files as files, name_of, read_gguf
-from smartplay_tools.tokens import get_tokenizer
+from smartplay_tools.context.tokens import get_tokenizer
 
 WORDS = ["a", "b", "c", "ab", "Ġ", "Ġab"]
 MERGES = ["a b", "Ġ ab"]

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.conversation.paper import PaperConversation, chosen_action
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.history import history_text
 from smartplay_tools.records.prompts import sent_prompts
-from smartplay_tools.tokens import TokenCounter
 from tests.games.recorded import MANUALS, begin, episodes
 
 DATA = Path(__file__).parent / "data"

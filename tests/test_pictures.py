@@ -17,24 +17,24 @@ from gymnasium.wrappers import AddRenderObservation
 from PIL import Image
 
 import smartplay_tools as sp
+from smartplay_tools.context.tokens import TokenCounter, get_tokenizer
+from smartplay_tools.context.tokens.pictures import RULES
 from smartplay_tools.episode import GameTools, cell_config
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import TranscriptError, UnknownNameError
+from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.estimate import estimate_cell
 from smartplay_tools.evaluation.runs.sweeps import grid
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.minecraft import pictures as minecraft
 from smartplay_tools.games.minecraft.voxel import animals
 from smartplay_tools.games.minecraft.voxel.blocks import NAMES
-from smartplay_tools.messages import pictures_of, text_of
-from smartplay_tools.pictures import RULES
-from smartplay_tools.pictures.png import LARGEST_SCALE, encode
 from smartplay_tools.players.random import RandomPlayer
 from smartplay_tools.records import Record, recorded_pictures, replay, resume, sent_prompts
 from smartplay_tools.records.accounts import Accounts
-from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.tariffs import charge_records, tariffs_of
-from smartplay_tools.tokens import TokenCounter, get_tokenizer
+from smartplay_tools.types.messages import pictures_of, text_of
+from smartplay_tools.types.png import LARGEST_SCALE, encode
 from tests import fuzz, scripts
 
 GAMES = ("Crafter-v0", "MinedojoCreative0-v0")

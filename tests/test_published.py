@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis import summarize
+from smartplay_tools.evaluation.exports import export
 from smartplay_tools.evaluation.runs import PlayerConfig
-from smartplay_tools.exports import export
 from tests.evaluation.players import FirstMoves
 
 SCHEMA = Path(__file__).parent / "data" / "every_eval_ever.schema.json"

@@ -14,9 +14,9 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import UnknownNameError
+from smartplay_tools.evaluation.exports.export import FORMATS, RESULTS
 from smartplay_tools.evaluation.runs.executors import EXECUTORS
 from smartplay_tools.evaluation.runs.tracking import TRACKERS
-from smartplay_tools.exports.export import FORMATS, RESULTS
 from smartplay_tools.games import GAMES
 from smartplay_tools.games.game_registry import Games
 from smartplay_tools.games.minecraft.engines import ENGINES

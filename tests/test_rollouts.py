@@ -9,7 +9,7 @@ import pytest
 from smartplay_openai.chat import ChatCompletions
 
 import smartplay_tools as sp
-from smartplay_tools.exports.sft import reply_rows
+from smartplay_tools.evaluation.exports.sft import reply_rows
 from smartplay_tools.records import Record
 
 GAME = "RockPaperScissorBasic-v0"

@@ -9,8 +9,8 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
 from smartplay_tools.context.strategies import KINDS
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.records import sent_prompts
-from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import STRATEGIES
 from tests import checker, scripts
 from tests.test_conversation import acting, calling, saying

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.exports import export
+from smartplay_tools.evaluation.exports import export
 
 torch = pytest.importorskip("torch", reason="`.ci/framework train` has an environment with it")
 pytest.importorskip("transformers", reason="`.ci/framework train` has an environment with it")

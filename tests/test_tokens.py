@@ -15,11 +15,11 @@ import tiktoken_ext.openai_public
 from hypothesis import given, strategies as st
 
 import smartplay_tools as sp
-from smartplay_tools import tokens
+from smartplay_tools.context import tokens
+from smartplay_tools.context.tokens import TokenCounter, get_tokenizer
+from smartplay_tools.context.tokens.o200k import o200k_base
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
-from smartplay_tools.message_forms import well_formed
-from smartplay_tools.tokens import TokenCounter, get_tokenizer
-from smartplay_tools.tokens.o200k import o200k_base
+from smartplay_tools.types.message_forms import well_formed
 
 WORDS = TokenCounter()
 
@@ -35,7 +35,7 @@ def test_the_encoding_is_tiktokens_own(tmp_path):
     url = "https://openaipublic.blob.core.windows.net/encodings/o200k_base.tiktoken"
     (tmp_path / hashlib.sha1(url.encode()).hexdigest()).write_bytes(tokens.vocabulary())
     script = (
-        "import tiktoken; from smartplay_tools.tokens.o200k import o200k_base\n"
+        "import tiktoken; from smartplay_tools.context.tokens.o200k import o200k_base\n"
         "theirs, ours = tiktoken.get_encoding('o200k_base'), o200k_base()\n"
         "print(theirs._pat_str == ours._pat_str, theirs._special_tokens == ours._special_tokens,"
         " theirs._mergeable_ranks == ours._mergeable_ranks, theirs.n_vocab == ours.n_vocab)"
@@ -110,7 +110,7 @@ def test_long_runs_are_counted_in_pieces():
 
 
 def test_a_damaged_vocabulary_is_one_sentence(monkeypatch):
-    monkeypatch.setattr("smartplay_tools.tokens.o200k.UNPACKED_SHA256", "0" * 64)
+    monkeypatch.setattr("smartplay_tools.context.tokens.o200k.UNPACKED_SHA256", "0" * 64)
     with pytest.raises(sp.SmartPlayError, match="damaged: pip install"):
         tokens.vocabulary()
 

@@ -13,8 +13,10 @@ from types import MappingProxyType
 from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
-from smartplay_tools.json_text import object_in
-from smartplay_tools.message_forms import (
+from smartplay_tools.context.prompts import CacheMarks
+from smartplay_tools.players import BrokenAnswerError, count_in, error_in, plain_answer
+from smartplay_tools.types.json_text import object_in
+from smartplay_tools.types.message_forms import (
     SYSTEM,
     accepted_name,
     encodable,
@@ -23,10 +25,8 @@ from smartplay_tools.message_forms import (
     reply_message,
     system_text,
 )
-from smartplay_tools.messages import MessageToolCall, pictures_of, text_of
-from smartplay_tools.pictures import Picture
-from smartplay_tools.players import BrokenAnswerError, count_in, error_in, plain_answer
-from smartplay_tools.prompts import CacheMarks
+from smartplay_tools.types.messages import MessageToolCall, pictures_of, text_of
+from smartplay_tools.types.pictures import Picture
 
 ITEM = "anthropic_blocks"
 """The type of the provider item that holds an answer's blocks."""

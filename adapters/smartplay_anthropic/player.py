@@ -15,8 +15,8 @@ import anthropic
 
 from smartplay_anthropic import codec
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
+from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.players import BrokenAnswerError, ModelPlayer
-from smartplay_tools.prompts import CacheMarks, checked_marks
 
 LONGEST_CONNECT = 10.0
 """Seconds that a server may take to accept a connection, however long its answers may take."""

@@ -28,10 +28,10 @@ from inspect_ai.model import (
 from inspect_ai.tool import ToolCall, ToolInfo, ToolParams
 
 from smartplay_tools import InvalidArgumentError, Message, Reply, ToolSpec, Usage
-from smartplay_tools.json_text import object_in
-from smartplay_tools.message_forms import encodable, function_call, kept_item, reply_message, shown
-from smartplay_tools.messages import calls_of, text_of
-from smartplay_tools.pictures import NO_PICTURES, Picture
+from smartplay_tools.types.json_text import object_in
+from smartplay_tools.types.message_forms import encodable, function_call, kept_item, reply_message, shown
+from smartplay_tools.types.messages import calls_of, text_of
+from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 ITEM = "inspect_content"
 """The type of the provider item that holds the parts of a reply, where it is more than text."""

@@ -24,7 +24,7 @@ from inspect_ai.util import store_as
 from smartplay_inspect.solver import Played
 from smartplay_tools import GAMES, EpisodeResult
 from smartplay_tools.evaluation.analysis import mean_estimate
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 
 
 @metric

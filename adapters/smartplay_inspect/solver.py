@@ -20,8 +20,8 @@ from pydantic import Field
 
 from smartplay_inspect.messages import InspectChat, from_output, tool_infos
 from smartplay_tools import Conversation, Episode, EpisodeConfig, Prompt
-from smartplay_tools.prompts import with_pictures_below
-from smartplay_tools.records import openai_cache_fields
+from smartplay_tools.context.prompts import with_pictures_below
+from smartplay_tools.evaluation.costs import openai_cache_fields
 from smartplay_tools.transcript import Event
 
 T = TypeVar("T")

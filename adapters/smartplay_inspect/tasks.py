@@ -16,11 +16,11 @@ from pydantic import ValidationError
 from smartplay_inspect.scorer import metrics_for, smartplay_scorer
 from smartplay_inspect.solver import smartplay_agent
 from smartplay_tools import GAMES, Budget, EpisodeConfig, InvalidArgumentError
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.episode import cell_config
 from smartplay_tools.errors import in_one_line
+from smartplay_tools.evaluation.run_folder import trial_seed
 from smartplay_tools.games import PAPER_RESULTS
-from smartplay_tools.records import trial_seed
-from smartplay_tools.tokens import TokenCounter
 
 VERSION = "1"
 """Raised when a change makes the scores of a task incomparable with those of its former versions."""

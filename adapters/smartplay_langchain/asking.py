@@ -25,7 +25,7 @@ from langchain_core.utils.function_calling import convert_to_openai_tool
 from smartplay_langchain.caching import cache_key, messages_for
 from smartplay_langchain.messages import from_langchain, usage_of
 from smartplay_tools import AgentSession, InvalidArgumentError, Prompt, Reply, ToolSpec
-from smartplay_tools.prompts import CacheMarks
+from smartplay_tools.context.prompts import CacheMarks
 
 Tools = Sequence[BaseTool | dict[str, Any]]
 

@@ -22,7 +22,7 @@ from smartplay_langchain.order import TurnOrder
 from smartplay_langchain.toolkit import SmartPlayTool, SmartPlayToolkit
 from smartplay_tools import AgentSession, InvalidArgumentError, ToolResult
 from smartplay_tools.conversation import HostChat
-from smartplay_tools.messages import Call
+from smartplay_tools.types.messages import Call
 
 OURS = "smartplay-"
 """The prefix of the ids of messages that this package adds to a graph's state."""

@@ -39,9 +39,9 @@ from smartplay_langchain.calls import (
 )
 from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
+from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
-from smartplay_tools.messages import Call
-from smartplay_tools.prompts import CacheMarks, checked_marks
+from smartplay_tools.types.messages import Call
 
 NOT_RUN = "Error: The agent did not run this call."
 """The answer to a call that the graph left open."""

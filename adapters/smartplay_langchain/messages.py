@@ -23,8 +23,8 @@ from langchain_core.messages import (
 from langchain_core.messages.ai import UsageMetadata
 
 from smartplay_tools import Message, Usage
-from smartplay_tools.json_text import object_in
-from smartplay_tools.message_forms import (
+from smartplay_tools.types.json_text import object_in
+from smartplay_tools.types.message_forms import (
     SYSTEM,
     accepted_name,
     encodable,
@@ -34,8 +34,8 @@ from smartplay_tools.message_forms import (
     shown,
     system_text,
 )
-from smartplay_tools.messages import text_of
-from smartplay_tools.pictures import NO_PICTURES, Picture
+from smartplay_tools.types.messages import text_of
+from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 ITEM = "langchain_message"
 """The type of the provider item that holds the parts of a reply other than text and calls."""

@@ -11,9 +11,9 @@ from langchain_core.runnables import Runnable
 from smartplay_langchain.asking import PromptSettings, ToolChoice
 from smartplay_langchain.messages import from_langchain, usage_of
 from smartplay_tools import InvalidArgumentError, Prompt, Reply, schema
+from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.errors import extra_named
 from smartplay_tools.players import ModelPlayer
-from smartplay_tools.prompts import CacheMarks, checked_marks
 
 FAILURES = frozenset(
     {

@@ -10,12 +10,30 @@ tools' schemas while it writes them.
 
 from __future__ import annotations
 
-from smartplay_tools.errors import extra_named
+from typing import TYPE_CHECKING
 
-with extra_named("smartplay_local", "local"):
-    import xllamacpp as _xllamacpp  # noqa: F401
+from smartplay_tools.lazy import lazy_exports
 
-from smartplay_local.engine import LocalServer, measure
-from smartplay_local.player import LocalPlayer
+if TYPE_CHECKING:
+    from smartplay_local.engine import LocalServer as LocalServer, measure as measure
+    from smartplay_local.gguf_header import GGUF as GGUF, read_gguf as read_gguf
+    from smartplay_local.model_files import (
+        DEFAULT_MODEL as DEFAULT_MODEL,
+        KNOWN_MODELS as KNOWN_MODELS,
+        KnownModel as KnownModel,
+        fetch as fetch,
+        find_model as find_model,
+        name_of as name_of,
+    )
+    from smartplay_local.player import LocalPlayer as LocalPlayer
 
-__all__ = ["LocalPlayer", "LocalServer", "measure"]
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "smartplay_local.engine": "LocalServer measure",
+            "smartplay_local.gguf_header": "GGUF read_gguf",
+            "smartplay_local.model_files": "DEFAULT_MODEL KNOWN_MODELS KnownModel fetch find_model name_of",
+            "smartplay_local.player": "LocalPlayer",
+        },
+    )

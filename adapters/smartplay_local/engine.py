@@ -16,8 +16,9 @@ import urllib.request
 from pathlib import Path
 from typing import Any
 
+from smartplay_local.gguf_header import GGUF, read_gguf
 from smartplay_tools import InvalidArgumentError
-from smartplay_tools.models import GGUF, read_gguf
+from smartplay_tools.errors import extra_named
 
 DEFAULT_CONTEXT = 8192
 """Tokens of a prompt and its reply, or the model's own limit where that is smaller."""
@@ -27,7 +28,8 @@ MOST_THREADS = 4
 
 _LOADING = threading.Lock()
 
-xllamacpp: Any = importlib.import_module("xllamacpp")
+with extra_named("smartplay_local", "local"):
+    xllamacpp: Any = importlib.import_module("xllamacpp")
 """llama.cpp in this process; the package has no types."""
 
 

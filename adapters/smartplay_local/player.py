@@ -10,9 +10,10 @@ import openai
 from smartplay_openai import OpenAIPlayer
 
 from smartplay_local.engine import check_memory, checked_context, checked_threads, shared_server
+from smartplay_local.gguf_header import read_gguf
+from smartplay_local.model_files import find_model, name_of
 from smartplay_local.text import as_text, call_in, grammar_of
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
-from smartplay_tools.models import find_model, name_of, read_gguf
 
 UNUSED = "http://127.0.0.1:9/v1"
 """A base URL at which nothing answers: the server's port is known once it runs."""

@@ -21,11 +21,11 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec
+from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
 from smartplay_tools.errors import extra_named
-from smartplay_tools.messages import Call
-from smartplay_tools.prompts import with_pictures_below
-from smartplay_tools.records import CacheFields, openai_cache_fields
+from smartplay_tools.evaluation.costs import CacheFields, openai_cache_fields
+from smartplay_tools.types.messages import Call
 
 with extra_named("smartplay_openai.agents", "agents"):
     from agents import (

@@ -11,7 +11,7 @@ from openai.types.responses import ResponseFunctionToolCall, ResponseOutputMessa
 
 from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Usage
-from smartplay_tools.messages import text_of, words_of
+from smartplay_tools.types.messages import text_of, words_of
 
 Item = Mapping[str, Any]
 

@@ -21,11 +21,11 @@ from smartplay_openai.thinking_parts import added, put_together, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
-from smartplay_tools.message_forms import halves, kept_item
-from smartplay_tools.messages import assistant_message, calls_of, pictures_of, reasoning_of, text_of
-from smartplay_tools.pictures import Picture, is_picture
+from smartplay_tools.context.prompts import received, stable_end, with_pictures_below
 from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
-from smartplay_tools.prompts import received, stable_end, with_pictures_below
+from smartplay_tools.types.message_forms import halves, kept_item
+from smartplay_tools.types.messages import assistant_message, calls_of, pictures_of, reasoning_of, text_of
+from smartplay_tools.types.pictures import Picture, is_picture
 
 NOT_SENT_BACK = {"annotations", "audio", "function_call"}
 """Fields of an answer that requests must not have."""

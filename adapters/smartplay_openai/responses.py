@@ -21,11 +21,11 @@ from smartplay_openai.problems import RequestError, bad, check_calls, read_limit
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
-from smartplay_tools.message_forms import halves, shown
-from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of, text_of
-from smartplay_tools.pictures import Picture
+from smartplay_tools.context.prompts import received, stable_end
 from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
-from smartplay_tools.prompts import received, stable_end
+from smartplay_tools.types.message_forms import halves, shown
+from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of, text_of
+from smartplay_tools.types.pictures import Picture
 
 A = TypeVar("A")
 T = TypeVar("T")

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from smartplay_tools import InvalidArgumentError, Message
-from smartplay_tools.message_forms import function_call
+from smartplay_tools.types.message_forms import function_call
 
 WordsAndCalls = tuple[str, list[tuple[str, str]]]
 """The words around the calls, and each call's name and arguments as JSON."""

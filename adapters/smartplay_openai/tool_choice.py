@@ -14,7 +14,7 @@ from typing import Any
 
 from smartplay_openai.problems import bad, check_name
 from smartplay_tools import Message, Prompt, ToolSpec
-from smartplay_tools.messages import MessageToolCall, calls_of, text_of
+from smartplay_tools.types.messages import MessageToolCall, calls_of, text_of
 
 
 @dataclass(frozen=True)

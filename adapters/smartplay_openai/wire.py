@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from smartplay_tools import Message
-from smartplay_tools.message_forms import accepted_name, encodable
-from smartplay_tools.messages import MessageToolCall
+from smartplay_tools.types.message_forms import accepted_name, encodable
+from smartplay_tools.types.messages import MessageToolCall
 
 
 def acceptable(messages: Sequence[Message]) -> list[Message]:

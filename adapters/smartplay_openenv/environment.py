@@ -28,9 +28,9 @@ from openenv.core.env_server.types import EnvironmentMetadata, Observation, Stat
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError, ToolSpec
 from smartplay_tools.episode import EpisodeFactory, RewardName
+from smartplay_tools.evaluation.run_folder import trial_seed
 from smartplay_tools.games import get_spec
-from smartplay_tools.messages import text_of
-from smartplay_tools.records import trial_seed
+from smartplay_tools.types.messages import text_of
 from smartplay_tools.web import Bounded
 
 

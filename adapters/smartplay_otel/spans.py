@@ -21,8 +21,8 @@ from opentelemetry.trace import Span, SpanKind, Status, StatusCode, Tracer, Trac
 from smartplay_tools import Episode, EpisodeConfig, Message, Usage, read_transcript
 from smartplay_tools.episode import Listener, add_listener
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.messages import calls_of, reasoning_of, text_of
 from smartplay_tools.transcript import concerns_summary, read_times
+from smartplay_tools.types.messages import calls_of, reasoning_of, text_of
 
 PROVIDERS = {"anthropic": "anthropic", "openai": "openai", "openai-responses": "openai"}
 """The provider by the name of the player that speaks to it, where the conventions have a name for it."""

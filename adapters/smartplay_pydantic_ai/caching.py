@@ -11,8 +11,8 @@ from typing import Any
 from pydantic_ai.models import Model
 
 from smartplay_tools import Prompt
-from smartplay_tools.prompts import CacheMarks, last_markable, stable_end
-from smartplay_tools.records import CacheFields, openai_cache_fields
+from smartplay_tools.context.prompts import CacheMarks, last_markable, stable_end
+from smartplay_tools.evaluation.costs import CacheFields, openai_cache_fields
 
 
 def cache_key(prompt: Prompt, model: Model, cache: CacheMarks) -> dict[str, Any]:

@@ -41,8 +41,8 @@ from smartplay_pydantic_ai.messages import (
     with_ids,
 )
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
+from smartplay_tools.context.prompts import CacheMarks, checked_marks, with_pictures_below
 from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
-from smartplay_tools.prompts import CacheMarks, checked_marks, with_pictures_below
 
 OVER = "The episode is over."
 

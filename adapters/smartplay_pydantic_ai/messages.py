@@ -34,9 +34,17 @@ from pydantic_ai.tools import ToolDefinition
 from pydantic_ai.usage import RequestUsage
 
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec, Usage
-from smartplay_tools.message_forms import SYSTEM, encodable, function_call, kept_item, reply_message, shown, system_text
-from smartplay_tools.messages import calls_of, text_of
-from smartplay_tools.pictures import NO_PICTURES, Picture
+from smartplay_tools.types.message_forms import (
+    SYSTEM,
+    encodable,
+    function_call,
+    kept_item,
+    reply_message,
+    shown,
+    system_text,
+)
+from smartplay_tools.types.messages import calls_of, text_of
+from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 ITEM = "pydantic_ai_response"
 """The type of the provider item that holds a response with more than text and calls."""

@@ -8,8 +8,8 @@ from pydantic_ai.usage import RequestUsage
 
 from smartplay_pydantic_ai.messages import from_history, to_response, tool_spec
 from smartplay_tools import AsyncPlayer, Player
+from smartplay_tools.context.prompts import received
 from smartplay_tools.conversation.event_loop import reply_of
-from smartplay_tools.prompts import received
 
 
 class PlayerModel(FunctionModel):

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Literal
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError, Message
 from smartplay_tools.episode import EpisodeFactory, RewardName
-from smartplay_tools.messages import text_of
+from smartplay_tools.types.messages import text_of
 
 
 class GameEnvironment:

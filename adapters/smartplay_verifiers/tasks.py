@@ -17,7 +17,7 @@ from pydantic import Field, ValidationError, create_model
 from smartplay_tools import Budget, Episode, EpisodeConfig, InvalidArgumentError, get_player, play
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.errors import in_one_line
-from smartplay_tools.records import trial_seed
+from smartplay_tools.evaluation.run_folder import trial_seed
 from smartplay_tools.transcript import Event
 
 INFO = "smartplay"

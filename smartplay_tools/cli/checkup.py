@@ -25,13 +25,14 @@ from types import MappingProxyType
 from typing import Literal
 
 from packaging.requirements import Requirement
+from smartplay_local.gguf_header import read_gguf
+from smartplay_local.model_files import KNOWN_MODELS, KnownModel
 
-from smartplay_tools import tokens
+from smartplay_tools.context import tokens
 from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.evaluation.quantities import megabytes
 from smartplay_tools.games.minecraft.engine_checks import check_engines
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.models import KNOWN_MODELS, KnownModel, read_gguf
-from smartplay_tools.quantities import megabytes
 
 PACKAGE = "smartplay-tools"
 

@@ -17,8 +17,8 @@ from smartplay_tools.evaluation.analysis.comparison import as_rows, compare as c
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.tables import plain
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.records.rows import Row
-from smartplay_tools.records.run_folder import RunFolder
 
 
 def compare(

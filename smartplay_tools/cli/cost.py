@@ -15,10 +15,10 @@ from smartplay_tools.cli.options import Format
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.formats import TextTable
 from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs, cost_rows, cost_tables, costs_table
-from smartplay_tools.records.charges import PLACES, Place
+from smartplay_tools.evaluation.costs.charges import PLACES, Place
+from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records, tariffs_of
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.records.prices import Price
-from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.tariffs import Tariff, charge_records, tariffs_of
 
 
 def cost(

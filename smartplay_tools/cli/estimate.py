@@ -15,6 +15,7 @@ from rich.markup import escape
 
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.episode.config import RULES, CellConfig
+from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.evaluation.runs import (
     Caps,
     Estimate,
@@ -29,7 +30,6 @@ from smartplay_tools.evaluation.runs.estimate import SECONDS_A_CALL, TOKENS_A_SE
 from smartplay_tools.evaluation.runs.executors import WAITING_AT_ONCE
 from smartplay_tools.evaluation.runs.plan import prices_in_tables
 from smartplay_tools.evaluation.runs.players import given_prices
-from smartplay_tools.quantities import short
 
 CUT_SHARE = 0.05
 """The share of cut tool results that is worth a warning."""

@@ -22,12 +22,12 @@ from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
 from smartplay_tools.evaluation.analysis.stopping import decisions_table
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import plain, summary_json
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.manifest import Until
 from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, make_cells, plan_episodes, plan_suite
 from smartplay_tools.evaluation.runs.run_file import RunFile, read_run_file
 from smartplay_tools.evaluation.suites import get_suite, suite_games
-from smartplay_tools.records.manifest import Until
 from smartplay_tools.records.rows import unplayed
-from smartplay_tools.records.run_folder import RunFolder
 from smartplay_tools.types import Budget
 
 

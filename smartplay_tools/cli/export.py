@@ -46,7 +46,7 @@ def export(
     Example: smartplay-tools export runs/first --format sft --completed --out data
     """
     # Reading many records takes imports that no other command needs.
-    from smartplay_tools.exports import export as write
+    from smartplay_tools.evaluation.exports import export as write
 
     about = {"model": model, "organization": organization, "relationship": relationship, "dataset": dataset}
     exported = write(

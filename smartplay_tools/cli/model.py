@@ -8,12 +8,11 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, fetch, models_folder
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.show import compact_table
-from smartplay_tools.models import DEFAULT_MODEL, KNOWN_MODELS, fetch
-from smartplay_tools.models.model_files import models_folder
-from smartplay_tools.quantities import megabytes
+from smartplay_tools.evaluation.quantities import megabytes
 
 app = typer.Typer(help="Download and list the models that --player local plays on this machine.", no_args_is_help=True)
 

@@ -11,8 +11,8 @@ from rich.console import Console
 
 from smartplay_tools.cli.estimate import run_hours
 from smartplay_tools.cli.show import compact_table
+from smartplay_tools.evaluation.quantities import duration, short
 from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, RunOptions, cell_name, player_of
-from smartplay_tools.quantities import duration, short
 from smartplay_tools.records.rows import Row
 
 

@@ -18,8 +18,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from smartplay_tools.evaluation.run_folder.snapshot import RunSnapshot
 from smartplay_tools.evaluation.runs.run_progress import OnSnapshot
-from smartplay_tools.records.snapshot import RunSnapshot
 
 LOG_SECONDS = 60.0
 """Seconds after which a log gets another line."""

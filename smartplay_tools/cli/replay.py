@@ -14,10 +14,10 @@ from rich.progress import track
 
 from smartplay_tools.cli import options
 from smartplay_tools.context.strategies import load_strategy
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.audit import EpisodeAudit, audit
 from smartplay_tools.records.replays import replay as run_again
-from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.run_follower import run_snapshot
 
 SHOWN_DIFFERENCES = 3
 """The most differences printed per episode; the first matters, the others mostly follow from it."""

@@ -44,8 +44,8 @@ def report(
     Example: smartplay-tools report runs/first --out first.html
     """
     # Reading records and drawing games needs imports that no other command needs.
+    from smartplay_tools.evaluation.costs import tariffs_of
     from smartplay_tools.evaluation.pages.report import write_report
-    from smartplay_tools.records import tariffs_of
 
     processes = workers or os.cpu_count() or 1
     tariffs = tariffs_of(cache, caches=caches) if cache else ()

@@ -29,10 +29,10 @@ from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
 from smartplay_tools.evaluation.analysis.stopping import Comparisons, decisions_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.follower import run_snapshot
+from smartplay_tools.evaluation.run_folder.snapshot import RunSnapshot
 from smartplay_tools.records.rows import Row, unplayed
-from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.run_follower import run_snapshot
-from smartplay_tools.records.snapshot import RunSnapshot
 
 
 @dataclass(frozen=True)

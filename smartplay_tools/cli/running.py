@@ -10,9 +10,9 @@ from rich.console import Console
 
 from smartplay_tools.cli.show import print_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
-from smartplay_tools.quantities import short
+from smartplay_tools.evaluation.quantities import short
+from smartplay_tools.evaluation.run_folder.snapshot import CellSnapshot, RunSnapshot, Spending
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.snapshot import CellSnapshot, RunSnapshot, Spending
 
 SHOWN_EPISODES = 10
 """The most running episodes that are listed; the others are counted."""

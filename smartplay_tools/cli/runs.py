@@ -17,11 +17,11 @@ from smartplay_tools.cli.pilot import print_pilot
 from smartplay_tools.cli.progress import showing
 from smartplay_tools.cli.running import spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.run_folder.manifest import Until
 from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, RunOptions, player_of, run_plan
 from smartplay_tools.evaluation.runs.players import check_prices, player_named
 from smartplay_tools.evaluation.runs.run_progress import not_shown
 from smartplay_tools.players import is_interactive, is_model
-from smartplay_tools.records.manifest import Until
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import unplayed
 

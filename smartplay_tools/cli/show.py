@@ -12,7 +12,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from smartplay_tools.messages import calls_of, text_of
+from smartplay_tools.types.messages import calls_of, text_of
 
 if TYPE_CHECKING:
     from smartplay_tools.conversation.base import BaseConversation

@@ -16,7 +16,7 @@ from smartplay_tools.cli.episode_options import BUDGET, OTHERS, RULES, EpisodeOp
 from smartplay_tools.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from smartplay_tools.evaluation.runs import BrowserGames
+    from smartplay_tools.web.site import BrowserGames
 
 _option = partial(typer.Option, rich_help_panel="Play in the browser")
 RECORDED = Path("human")
@@ -72,7 +72,7 @@ def view(
 
     Example: smartplay-tools view runs
     """
-    from smartplay_tools.evaluation.pages.view import RunList, ViewServer
+    from smartplay_tools.web.site import RunList, ViewServer
 
     playing, begin, to_play = _playing(context, play, out, episode, seed=seed, pictures=pictures)
     own = () if playing is None else (playing.folder, playing.challenges)
@@ -98,8 +98,8 @@ def _playing(
     if play is None:
         _check_not_given(context, (*FOR_PLAY, "out"), MISSING)
         return None, "", ""
-    from smartplay_tools.evaluation.runs import BrowserGames
     from smartplay_tools.games.specs import GAMES
+    from smartplay_tools.web.site import BrowserGames
 
     how |= {"options": episode.options, **episode.conditions}
     if "?" in play:

@@ -36,8 +36,8 @@ def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[LivePa
 
     Without a `transcript` the record is a temporary file.
     """
-    from smartplay_tools.evaluation.pages.view import SiteRecord, ViewServer
-    from smartplay_tools.evaluation.pages.view.site_record import PLAYING
+    from smartplay_tools.web.site import SiteRecord, ViewServer
+    from smartplay_tools.web.site.site_record import PLAYING
 
     with tempfile.TemporaryDirectory() as folder:
         path = transcript or Path(folder) / "episode.jsonl"

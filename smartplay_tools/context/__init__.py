@@ -1,7 +1,30 @@
-"""The context of a model: turns, and the window that selects those to show."""
+"""The context of a model: the words around a game, their tokens, turns, and the window that selects those to show.
 
-from smartplay_tools.context.turns import Item, Turn, TurnBuilder
-from smartplay_tools.context.view import Selection, View
-from smartplay_tools.context.window import ContextWindow
+prompts/     the texts that this library adds around the games, by version
+tokens/      budget tokens: exact and offline
+turns        a turn: a reply, its calls and their results
+strategies/  what happens to the past, one class for each way
+window       which turns a prompt shows; `choosing` for strategies that choose
+view         what a prompt showed, for its record
+"""
 
-__all__ = ["ContextWindow", "Item", "Selection", "Turn", "TurnBuilder", "View"]
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from smartplay_tools.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from smartplay_tools.context.turns import Item as Item, Turn as Turn, TurnBuilder as TurnBuilder
+    from smartplay_tools.context.view import Selection as Selection, View as View
+    from smartplay_tools.context.window import ContextWindow as ContextWindow
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "smartplay_tools.context.turns": "Item Turn TurnBuilder",
+            "smartplay_tools.context.view": "Selection View",
+            "smartplay_tools.context.window": "ContextWindow",
+        },
+    )

@@ -18,8 +18,8 @@ from smartplay_tools.context.view import Selection, View
 from smartplay_tools.context.window import Contents, ContextWindow
 from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.errors import PromptOverflowError, StrategyError
-from smartplay_tools.messages import Message
 from smartplay_tools.transcript.hashing import head_bytes
+from smartplay_tools.types.messages import Message
 
 
 class ChoosingWindow(ContextWindow):

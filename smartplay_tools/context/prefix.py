@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import takewhile
 
+from smartplay_tools.context.tokens import PRIMING, TokenCounter
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Head, Selection
 from smartplay_tools.context.window_state import WindowState
-from smartplay_tools.messages import Message
-from smartplay_tools.tokens import PRIMING, TokenCounter
+from smartplay_tools.types.messages import Message
 
 SUMMARY = -1
 """Stands for the summary among the numbers of turns."""

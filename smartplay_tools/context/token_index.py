@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 
+from smartplay_tools.context.prompts import OBSERVATION_LEFT
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.messages import Message
-from smartplay_tools.prompts import OBSERVATION_LEFT
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.types.messages import Message
 
 
 class TokenIndex:

@@ -15,11 +15,20 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from smartplay_tools.messages import Call, Message, calls_of, copy_of, pictures_of, read_calls, reasoning_of, text_of
-from smartplay_tools.pictures.picture import picture_part
-from smartplay_tools.prompts import MANUAL_IS_ABOVE, OBSERVATION_LEFT, PICTURE_SHOWN
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.context.prompts import MANUAL_IS_ABOVE, OBSERVATION_LEFT, PICTURE_SHOWN
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import message_bytes
+from smartplay_tools.types.messages import (
+    Call,
+    Message,
+    calls_of,
+    copy_of,
+    pictures_of,
+    read_calls,
+    reasoning_of,
+    text_of,
+)
+from smartplay_tools.types.pictures import picture_part
 
 BROUGHT_BACK = frozenset({"recalled", "page"})
 """The data by which a result is known to bring observations back: a key for each tool that does so."""

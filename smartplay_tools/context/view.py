@@ -9,10 +9,10 @@ from functools import cached_property
 from itertools import takewhile
 
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.messages import Message, copy_of, text_of
-from smartplay_tools.pictures.picture import Picture
 from smartplay_tools.transcript.hashing import head_bytes
 from smartplay_tools.types import Prompt, Purpose, ToolSpec
+from smartplay_tools.types.messages import Message, copy_of, text_of
+from smartplay_tools.types.pictures import Picture
 
 
 @dataclass(slots=True)

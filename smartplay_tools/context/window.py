@@ -26,14 +26,14 @@ from dataclasses import dataclass, replace
 from smartplay_tools.context.prefix import common_tokens
 from smartplay_tools.context.strategies import Strategies, Summary, share_kept
 from smartplay_tools.context.token_index import TokenIndex
+from smartplay_tools.context.tokens import PRIMING, TokenCounter
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Head, Selection, View, with_manual
 from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.errors import PromptOverflowError
-from smartplay_tools.messages import Message
-from smartplay_tools.tokens import PRIMING, TokenCounter
 from smartplay_tools.transcript.hashing import head_bytes
 from smartplay_tools.types import ResolvedBudget, ToolSpec
+from smartplay_tools.types.messages import Message
 
 
 @dataclass(slots=True)

@@ -9,7 +9,7 @@ from functools import cached_property
 
 from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.context.view import Head, Selection
-from smartplay_tools.messages import Message
+from smartplay_tools.types.messages import Message
 
 
 @dataclass

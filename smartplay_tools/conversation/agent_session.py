@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from smartplay_tools.arguments import read
 from smartplay_tools.conversation.base import CheckedReply
 from smartplay_tools.conversation.tool_calls import ToolConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.messages import Call
 from smartplay_tools.types import Prompt, Reply, SampledTokens, ToolResult, ToolSpec, Usage
+from smartplay_tools.types.arguments import read
+from smartplay_tools.types.messages import Call
 
 R = TypeVar("R", bound=Reply)
 

@@ -24,10 +24,10 @@ from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError
-from smartplay_tools.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
-from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult, Prompt, SampledTokens, ToolSpec, Usage
+from smartplay_tools.types.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
+from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 T = TypeVar("T")
 

@@ -16,8 +16,8 @@ from typing import Any
 from smartplay_tools.conversation.agent_session import NOT_RUN, AgentSession
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.messages import Message, text_of, words_of
 from smartplay_tools.types import ToolResult, ToolSpec
+from smartplay_tools.types.messages import Message, text_of, words_of
 
 SUB_AGENT = "A game is played by one agent: this model answers the agent that began, and none of its sub-agents."
 """The answer to a sub-agent, for which the model is not asked."""

@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import takewhile
 from typing import Any
 
-from smartplay_tools.arguments import read
+from smartplay_tools.context.tokens import PRIMING, truncation
 from smartplay_tools.context.view import Selection, View
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply
 from smartplay_tools.episode import budgets
@@ -27,11 +27,11 @@ from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import PromptOverflowError
 from smartplay_tools.games.history import history_text
-from smartplay_tools.messages import Message, text_of
-from smartplay_tools.tokens import PRIMING, truncation
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import message_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, SampledTokens, ToolResult, Usage
+from smartplay_tools.types.arguments import read
+from smartplay_tools.types.messages import Message, text_of
 
 SYSTEM = "You’re a player trying to play the game."
 OBSERVATION = "current step observation: "

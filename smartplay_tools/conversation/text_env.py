@@ -22,8 +22,8 @@ from smartplay_tools.episode.rewards import RewardName
 from smartplay_tools.episode.tools import schema
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec
-from smartplay_tools.messages import Message
 from smartplay_tools.types import Budget, Prompt, SampledTokens, Usage
+from smartplay_tools.types.messages import Message
 
 
 class TextEnv:

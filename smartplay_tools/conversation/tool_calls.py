@@ -11,8 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from smartplay_tools import prompts
-from smartplay_tools.arguments import read
+from smartplay_tools.context import prompts
 from smartplay_tools.context.choosing import ChoosingWindow
 from smartplay_tools.context.view import View, ranges_of
 from smartplay_tools.context.window import ContextWindow
@@ -22,10 +21,11 @@ from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.stats import UNANSWERED
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.messages import Call, Message, head_messages, host_message, text_of
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Progress, SampledTokens, ToolResult, ToolSpec, Usage
+from smartplay_tools.types.arguments import read
+from smartplay_tools.types.messages import Call, Message, head_messages, host_message, text_of
 
 IDLE_REPLIES = 3
 """The number of replies in a row without a tool call that ends an episode."""

@@ -17,17 +17,17 @@ from typing import Annotated, Any, Protocol, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from smartplay_tools import prompts
-from smartplay_tools.arguments import read
+from smartplay_tools.context import prompts
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.strategies.files import Files
 from smartplay_tools.context.strategies.memory import COMMANDS
+from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one_line
-from smartplay_tools.messages import Message
-from smartplay_tools.tokens import TokenCounter, truncation
 from smartplay_tools.transcript.events import CallEvent, Event
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, Budget, CarriedStore, ResolvedBudget
+from smartplay_tools.types.arguments import read
+from smartplay_tools.types.messages import Message
 
 
 class StoreKind(Protocol):

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context.strategies import load_strategy
+from smartplay_tools.context.tokens.counter import TokenCounter, picture_counter, shared_counter
 from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.carried import check_carry
 from smartplay_tools.episode.config import RULES, CellConfig, Rules, Setting, read_rules
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.tokens.counter import TokenCounter, picture_counter, shared_counter
 from smartplay_tools.types import Budget
 
 if TYPE_CHECKING:

@@ -18,7 +18,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, get_args
 
-from smartplay_tools.arguments import Arguments, as_text, read
+from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
+from smartplay_tools.context.tokens.counter import picture_counter, shared_counter
+from smartplay_tools.context.tokens.tokenizers import split_rule, with_pictures
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.cells import cell_config, sha256_of
 from smartplay_tools.episode.config import (
@@ -38,11 +40,6 @@ from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.message_forms import well_formed
-from smartplay_tools.messages import Message
-from smartplay_tools.tokens import TokenCounter, Tokenizer, get_tokenizer
-from smartplay_tools.tokens.counter import picture_counter, shared_counter
-from smartplay_tools.tokens.tokenizers import split_rule, with_pictures
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import Sink, TranscriptWriter
 from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
@@ -57,6 +54,9 @@ from smartplay_tools.types import (
     ToolSpec,
     facts_as_html,
 )
+from smartplay_tools.types.arguments import Arguments, as_text, read
+from smartplay_tools.types.message_forms import well_formed
+from smartplay_tools.types.messages import Message
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -76,7 +76,7 @@ class Episode:
         manual: "tool", the agent may read it; "pinned", it is part of every prompt; "none", it is withheld.
         batch: "all" plays every `act` of a message in order; "first_act" refuses all but the first.
         context: "window", a `Conversation` decides what the model sees; "host", the agent of a host does.
-        tokenizer: a name or an object (`smartplay_tools.tokens`).
+        tokenizer: a name or an object (`smartplay_tools.context.tokens`).
         transcript: a new file, or a list, for the record.
         options: the game's own keyword arguments (`TextGame.options`), and rules (`Rules`) that have no argument here.
 

@@ -12,17 +12,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools import prompts
-from smartplay_tools.arguments import Arguments
+from smartplay_tools.context import prompts
 from smartplay_tools.context.strategies import Strategies, StrategyTool
+from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.episode import budgets
 from smartplay_tools.episode.carried import STORES, Carried, check_carry, longest_message
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.episode.tools import MistakeError, ParsedCall, Tools
 from smartplay_tools.games.specs import GameSpec
-from smartplay_tools.pictures.picture import Picture
-from smartplay_tools.tokens import TokenCounter, truncation
 from smartplay_tools.types import EndReason, ResolvedBudget
+from smartplay_tools.types.arguments import Arguments
+from smartplay_tools.types.pictures import Picture
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame

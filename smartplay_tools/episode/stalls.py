@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from smartplay_tools.arguments import read
 from smartplay_tools.types import TOOL_NAMES
+from smartplay_tools.types.arguments import read
 
 
 class Stalls:

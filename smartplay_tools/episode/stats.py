@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, fields
 from importlib import metadata
 from typing import Any, Self
 
-from smartplay_tools.messages import calls_of
 from smartplay_tools.transcript.events import concerns_summary
 from smartplay_tools.types import Tokens, Usage
+from smartplay_tools.types.messages import calls_of
 
 RECORDED_PACKAGES = ("smartplay-tools", "gymnasium", "numpy", "tiktoken")
 """The packages that can change how an episode runs or is counted."""

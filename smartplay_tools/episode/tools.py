@@ -16,11 +16,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from smartplay_tools.arguments import Arguments, as_text, is_strict, text_parameters
 from smartplay_tools.context.strategies import StrategyTool, is_memory_tool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.types import ToolSpec
+from smartplay_tools.types.arguments import Arguments, as_text, is_strict, text_parameters
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame

@@ -24,8 +24,8 @@ from smartplay_tools.errors import InvalidArgumentError, ResetNeededError, check
 from smartplay_tools.games.history import history_text
 from smartplay_tools.games.seeds import check_seed, whole
 from smartplay_tools.games.spaces import Words
-from smartplay_tools.json_text import canonical_text
-from smartplay_tools.pictures.picture import Picture
+from smartplay_tools.types.json_text import canonical_text
+from smartplay_tools.types.pictures import Picture
 
 
 @functools.cache

@@ -47,7 +47,7 @@ from smartplay_tools.games.crafter.text import describe
 from smartplay_tools.games.crafter.textures import BODIES, LAYERS, tiles, vignette
 from smartplay_tools.games.crafter.views import Scene, Sight
 from smartplay_tools.games.crafter.world import COLUMN, EAST, NORTH, SOUTH, WEST, place
-from smartplay_tools.pictures.picture import Picture
+from smartplay_tools.types.pictures import Picture
 
 HOURS = 300
 """The steps of a day."""

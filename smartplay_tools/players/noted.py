@@ -8,8 +8,8 @@ framework needs no change.
 from __future__ import annotations
 
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.messages import assistant_message
 from smartplay_tools.types import AsyncPlayer, Player, Prompt, Reply
+from smartplay_tools.types.messages import assistant_message
 
 
 class NotedPlayer:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from smartplay_tools.messages import Message, pictures_of, text_of
+from smartplay_tools.context.prompts import GAME_IS_OVER
 from smartplay_tools.players.crafter_pixels import texts_of
 from smartplay_tools.players.rule import RulePlayer
-from smartplay_tools.prompts import GAME_IS_OVER
 from smartplay_tools.types import Prompt, Reply
+from smartplay_tools.types.messages import Message, pictures_of, text_of
 
 
 class RulePixelsPlayer(RulePlayer):

@@ -16,7 +16,7 @@ from smartplay_tools.types import AsyncPlayer, Player
 
 PLAYERS: dict[str, str] = {
     "anthropic": "smartplay_anthropic:AnthropicPlayer",
-    "blind": "smartplay_tools.records.blind:BlindPlayer",
+    "blind": "smartplay_tools.evaluation.runs.blind:BlindPlayer",
     "first": "smartplay_tools.players.first:FirstPlayer",
     "human": "smartplay_tools.players.human.player:HumanPlayer",
     "langchain": "smartplay_langchain:LangChainPlayer",

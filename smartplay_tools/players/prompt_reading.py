@@ -15,9 +15,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from smartplay_tools.messages import FunctionCall, Message, MessageToolCall, calls_of, text_of
-from smartplay_tools.prompts import GAME_IS_OVER, MANUAL_IS_ABOVE, NO_MANUAL, OBSERVATION_LEFT, text as text_of_prompts
+from smartplay_tools.context.prompts import (
+    GAME_IS_OVER,
+    MANUAL_IS_ABOVE,
+    NO_MANUAL,
+    OBSERVATION_LEFT,
+    text as text_of_prompts,
+)
 from smartplay_tools.types import PAGES_TOOL, Prompt
+from smartplay_tools.types.messages import FunctionCall, Message, MessageToolCall, calls_of, text_of
 
 NEXT_PAGE = re.compile(rf'\n\[-?\d+ more tokens: {PAGES_TOOL}\("(r\d+\.\d+)"\)\]$')
 """The last line of an observation that was too long."""

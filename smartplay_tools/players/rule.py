@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Protocol
 
+from smartplay_tools.context.prompts import GAME_IS_OVER
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.messages import Message, calls_of
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules import (
     bandit,
@@ -34,8 +34,8 @@ from smartplay_tools.players.rules.memory import (
     summary_cap,
     with_recalled,
 )
-from smartplay_tools.prompts import GAME_IS_OVER
 from smartplay_tools.types import PAGES_TOOL, RECALL_TOOL, Prompt, Reply
+from smartplay_tools.types.messages import Message, calls_of
 
 NOTHING_TO_PLAY: Message = {"role": "assistant", "content": "I play by tool calls, and there is no tool `act` here."}
 """The reply to a request other than to play, such as a request for a title of the conversation."""

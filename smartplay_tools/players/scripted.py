@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from smartplay_tools.messages import Message
 from smartplay_tools.types import Prompt, Reply, Usage
+from smartplay_tools.types.messages import Message
 
 
 class ScriptedPlayer:

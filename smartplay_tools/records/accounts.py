@@ -17,15 +17,15 @@ from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.strategies import drops_old_turns, summaries_of
+from smartplay_tools.context.tokens import DEFAULT_TOKENIZER, PRIMING
+from smartplay_tools.context.tokens.counter import shared_counter
+from smartplay_tools.context.tokens.tokenizers import split_rule
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import numbers_in, with_manual
-from smartplay_tools.messages import Message, reasoning_of, text_of
 from smartplay_tools.records.record import Record
-from smartplay_tools.tokens import DEFAULT_TOKENIZER, PRIMING
-from smartplay_tools.tokens.counter import shared_counter
-from smartplay_tools.tokens.tokenizers import split_rule
 from smartplay_tools.transcript.events import HeadEvent, ViewEvent, concerns_summary
 from smartplay_tools.types import NOTES_TOOL, ResolvedBudget, ToolSpec
+from smartplay_tools.types.messages import Message, reasoning_of, text_of
 
 PARTS = {
     "task": "task and tools",

@@ -17,8 +17,8 @@ from smartplay_tools.context.turns import Turn, TurnBuilder
 from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import schema
-from smartplay_tools.messages import Message, read_calls
 from smartplay_tools.transcript.events import CallEvent
+from smartplay_tools.types.messages import Message, read_calls
 
 if TYPE_CHECKING:
     from smartplay_tools.records.record import Record

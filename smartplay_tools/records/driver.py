@@ -10,18 +10,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby, zip_longest
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.json_text import canonical_text
-from smartplay_tools.messages import Message
 from smartplay_tools.records.error_location import ErrorLocation
-from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event, concerns_summary
 from smartplay_tools.transcript.file import MemoryRecord
 from smartplay_tools.types import SampledTokens, ToolCall, ToolSpec, Usage
+from smartplay_tools.types.json_text import canonical_text
+from smartplay_tools.types.messages import Message
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame

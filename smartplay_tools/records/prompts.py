@@ -12,16 +12,16 @@ from typing import NamedTuple
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.strategies import summaries_of
+from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import Turn, TurnBuilder
 from smartplay_tools.context.view import Head, Selection, numbers_in, with_manual
 from smartplay_tools.conversation import paper
-from smartplay_tools.messages import Message, pictures_of
-from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 from smartplay_tools.records.error_location import ErrorLocation
-from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.events import Event, concerns_summary, purpose_of
 from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
+from smartplay_tools.types.messages import Message, pictures_of
+from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 
 @dataclass(frozen=True)

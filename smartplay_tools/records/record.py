@@ -17,10 +17,9 @@ from typing import Any, Generic, Literal, Self, TypeVar
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
-from smartplay_tools.groups import grouped
-from smartplay_tools.messages import Message
 from smartplay_tools.records.conversations import WholeConversation, whole_conversation
 from smartplay_tools.records.counts import RecordCounts, Written
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import SentPrompt, recorded_turns, sent_prompts
 from smartplay_tools.records.spent import Spent
@@ -44,6 +43,7 @@ from smartplay_tools.transcript.file import kind_of, read_line, read_written
 from smartplay_tools.transcript.lines import GrowingLines, ends_of
 from smartplay_tools.transcript.times import read_times
 from smartplay_tools.types import EndReason, EpisodeResult, Purpose, SampledTokens
+from smartplay_tools.types.messages import Message
 
 FAILURES = ("player_error", "game_error")
 """Ends of an episode that failed."""

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.pictures.picture import NO_PICTURES, Picture
 from smartplay_tools.records.driver import Driver
 from smartplay_tools.records.replays import read_events
-from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event
+from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame

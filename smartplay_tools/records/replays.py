@@ -16,12 +16,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
 from smartplay_tools.records.driver import Driver
 from smartplay_tools.records.error_location import SENSELESS
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import Record
-from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import broken_links, check_format, is_event, read_transcript
 from smartplay_tools.transcript.hashing import event_line

@@ -8,19 +8,19 @@ from itertools import accumulate, chain, compress, count
 from operator import is_not
 from typing import Any
 
+from smartplay_tools.context.tokens import TokenCounter, Tokenizer
+from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import Turn, with_ids
 from smartplay_tools.conversation import paper
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.messages import Message, calls_of, reasoning_of, text_of
 from smartplay_tools.records.prompts import PromptParts, Rebuilder
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.request_log import Request, RequestLog, Unit
-from smartplay_tools.tokens import TokenCounter, Tokenizer
-from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.events import purpose_of
 from smartplay_tools.transcript.hashing import canonical_json, tools_bytes
 from smartplay_tools.transcript.times import read_times, times_file
 from smartplay_tools.types import Purpose, ToolSpec, Usage
+from smartplay_tools.types.messages import Message, calls_of, reasoning_of, text_of
 
 Key = tuple[int, Purpose]
 """The turn of a request, and what it asks for."""

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.records.driver import EXTERNAL_ENDS, Driven, Driver, unchained
 from smartplay_tools.records.replays import read_events
-from smartplay_tools.tokens import Tokenizer
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import TranscriptWriter, broken_links
 from smartplay_tools.types import EpisodeResult

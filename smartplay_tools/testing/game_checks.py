@@ -27,7 +27,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from smartplay_tools.arguments import read
 from smartplay_tools.conversation.loop import play
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import Tools
@@ -37,6 +36,7 @@ from smartplay_tools.games.specs import GAMES, GameSpec, get_spec
 from smartplay_tools.players import get_player
 from smartplay_tools.records.replays import replay
 from smartplay_tools.transcript.events import Event
+from smartplay_tools.types.arguments import read
 
 __all__ = ["CHECKS", "check_game", "random_walk"]
 

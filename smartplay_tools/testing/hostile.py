@@ -7,14 +7,14 @@ import random
 from collections.abc import Sequence
 from typing import Any
 
+from smartplay_tools.context.prompts import OBSERVATION_LEFT
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.games.specs import get_spec
-from smartplay_tools.messages import Message
-from smartplay_tools.prompts import OBSERVATION_LEFT
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import TOOL_NAMES, Budget, Prompt
+from smartplay_tools.types.messages import Message
 
 GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "Hanoi3Disk-v0")
 ARGUMENTS = (

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal, NotRequired, TypedDict
 
-from smartplay_tools.messages import Message
 from smartplay_tools.types import Purpose
+from smartplay_tools.types.messages import Message
 
 FORMAT = 1
 """The version of the format that is written. A reader refuses records whose format it does not support."""

@@ -12,10 +12,10 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.arguments import canonical
-from smartplay_tools.json_text import canonical_text, encoder
-from smartplay_tools.messages import Message, calls_of, text_and_pictures
 from smartplay_tools.types import ToolSpec
+from smartplay_tools.types.arguments import canonical
+from smartplay_tools.types.json_text import canonical_text, encoder
+from smartplay_tools.types.messages import Message, calls_of, text_and_pictures
 
 
 def event_line(event: Mapping[str, Any]) -> bytes:

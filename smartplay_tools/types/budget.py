@@ -35,7 +35,7 @@ WORDS = ("beyond_history", "beyond_result", "strategy")
 
 
 class Budget(Recorded):
-    """What an agent may see and spend. None means no limit; tokens are budget tokens (`smartplay_tools.tokens`)."""
+    """What an agent may see and spend. None means no limit; tokens are those of `smartplay_tools.context.tokens`."""
 
     later: ClassVar[Mapping[str, Any]] = {**STRATEGIES, "stalled_turns": None}
 

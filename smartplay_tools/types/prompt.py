@@ -8,8 +8,8 @@ from types import MappingProxyType
 from typing import Any, Literal, Protocol, runtime_checkable
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.messages import Message, copy_of
-from smartplay_tools.pictures.picture import NO_PICTURES, Picture
+from smartplay_tools.types.messages import Message, copy_of
+from smartplay_tools.types.pictures import NO_PICTURES, Picture
 from smartplay_tools.types.tool import ToolSpec
 from smartplay_tools.types.usage import SampledTokens, Usage
 

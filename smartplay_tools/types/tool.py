@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from smartplay_tools.pictures.picture import Picture
+from smartplay_tools.types.pictures import Picture
 
 TOOL_NAMES = ("observe", "act", "read_manual")
 """The tools that every agent has. There is no tool to reset, to seed or to read the score."""

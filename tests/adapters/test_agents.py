@@ -26,8 +26,8 @@ from openai import AsyncOpenAI, DefaultAsyncHttpxClient
 from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.records.prompts import sent_prompts
-from smartplay_tools.tokens import TokenCounter
 from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_agents import ReadingModel, read, step

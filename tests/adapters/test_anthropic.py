@@ -10,8 +10,8 @@ import pytest
 from smartplay_anthropic import AnthropicPlayer, async_tools, reply, request, tools
 
 import smartplay_tools as sp
-from smartplay_tools.message_forms import function_call
 from smartplay_tools.players import BrokenAnswerError
+from smartplay_tools.types.message_forms import function_call
 from tests.adapters.anthropic_stub import USAGE, AnthropicStub
 from tests.adapters.conformance import act, calling, fresh
 

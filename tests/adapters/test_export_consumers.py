@@ -17,7 +17,7 @@ from datasets import load_dataset
 from trl import SFTConfig, SFTTrainer
 
 import smartplay_tools as sp
-from smartplay_tools.exports import export
+from smartplay_tools.evaluation.exports import export
 from smartplay_tools.records import Record
 from tests.adapters import tiny_model
 

@@ -35,10 +35,10 @@ from smartplay_inspect import Played, save_records, smartplay, smartplay_agent, 
 from smartplay_inspect.messages import from_inspect, from_output
 
 import smartplay_tools as sp
-from smartplay_tools.exports import export
-from smartplay_tools.messages import text_of
+from smartplay_tools.evaluation.exports import export
 from smartplay_tools.records import Record
 from smartplay_tools.transcript import Event
+from smartplay_tools.types.messages import text_of
 from tests.adapters import rerouted
 from tests.adapters.conformance import (
     BASIC,

@@ -35,8 +35,8 @@ from langgraph.types import Command
 from smartplay_langchain import SmartPlayMiddleware
 
 import smartplay_tools as sp
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.records.prompts import sent_prompts
-from smartplay_tools.tokens import TokenCounter
 from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_langchain import ScriptedModel, needs_single_approvals

@@ -11,13 +11,14 @@ pytest.importorskip("xllamacpp", reason="needs smartplay-tools[local]; `.ci/run`
 
 from smartplay_local import LocalPlayer, LocalServer, measure
 from smartplay_local.engine import shared_server
+from smartplay_local.gguf_header import read_gguf
+from smartplay_local.model_files import KNOWN_MODELS, find_model
 from smartplay_local.text import as_text, call_in, grammar_of
 from smartplay_openai import LocalEndpoint
 
 import smartplay_tools as sp
-from smartplay_tools.models import KNOWN_MODELS, find_model, read_gguf
+from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.players import get_player
-from smartplay_tools.tokens import get_tokenizer
 
 MODEL = KNOWN_MODELS["smollm2-135m"]
 GAME = "RockPaperScissorBasic-v0"

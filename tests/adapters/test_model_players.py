@@ -23,8 +23,8 @@ from smartplay_langchain import LangChainPlayer
 from smartplay_openai import LocalEndpoint, OpenAIPlayer, ResponsesPlayer
 
 import smartplay_tools as sp
-from smartplay_tools.messages import text_of
 from smartplay_tools.players import ModelCallError, ModelPlayer
+from smartplay_tools.types.messages import text_of
 
 PAUSE = 0.15
 """Seconds that the server asks to wait."""

@@ -9,9 +9,9 @@ import sys
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.messages import reasoning_of, text_of
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.transcript.file import comparable
+from smartplay_tools.types.messages import reasoning_of, text_of
 
 pytest.importorskip("openai")
 

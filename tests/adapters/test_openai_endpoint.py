@@ -16,7 +16,7 @@ pytest.importorskip("openai")
 import httpx2
 import smartplay_openai as so
 
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.context.tokens import TokenCounter
 
 CALL = {"id": "c1", "type": "function", "function": {"name": "act", "arguments": '{"action": "1"}'}}
 RESULT = {"role": "tool", "tool_call_id": "c1", "content": "Done."}

@@ -31,10 +31,10 @@ from smartplay_openenv import (
 )
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.run_folder import trial_seed
 from smartplay_tools.games import get_spec
-from smartplay_tools.messages import calls_of, text_of
-from smartplay_tools.records import trial_seed
 from smartplay_tools.types import TOOL_NAMES
+from smartplay_tools.types.messages import calls_of, text_of
 from smartplay_tools.web import Server
 from tests.adapters import conformance
 from tests.adapters.conformance import (

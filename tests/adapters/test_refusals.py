@@ -11,8 +11,8 @@ from smartplay_langchain import from_langchain
 from smartplay_openai.responses import read_items
 
 import smartplay_tools as sp
-from smartplay_tools.messages import text_of
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.types.messages import text_of
 from tests.adapters.openai_stub import OpenAIStub
 
 WORDS = "I will not play."

@@ -88,8 +88,8 @@ def serve_operator(stack: ExitStack, folder: Path, **address: Any) -> Case:
 
 
 def view_and_play(stack: ExitStack, folder: Path, **address: Any) -> Case:
-    view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
-    from smartplay_tools.evaluation.runs import BrowserGames
+    view = pytest.importorskip("smartplay_tools.web.site")
+    from smartplay_tools.web.site import BrowserGames
 
     play = BrowserGames([GAME], folder / "human")
     server = view.ViewServer(view.RunList(own=[play.folder]), play=play, **address)

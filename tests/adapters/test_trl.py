@@ -20,7 +20,7 @@ from transformers.utils.chat_template_utils import get_json_schema
 from trl import GRPOConfig, GRPOTrainer
 
 import smartplay_tools as sp
-from smartplay_tools.exports import export
+from smartplay_tools.evaluation.exports import export
 from tests.adapters import conformance, tiny_model
 from tests.adapters.conformance import GAME, HOST_BUDGET, WAY, Host, Send, move
 

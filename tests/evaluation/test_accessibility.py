@@ -15,12 +15,12 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.board import build_board
 from smartplay_tools.evaluation.pages.report import write_excerpt, write_report
-from smartplay_tools.evaluation.runs import BrowserGames
-from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.web.site import BrowserGames
 from tests.evaluation import bundles
 from tests.evaluation.report_runs import BANDIT, HANOI, RPS
 
-view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
+view = pytest.importorskip("smartplay_tools.web.site")
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
 pytestmark = pytest.mark.slow
 

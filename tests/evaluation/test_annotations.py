@@ -10,13 +10,13 @@ from urllib.parse import urlsplit
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.exports.atif import trajectory
+from smartplay_tools.evaluation.exports.atif import trajectory
+from smartplay_tools.evaluation.run_folder.annotations import LONGEST, notes_file, read_notes, write_note
 from smartplay_tools.records import Record
-from smartplay_tools.records.annotations import LONGEST, notes_file, read_notes, write_note
 from tests.evaluation.test_view import get, unpacked
 
 pytest.importorskip("uvicorn")
-view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
+view = pytest.importorskip("smartplay_tools.web.site")
 
 HANOI = "Hanoi3Disk-v0"
 

@@ -15,16 +15,16 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.episode.carried import Carried, longest_message
 from smartplay_tools.evaluation.analysis.area import areas
 from smartplay_tools.evaluation.analysis.figures import score_against_trial
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, sample
 from smartplay_tools.evaluation.board.submissions import check_submission, prepare_submission
+from smartplay_tools.evaluation.run_folder import RunFolder
 from smartplay_tools.evaluation.runs import merge
 from smartplay_tools.evaluation.runs.audit import audit
-from smartplay_tools.messages import text_of
-from smartplay_tools.records import RunFolder
-from smartplay_tools.tokens.counter import shared_counter
+from smartplay_tools.types.messages import text_of
 from tests.evaluation.bundles import FACTS
 from tests.evaluation.players import BrokenOnce, act
 from tests.processes import heed_interrupts, needs_unix

@@ -15,11 +15,11 @@ from smartplay_tools.cli import app
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.evaluation.analysis.money import cell_costs, costs_table, rules_table
 from smartplay_tools.evaluation.analysis.summary import summarize
+from smartplay_tools.evaluation.costs.charges import Charge
+from smartplay_tools.evaluation.costs.tariffs import Charged, charge_records, tariffs_of
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.estimate import estimate_cell
 from smartplay_tools.records import Price, Record
-from smartplay_tools.records.charges import Charge
-from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.tariffs import Charged, charge_records, tariffs_of
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 
@@ -107,7 +107,7 @@ def test_more_processes_find_the_same(swept: str, monkeypatch: pytest.MonkeyPatc
     run, tariffs = RunFolder(swept), tariffs_of([])
     records = {row["key"]: run.transcript(row["key"]) for row in run.rows()}
     alone = charge_records(records, tariffs, {})
-    monkeypatch.setattr("smartplay_tools.records.tariffs.WORTH_A_PROCESS", 1)
+    monkeypatch.setattr("smartplay_tools.evaluation.costs.tariffs.WORTH_A_PROCESS", 1)
     assert charge_records(records, tariffs, {}, processes=2) == alone
 
 

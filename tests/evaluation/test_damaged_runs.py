@@ -14,7 +14,7 @@ from smartplay_tools.errors import SmartPlayError
 from tests.evaluation.test_hostile_bundles import damage
 
 pytest.importorskip("uvicorn")
-view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
+view = pytest.importorskip("smartplay_tools.web.site")
 report = pytest.importorskip("smartplay_tools.evaluation.pages.report")
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"

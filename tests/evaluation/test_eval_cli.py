@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.cli.progress import showing
+from smartplay_tools.evaluation.run_folder import RunFolder
 from smartplay_tools.evaluation.runs import RunOptions, make_cells, plan_episodes, run_plan
-from smartplay_tools.records import RunFolder
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 

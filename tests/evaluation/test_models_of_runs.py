@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.records import RunFolder
+from smartplay_tools.evaluation.run_folder import RunFolder
 from tests.evaluation.servers import calling, completion, refusal, serving
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"

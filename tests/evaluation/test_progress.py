@@ -12,9 +12,9 @@ from rich.console import Console
 import smartplay_tools as sp
 from smartplay_tools.cli.progress import _Screen, showing
 from smartplay_tools.cli.running import live_table
+from smartplay_tools.evaluation.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder.follower import RunFollower, run_snapshot
 from smartplay_tools.evaluation.runs import RunOptions, make_cells, plan_episodes, run_plan
-from smartplay_tools.records import RunFolder
-from smartplay_tools.records.run_follower import RunFollower, run_snapshot
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 

@@ -18,9 +18,9 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.pages.report import write_report
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.crafter.game import Crafter
-from smartplay_tools.messages import pictures_of
 from smartplay_tools.records import Record
 from smartplay_tools.records.prompts import sent_prompts
+from smartplay_tools.types.messages import pictures_of
 from tests import fuzz, scripts
 from tests.evaluation.conftest import note_request
 from tests.evaluation.report_runs import (

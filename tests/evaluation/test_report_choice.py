@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.report_runs import known_for_now, record
 
 pytest.importorskip("jinja2")

@@ -12,8 +12,8 @@ from typer.testing import CliRunner, Result
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.runner import evaluate
-from smartplay_tools.records.run_folder import RunFolder
 
 GAMES = ["Hanoi3Disk-v0", "MessengerL1-v0"]
 

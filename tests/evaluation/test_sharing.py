@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from smartplay_tools.records.parallel import parallel_map, worth
-from smartplay_tools.records.process_pool import Lost, ProcessPool
+from smartplay_tools.evaluation.parallel import parallel_map, worth
+from smartplay_tools.evaluation.processes import Lost, ProcessPool
 
 
 def squares(numbers: Sequence[int]) -> list[int]:

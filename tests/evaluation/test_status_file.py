@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.records.run_folder import STATUS, RunFolder
-from smartplay_tools.records.snapshot import RunFigures, read_status
+from smartplay_tools.evaluation.run_folder.folder import STATUS, RunFolder
+from smartplay_tools.evaluation.run_folder.snapshot import RunFigures, read_status
 
 HANOI = "Hanoi3Disk-v0"
 
@@ -76,7 +76,7 @@ def test_it_may_be_deleted_and_says_nothing_when_it_is_old_or_damaged(tmp_path):
 
 
 def test_the_site_reads_it(tmp_path):
-    view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
+    view = pytest.importorskip("smartplay_tools.web.site")
     sp.evaluate([HANOI], ["rule"], out=tmp_path, trials=1, budgets=sp.Budget(tool_calls=1), executor="inline")
     run = view.SiteRun(tmp_path, "run")
     assert run.summary()["seconds_left"] is None

@@ -21,9 +21,9 @@ from smartplay_tools.evaluation.board.submissions import (
     report_json,
     report_text,
 )
+from smartplay_tools.evaluation.run_folder.manifest import Until
 from smartplay_tools.evaluation.runs import PlayerConfig
 from smartplay_tools.evaluation.suites import get_suite
-from smartplay_tools.records.manifest import Until
 from tests.evaluation import bundles
 from tests.evaluation.bundles import BANDIT, FACTS, HANOI, Files, changed, edit_json, edit_record, records
 from tests.evaluation.players import FirstMoves

@@ -27,7 +27,7 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 
 pytest.importorskip("uvicorn")
-view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
+view = pytest.importorskip("smartplay_tools.web.site")
 
 HANOI, BANDIT = "Hanoi3Disk-v0", "BanditTwoArmedHighLowFixed-v0"
 

@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs import BrowserGames
+from smartplay_tools.web.site import BrowserGames
 from tests.evaluation.test_view import BANDIT, HANOI, large
 
-view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
+view = pytest.importorskip("smartplay_tools.web.site")
 sync_api = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.slow
 

@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.runs import BrowserGames, BrowserPlay, Challenge, audit, human_cell
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.runs import audit
 from smartplay_tools.records import replay
-from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.web.site import BrowserGames, BrowserPlay, Challenge, human_cell
 
 pytest.importorskip("uvicorn")
-view = pytest.importorskip("smartplay_tools.evaluation.pages.view")
+view = pytest.importorskip("smartplay_tools.web.site")
 
 BANDIT, HANOI, RPS = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0", "RockPaperScissorBasic-v0"
 

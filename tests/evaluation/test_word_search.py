@@ -7,8 +7,8 @@ import json
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.messages import text_of
 from smartplay_tools.records import sent_prompts
+from smartplay_tools.types.messages import text_of
 
 pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.messages import MessageToolCall
+from smartplay_tools.types.messages import MessageToolCall
 
 WORDS = (
     "Rock",

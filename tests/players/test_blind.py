@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.runs.blind import played_actions
 from smartplay_tools.players import is_model
 from smartplay_tools.records import Record
-from smartplay_tools.records.blind import played_actions
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 

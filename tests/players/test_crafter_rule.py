@@ -5,12 +5,12 @@ import json
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.messages import Message
 from smartplay_tools.players.prompt_reading import Reading
 from smartplay_tools.players.rules.crafter import notes as crafter_notes, player as crafter
 from smartplay_tools.players.rules.crafter.home import Home
 from smartplay_tools.players.rules.crafter.sight import ANY, BIT, Map, read_frame
 from smartplay_tools.types import Prompt, Reply
+from smartplay_tools.types.messages import Message
 
 TEXT = """You took action move_north.
 

@@ -9,8 +9,8 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.runs.runner import evaluate
 from smartplay_tools.games import hanoi
-from smartplay_tools.messages import calls_of
 from smartplay_tools.records.replays import replay
+from smartplay_tools.types.messages import calls_of
 
 WITH_AN_ORACLE = [name for name, spec in sp.GAMES.items() if spec.family in ("bandit", "rock_paper_scissors", "hanoi")]
 PROTOCOLS = ["tools", "paper"]

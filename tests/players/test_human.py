@@ -16,9 +16,9 @@ import pytest
 from rich.console import Console
 
 import smartplay_tools as sp
-from smartplay_tools.messages import calls_of, text_of
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.players.human.player import HumanPlayer
-from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.types.messages import calls_of, text_of
 from tests.processes import heed_interrupts, needs_unix
 
 HANOI, RPS, CRAFTER = "Hanoi3Disk-v0", "RockPaperScissorBasic-v0", "Crafter-v0"

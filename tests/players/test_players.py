@@ -10,9 +10,9 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import UnknownNameError
-from smartplay_tools.messages import text_of
 from smartplay_tools.players import player_names, rules
 from smartplay_tools.players.rules import hanoi
+from smartplay_tools.types.messages import text_of
 
 SMALL_GAMES = [name for name, spec in sp.GAMES.items() if spec.family in ("bandit", "rock_paper_scissors", "hanoi")]
 

@@ -14,7 +14,7 @@ from starlette.responses import Response
 from smartplay_openai.interface import Event
 from smartplay_openai.problems import RequestError
 from smartplay_tools import SmartPlayError
-from smartplay_tools.json_text import object_in
+from smartplay_tools.types.json_text import object_in
 
 T = TypeVar("T")
 

@@ -31,9 +31,9 @@ from smartplay_openai.server.answers import (
 from smartplay_openai.server.limits import SimulatedLimits
 from smartplay_openai.tool_choice import ToolChoice
 from smartplay_tools import AsyncPlayer, Message, Player, Prompt, Reply, SmartPlayError, Usage
-from smartplay_tools.messages import MessageToolCall, assistant_message, calls_of
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.players import ModelCallError
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of
 from smartplay_tools.web import LARGEST_REQUEST, carries, guarded
 
 PlayerLike = Player | AsyncPlayer

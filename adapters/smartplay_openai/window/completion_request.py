@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from smartplay_tools import ToolSpec
-from smartplay_tools.messages import words_of
+from smartplay_tools.types.messages import words_of
 
 
 @dataclass

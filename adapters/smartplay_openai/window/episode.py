@@ -35,12 +35,12 @@ from smartplay_tools import (
     Usage,
 )
 from smartplay_tools.context import Turn
+from smartplay_tools.context.prompts import GAME_IS_OVER
 from smartplay_tools.conversation import AttachedPlayer, HostChat, HostHistory, check_observation
 from smartplay_tools.conversation.event_loop import reply_of
 from smartplay_tools.episode import tool_functions
 from smartplay_tools.errors import PlayerLeftError
-from smartplay_tools.messages import assistant_message
-from smartplay_tools.prompts import GAME_IS_OVER
+from smartplay_tools.types.messages import assistant_message
 
 NO_RESULT = "Error: The host's agent gave no result for this call."
 """The result of a foreign call that the host's next request does not have."""

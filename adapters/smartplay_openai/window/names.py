@@ -13,7 +13,7 @@ from typing import Any
 
 from smartplay_openai.tool_choice import plainest_value
 from smartplay_tools import ToolSpec
-from smartplay_tools.messages import MessageToolCall
+from smartplay_tools.types.messages import MessageToolCall
 
 
 @dataclass(frozen=True)

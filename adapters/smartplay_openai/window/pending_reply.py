@@ -14,9 +14,9 @@ from typing import Any
 
 from smartplay_openai.problems import RequestError
 from smartplay_tools import Message, ToolResult, Usage
-from smartplay_tools.arguments import Arguments, read
 from smartplay_tools.context import Turn
-from smartplay_tools.messages import Call, MessageToolCall, words_of
+from smartplay_tools.types.arguments import Arguments, read
+from smartplay_tools.types.messages import Call, MessageToolCall, words_of
 
 LOST = 20
 """After this many requests in a row without the latest reply's call ids, the host is assumed not to keep ids."""

@@ -17,8 +17,8 @@ from smartplay_openai.window.completion_request import CompletionRequest
 from smartplay_openai.window.names import HostTools, filled
 from smartplay_openai.window.pending_reply import PendingReply
 from smartplay_tools import Episode, Message, Usage
+from smartplay_tools.context.prompts import GAME_IS_OVER
 from smartplay_tools.conversation import SUB_AGENT
-from smartplay_tools.prompts import GAME_IS_OVER
 
 NO_TOOLS = (
     "This endpoint plays a game: it answers requests that offer the game's tools, which its MCP server has. An "

@@ -10,7 +10,7 @@ import math
 from fractions import Fraction
 
 from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from smartplay_tools.context.strategies.ageing import turns_leave
 from smartplay_tools.context.strategies.base import BudgetStrategy
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
 

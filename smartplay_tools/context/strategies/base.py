@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, ClassVar
 
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import STRATEGIES, Budget, ToolSpec
 
 

@@ -17,9 +17,9 @@ from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
 from smartplay_tools.games.game_registry import packages_are_imported
-from smartplay_tools.json_text import value_in
 from smartplay_tools.registry import Registry, is_in_file, read_file
 from smartplay_tools.types import Budget
+from smartplay_tools.types.json_text import value_in
 
 ENTRY_POINTS = "smartplay_tools.strategies"
 """The group under which other packages declare strategies."""

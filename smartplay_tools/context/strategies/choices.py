@@ -12,7 +12,7 @@ from typing import Protocol, overload, runtime_checkable
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Selection
-from smartplay_tools.messages import Message, copy_of
+from smartplay_tools.types.messages import Message, copy_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.messages import text_of
+from smartplay_tools.types.messages import text_of
 
 if TYPE_CHECKING:
     import numpy as np

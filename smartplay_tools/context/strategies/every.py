@@ -14,8 +14,8 @@ from smartplay_tools.context.strategies.pictures import Pictures
 from smartplay_tools.context.strategies.recall import Recall
 from smartplay_tools.context.strategies.summaries import Summaries
 from smartplay_tools.context.strategies.thoughts import Thoughts
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
 KINDS: tuple[type[BudgetStrategy], ...] = (

@@ -11,7 +11,7 @@ from typing import Any
 
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.strategies.files import ROOT, FileError, Files, Outcome
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import MEMORY_TOOL, Budget, ToolSpec
 
 COMMANDS: Mapping[str, Mapping[str, bool]] = {

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from smartplay_tools.arguments import text_parameters
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.tokens import TokenCounter
 from smartplay_tools.types import NOTES_TOOL, Budget, ToolSpec
+from smartplay_tools.types.arguments import text_parameters
 
 
 class Notes(BudgetStrategy):

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import re
 
-from smartplay_tools.arguments import text_parameters
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
-from smartplay_tools.tokens import TokenCounter, truncation
+from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.types import PAGES_TOOL, Budget, ToolSpec
+from smartplay_tools.types.arguments import text_parameters
 
 PAGE = re.compile(r"r([1-9][0-9]{0,5})\.([1-9][0-9]{0,5})")
 

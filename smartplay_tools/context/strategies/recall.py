@@ -9,13 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from smartplay_tools.arguments import text_parameters
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.strategies.documents import Documents
+from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.context.view import View
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.tokens import TokenCounter, truncation
 from smartplay_tools.types import RECALL_TOOL, Budget, ToolSpec
+from smartplay_tools.types.arguments import text_parameters
 
 STEPS = re.compile(r"\s*([0-9]{1,6})\s*(?:-\s*([0-9]{1,6})\s*)?")
 """A query for a step, or for the steps from one to another."""

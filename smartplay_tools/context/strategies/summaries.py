@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from smartplay_tools import prompts
+from smartplay_tools.context import prompts
 from smartplay_tools.context.strategies.ageing import drops_old_turns, turns_leave
 from smartplay_tools.context.strategies.base import BudgetStrategy, share_kept
-from smartplay_tools.messages import Message
-from smartplay_tools.tokens import TokenCounter, truncation
+from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.types import Budget
+from smartplay_tools.types.messages import Message
 
 
 @dataclass(frozen=True)

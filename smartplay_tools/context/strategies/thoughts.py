@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
-from smartplay_tools.tokens import TokenCounter
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import Budget
 
 

@@ -26,7 +26,7 @@ from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Values, me
 from smartplay_tools.evaluation.analysis.names import strategy_name
 from smartplay_tools.evaluation.analysis.pairs import cut_share
 from smartplay_tools.evaluation.analysis.windows import family, jointly
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.rows import Row
 
 FEWEST_CAPS = 4

@@ -9,7 +9,7 @@ from smartplay_tools.evaluation.analysis.decisions import Verdict
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, fixed, interval_notes, with_interval
-from smartplay_tools.quantities import short
+from smartplay_tools.evaluation.quantities import short
 
 NOTES = (
     "+-: to the reference, paired by game, seed and trial, with its 95 % interval",

@@ -22,8 +22,8 @@ from smartplay_tools.evaluation.analysis.numbers import (
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.summary import CellSummary, Drift, Failures, Profile, RunSummary
+from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.games.paper_tables import CAPABILITIES
-from smartplay_tools.quantities import short
 
 PROFILES_PER_TABLE = 2
 """The number of capability columns that fit into 80 columns beside the capabilities' names."""

@@ -17,14 +17,14 @@ from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any
 
+from smartplay_tools.context.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.episode.budgets import SMALLEST_AUTO_CAP, resolve
 from smartplay_tools.episode.config import RULES, USUAL_RULES
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.json_text import canonical_text
 from smartplay_tools.records.rows import Row
-from smartplay_tools.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
+from smartplay_tools.types.json_text import canonical_text
 
 _COMMON = ("player", "player_options", "rules", "tokenizer")
 WORDS = ("history", "tool_calls")

@@ -18,7 +18,7 @@ from smartplay_tools.evaluation.analysis.numbers import (
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary
-from smartplay_tools.quantities import short
+from smartplay_tools.evaluation.quantities import short
 
 CUT = "\N{DAGGER}"
 """The mark of cells in which tool results were cut to fit."""

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from smartplay_tools.evaluation.analysis.distributions import NORMAL, t_quantile
 from smartplay_tools.evaluation.analysis.shares import clopper_pearson, tango, wilson
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 
 CONFIDENCE = 0.95
 RESAMPLES = 10_000

@@ -18,11 +18,11 @@ from smartplay_tools.evaluation.analysis.names import family_titles, window_name
 from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, fixed, percent
 from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.analysis.windows import family
-from smartplay_tools.groups import grouped
-from smartplay_tools.quantities import short
-from smartplay_tools.records.charges import Charge
+from smartplay_tools.evaluation.costs.charges import Charge
+from smartplay_tools.evaluation.costs.tariffs import Charged, Tariff
+from smartplay_tools.evaluation.quantities import short
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.rows import Row, has_reported_tokens
-from smartplay_tools.records.tariffs import Charged, Tariff
 
 LEAST = "*"
 """The mark of the least cost of a column among the windows of a player at a game."""

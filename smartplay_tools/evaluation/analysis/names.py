@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell, in_words
 from smartplay_tools.evaluation.analysis.windows import LIMITS, WINDOW, WindowComparison
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import STRATEGIES, Budget, ResolvedBudget
 

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Sample, mean_estimate
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.rows import Row, unit_of
 
 Measure = Callable[[Row], float | None]

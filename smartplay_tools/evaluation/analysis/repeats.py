@@ -22,7 +22,7 @@ from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sect
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, RESAMPLES, SEED, Values
 from smartplay_tools.evaluation.analysis.numbers import NOTHING
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.rows import Row
 
 Succeeds = Callable[[Row], bool]

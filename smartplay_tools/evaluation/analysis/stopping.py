@@ -26,9 +26,9 @@ from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.intervals import Bounds, Values
 from smartplay_tools.evaluation.analysis.pairs import bounds_of, score
+from smartplay_tools.evaluation.run_folder.manifest import Manifest
 from smartplay_tools.games.specs import get_spec
-from smartplay_tools.groups import grouped
-from smartplay_tools.records.manifest import Manifest
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.rows import Row
 
 MOST_STAKED = 0.9

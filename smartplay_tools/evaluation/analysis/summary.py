@@ -20,7 +20,7 @@ from smartplay_tools.evaluation.analysis.capabilities import Capabilities, Weigh
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
 from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, Sample, named_estimates
 from smartplay_tools.evaluation.analysis.pairs import completed, normalized_score, reward, sample, score
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.rows import Row, has_reported_tokens, is_unplayed
 from smartplay_tools.types import EndReason
 

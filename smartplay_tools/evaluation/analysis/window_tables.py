@@ -17,8 +17,8 @@ from smartplay_tools.evaluation.analysis.numbers import (
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
-from smartplay_tools.groups import grouped
-from smartplay_tools.quantities import short
+from smartplay_tools.evaluation.quantities import short
+from smartplay_tools.records.groups import grouped
 
 NOTES = (
     "+-: to full context, paired by seed; [ ]: 95 % interval",

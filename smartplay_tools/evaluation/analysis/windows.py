@@ -25,10 +25,10 @@ from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, named_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, cut_share, difference_samples, pairs, samples
 from smartplay_tools.evaluation.analysis.pareto import pareto_front
-from smartplay_tools.groups import grouped
-from smartplay_tools.json_text import canonical_text
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES, Budget
+from smartplay_tools.types.json_text import canonical_text
 
 WINDOW = ("history", "prompt_tokens", "slack", *STRATEGIES)
 """The fields of a budget that say how much of an episode a prompt shows, and what becomes of the rest."""

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from smartplay_tools.evaluation.board.table import Board
-from smartplay_tools.quantities import short
+from smartplay_tools.evaluation.quantities import short
 
 WIDTH, HEIGHT = 520, 300
 LEFT, RIGHT, TOP, BOTTOM = 48, 40, 14, 40

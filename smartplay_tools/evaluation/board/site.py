@@ -22,11 +22,11 @@ from smartplay_tools.evaluation.board.submissions.check_report import report_jso
 from smartplay_tools.evaluation.board.submissions.submitted_plan import Allowed
 from smartplay_tools.evaluation.board.submissions.submitted_results import by_cell
 from smartplay_tools.evaluation.board.table import Board, Charges, make_board
+from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
 from smartplay_tools.evaluation.pages import templates
-from smartplay_tools.quantities import short, typeset
+from smartplay_tools.evaluation.quantities import short, typeset
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.records.rows import Row
-from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.tariffs import charge_records, tariffs_of
 
 REPLAYS = 1
 """Episodes of every game and budget that the replay page of a submission shows."""

@@ -1,7 +1,6 @@
 """Pages: runs and records as HTML, for browsers and notebooks. Nothing here plays.
 
 report/    the replay page, one file that opens from disk
-view/      the site over the folders of runs
 notebook   tables and replays below a notebook's cells
 templates  the environment of the HTML templates
 """

@@ -19,14 +19,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.arguments import read
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import EngineError, InvalidArgumentError, extra_named
 from smartplay_tools.games.specs import get_spec
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.shown import ShownAs, shown_turns
 from smartplay_tools.transcript.events import ViewEvent, concerns_summary
+from smartplay_tools.types.arguments import read
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pandas
 
     from smartplay_tools.evaluation.pages.report.widget import ReplayWidget
-    from smartplay_tools.records.snapshot import RunSnapshot
+    from smartplay_tools.evaluation.run_folder.snapshot import RunSnapshot
 
 _DTYPES = {"string": "string", "json": "string", "int64": "Int64", "float64": "Float64", "bool": "boolean"}
 """The data frame's type for each kind of column; all of them can be missing."""

@@ -3,6 +3,7 @@
 plan           the episodes of a run, their seeds and keys
 run_file       the arguments of `eval` as a file
 players        the players of a run and their options
+blind          the player that repeats a recorded episode
 agents         programs and functions that play episodes in their own way
 probe, faults  the check of a run's models, and the sentences for what it finds
 attempt        playing and recording one planned episode
@@ -21,15 +22,11 @@ runner         `evaluate`
 sweeps         runs over a grid of budgets, compared with full context
 merge          merging shards
 audit          replaying every episode of a run
-browser_play   the episodes that a person plays in the browser
-challenge      an episode to play and the score to beat, as the address of a link
 """
 
 from smartplay_tools.episode.cells import most_calls
 from smartplay_tools.evaluation.runs.agents import Agent, AgentFailedError, Held, Watch
 from smartplay_tools.evaluation.runs.audit import audit
-from smartplay_tools.evaluation.runs.browser_play import BrowserGames, BrowserPlay, human_cell
-from smartplay_tools.evaluation.runs.challenge import Challenge
 from smartplay_tools.evaluation.runs.estimate import Estimate, estimate
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.merge import merge
@@ -51,10 +48,7 @@ from smartplay_tools.evaluation.suites import suite_games
 __all__ = [
     "Agent",
     "AgentFailedError",
-    "BrowserGames",
-    "BrowserPlay",
     "Caps",
-    "Challenge",
     "Estimate",
     "Held",
     "Plan",
@@ -68,7 +62,6 @@ __all__ = [
     "cell_name",
     "estimate",
     "evaluate",
-    "human_cell",
     "make_cells",
     "merge",
     "most_calls",

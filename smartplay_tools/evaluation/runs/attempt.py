@@ -26,14 +26,13 @@ from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import DiskFullError, SmartPlayError, TranscriptError, is_disk_full
+from smartplay_tools.evaluation.run_folder.manifest import player_seed
 from smartplay_tools.evaluation.runs.agents import Agent, Held
 from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.signals import StopFlag
-from smartplay_tools.messages import assistant_message
 from smartplay_tools.players import get_player
-from smartplay_tools.records.manifest import player_seed
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
@@ -43,6 +42,7 @@ from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import append_exception, read_transcript
 from smartplay_tools.transcript.times import delete_record
 from smartplay_tools.types import AsyncPlayer, Player, Prompt
+from smartplay_tools.types.messages import assistant_message
 
 Opened = TypeVar("Opened", bound="AnyConversation | Held | None")
 

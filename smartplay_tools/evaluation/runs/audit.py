@@ -14,12 +14,12 @@ from pathlib import Path
 
 from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.evaluation.parallel import parallel_map, worth
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.records.chains import chain_fault
-from smartplay_tools.records.parallel import parallel_map, worth
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
 from smartplay_tools.records.rows import LATER, Row, row_of
-from smartplay_tools.records.run_folder import RunFolder
 
 WORTH_A_PROCESS = 300_000
 """Bytes of records for which another process is started: fewer are usually replayed before it is ready."""

@@ -7,9 +7,9 @@ import re
 from collections.abc import Mapping
 
 from smartplay_tools.conversation.agent_session import Conversation
-from smartplay_tools.messages import calls_of, reasoning_of, text_of
 from smartplay_tools.records.rows import MORE_TOKENS
 from smartplay_tools.types import Reply
+from smartplay_tools.types.messages import calls_of, reasoning_of, text_of
 
 LOOKS_LIKE: Mapping[str, re.Pattern[str]] = {
     "hermes": re.compile(r"<tool_call>"),

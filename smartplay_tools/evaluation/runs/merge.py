@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.records.chains import chain_fault
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
-from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.run_follower import run_snapshot
 
 SHARED = ("seed", "cells", "episodes")
 """The fields that are equal in the manifests of a run's parts."""

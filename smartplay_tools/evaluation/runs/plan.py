@@ -14,16 +14,16 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
 
+from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.run_folder.manifest import Manifest, ManifestEpisode, shard_of, trial_seed
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials, read_players
 from smartplay_tools.evaluation.suites import Suite
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.records.manifest import Manifest, ManifestEpisode, shard_of, trial_seed
 from smartplay_tools.records.prices import Price, find_price
-from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
 

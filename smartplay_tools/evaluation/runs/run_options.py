@@ -11,9 +11,9 @@ from typing import Any, Self, TypedDict
 
 from smartplay_tools.episode.config import BatchPolicy, ManualMode, ProtocolName
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.run_folder.manifest import Until
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.scheduler import OnProgress
-from smartplay_tools.records.manifest import Until
 from smartplay_tools.records.prices import Price
 from smartplay_tools.types import CarriedStore, ObservationForm
 

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from typing import TypeAlias
 
+from smartplay_tools.evaluation.run_folder.follower import RunFollower
+from smartplay_tools.evaluation.run_folder.snapshot import RunSnapshot
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.records.run_follower import RunFollower
-from smartplay_tools.records.snapshot import RunSnapshot
 
 PERIOD = 1.0
 """Seconds between two snapshots."""

@@ -17,12 +17,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.evaluation.run_folder.folder import STATUS, RunFolder
+from smartplay_tools.evaluation.run_folder.manifest import Manifest
+from smartplay_tools.evaluation.run_folder.snapshot import RunFigures
 from smartplay_tools.evaluation.runs.lock import only_writer
-from smartplay_tools.records.manifest import Manifest
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
-from smartplay_tools.records.run_folder import STATUS, RunFolder
-from smartplay_tools.records.snapshot import RunFigures
 from smartplay_tools.transcript.times import delete_record, move_record
 
 

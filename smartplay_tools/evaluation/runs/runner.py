@@ -17,6 +17,10 @@ from smartplay_tools.conversation.event_loop import apart_from_event_loop
 from smartplay_tools.conversation.loop import check_observation, check_player
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.follower import run_snapshot
+from smartplay_tools.evaluation.run_folder.manifest import Manifest
+from smartplay_tools.evaluation.run_folder.snapshot import RunSnapshot, Spending
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
 from smartplay_tools.evaluation.runs.notebooks import InNotebook, is_notebook
@@ -40,12 +44,8 @@ from smartplay_tools.evaluation.runs.signals import Signals
 from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import ModelPlayer, is_model
-from smartplay_tools.records.manifest import Manifest
 from smartplay_tools.records.prices import Price, check_known
 from smartplay_tools.records.rows import Row
-from smartplay_tools.records.run_folder import RunFolder
-from smartplay_tools.records.run_follower import run_snapshot
-from smartplay_tools.records.snapshot import RunSnapshot, Spending
 from smartplay_tools.types import AsyncPlayer, Budget, Player
 
 if TYPE_CHECKING:

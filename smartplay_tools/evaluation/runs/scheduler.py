@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
 from smartplay_tools.evaluation.runs.executors import EndedAttempt, Executor
@@ -30,7 +31,6 @@ from smartplay_tools.records.chains import left_by
 from smartplay_tools.records.prices import Price, check_known
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, row_of
-from smartplay_tools.records.run_follower import run_snapshot
 from smartplay_tools.records.spent import Spent
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from smartplay_tools.games.crafter.fast import FastEngine
 from smartplay_tools.games.crafter.text import ACTIONS, CHARACTERS, LONGEST, NUMBERED_ACTIONS, describe
 from smartplay_tools.games.crafter.views import CrafterEngine
 from smartplay_tools.games.seeds import check_seed
-from smartplay_tools.pictures.picture import Picture
+from smartplay_tools.types.pictures import Picture
 
 TEXTS = ("original", "corrected")
 SMALLEST_PICTURE = 64

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from smartplay_tools.games.crafter.facts import CARRIED, MATERIALS, MOST, VIEW
 from smartplay_tools.games.crafter.textures import LAYERS, tiles, vignette
 from smartplay_tools.games.crafter.views import Scene
-from smartplay_tools.pictures.picture import Picture
-from smartplay_tools.pictures.png import Canvas, EncodedTiles, Layout, layout_of
+from smartplay_tools.types.pictures import Picture
+from smartplay_tools.types.png import Canvas, EncodedTiles, Layout, layout_of
 
 GRID = 9
 """A picture is a square of this many cells: the view, and the inventory below."""

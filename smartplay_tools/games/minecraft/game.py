@@ -12,7 +12,7 @@ from smartplay_tools.games.minecraft.engines import ENGINES, Engine, load_engine
 from smartplay_tools.games.minecraft.observation import VIEW, Observation, TextMode
 from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, strides, turn
 from smartplay_tools.games.minecraft.text import CHARACTERS, LONGEST, describe
-from smartplay_tools.pictures.picture import Picture
+from smartplay_tools.types.pictures import Picture
 
 PAPER_ENGINE = "minedojo"
 """The engine of the paper, Minecraft itself."""

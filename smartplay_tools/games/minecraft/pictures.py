@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smartplay_tools.games.minecraft.observation import VIEW, VIEW_RANGE, Observation
-from smartplay_tools.pictures.picture import Picture
-from smartplay_tools.pictures.png import encode
+from smartplay_tools.types.pictures import Picture
+from smartplay_tools.types.png import encode
 
 SCALE = 12
 """How many times the pixels are enlarged: a picture has 204 x 204, because models read smaller ones badly."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Literal
 
 from smartplay_tools.conversation.paper import CHOICE
-from smartplay_tools.messages import Message, text_of
 from smartplay_tools.types import Prompt
+from smartplay_tools.types.messages import Message, text_of
 
 Asked = Literal["call", "action", "words"]
 """A tool call; the name of an action, in the paper's protocol; or free text: thoughts, or a summary."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import takewhile
 
+from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.conversation.base import BaseConversation
-from smartplay_tools.tokens import PRIMING
 from smartplay_tools.types import Prompt
 
 WIDTH = 20

@@ -17,11 +17,11 @@ from rich.console import Console
 
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.errors import PlayerLeftError
-from smartplay_tools.messages import Message
 from smartplay_tools.players.human.answers import Asked, asked_for, in_words, named_action
 from smartplay_tools.players.human.screen import Screen
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types import Prompt, Reply
+from smartplay_tools.types.messages import Message
 
 HELP = """\
 number or name   play that action

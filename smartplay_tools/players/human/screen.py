@@ -18,9 +18,9 @@ from rich.segment import Segment, Segments
 from rich.text import Text
 
 from smartplay_tools.conversation.base import BaseConversation
-from smartplay_tools.messages import Message, calls_of, text_of
 from smartplay_tools.players.human.budget_bars import budget_bars
 from smartplay_tools.types import Prompt
+from smartplay_tools.types.messages import Message, calls_of, text_of
 
 KEYS = "o observe, m manual, ? help, q leave"
 FREE_KEYS = "? help, q leave"

@@ -14,9 +14,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from smartplay_tools.messages import Message
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.memory import earlier, line, recall
+from smartplay_tools.types.messages import Message
 
 PULL = re.compile(r"You pulled slot machine (\d+), you received reward (-?\d+)\.")
 

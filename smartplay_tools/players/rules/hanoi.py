@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from smartplay_tools.messages import Message
 from smartplay_tools.players.prompt_reading import Reading, call
+from smartplay_tools.types.messages import Message
 
 ROD = re.compile(r"^- ([ABC]): \|bottom, \[([\d, ]*)\], top\|$", flags=re.MULTILINE)
 ACTION = re.compile(r"rod ([ABC]) to the top of rod ([ABC])")

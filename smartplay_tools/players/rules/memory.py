@@ -12,11 +12,11 @@ import re
 from dataclasses import dataclass, replace
 from typing import Any
 
-from smartplay_tools.arguments import read
-from smartplay_tools.json_text import object_in
-from smartplay_tools.messages import Message, calls_of, text_of
 from smartplay_tools.players.prompt_reading import Reading, call, is_carried
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, RECALL_TOOL
+from smartplay_tools.types.arguments import read
+from smartplay_tools.types.json_text import object_in
+from smartplay_tools.types.messages import Message, calls_of, text_of
 
 LINE = re.compile(r"^Notes: (\{.*\})$", re.MULTILINE)
 CAP = re.compile(r"at most (\d+) tokens", re.IGNORECASE)

@@ -12,8 +12,8 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from smartplay_tools.messages import Message
 from smartplay_tools.players.prompt_reading import Reading, call
+from smartplay_tools.types.messages import Message
 
 HEADINGS = {"north": (0, -1), "east": (1, 0), "south": (0, 1), "west": (-1, 0)}
 """Action word to x and z; clockwise."""

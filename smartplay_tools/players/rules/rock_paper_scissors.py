@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from smartplay_tools.messages import Message
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.memory import line, recall
+from smartplay_tools.types.messages import Message
 
 ROUND = re.compile(r"the opponent chose (\w+)\.")
 SCORE = re.compile(r"\((\w+?)s? wins?, score (\d+)\)")

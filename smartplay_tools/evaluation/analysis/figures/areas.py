@@ -14,7 +14,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     panels,
     sample_note,
 )
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -26,7 +26,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
 from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.types import Budget
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 )
 from smartplay_tools.evaluation.analysis.names import series_name, strategy_name
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, family
-from smartplay_tools.groups import grouped
-from smartplay_tools.quantities import typeset
+from smartplay_tools.evaluation.quantities import typeset
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.types import STRATEGIES, ResolvedBudget
 
 if TYPE_CHECKING:

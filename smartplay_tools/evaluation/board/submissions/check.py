@@ -35,10 +35,10 @@ from smartplay_tools.evaluation.board.submissions.submitted_plan import (
     read_plan,
 )
 from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
-from smartplay_tools.groups import grouped
-from smartplay_tools.json_text import object_in
-from smartplay_tools.records.process_pool import Lost
+from smartplay_tools.evaluation.processes import Lost
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.rows import Row
+from smartplay_tools.types.json_text import object_in
 
 NOT_PROVED = (
     "Who wrote the replies: that the named model did is the submitter's word.",

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from smartplay_tools.errors import in_one_line
 from smartplay_tools.evaluation.board.submissions.bundle import Limits
-from smartplay_tools.records.process_pool import Lost, ProcessPool
+from smartplay_tools.evaluation.processes import Lost, ProcessPool
 
 J = TypeVar("J")
 A = TypeVar("A")

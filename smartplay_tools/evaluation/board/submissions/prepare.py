@@ -17,9 +17,9 @@ from smartplay_tools.evaluation.board.submissions.bundle import write_bundle
 from smartplay_tools.evaluation.board.submissions.metadata import Submission, read_submission
 from smartplay_tools.evaluation.board.submissions.submitted_plan import check_suite, read_plan
 from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
-from smartplay_tools.records.manifest import Manifest
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.manifest import Manifest
 from smartplay_tools.records.rows import Row
-from smartplay_tools.records.run_folder import RunFolder
 
 
 def prepare_submission(

@@ -21,8 +21,6 @@ from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import SmartPlayError, in_one_line
 from smartplay_tools.evaluation.board.submissions.findings import Finding, error, remark, some
 from smartplay_tools.evaluation.board.submissions.metadata import Name
-from smartplay_tools.json_text import canonical_text
-from smartplay_tools.messages import Message, calls_of
 from smartplay_tools.records.chains import chain_fault
 from smartplay_tools.records.driver import EXTERNAL_ENDS
 from smartplay_tools.records.prices import Price
@@ -32,6 +30,8 @@ from smartplay_tools.records.rows import LATER, Row, row_of
 from smartplay_tools.transcript.file import broken_links
 from smartplay_tools.transcript.hashing import event_line
 from smartplay_tools.types import EndReason, EpisodeResult, Usage
+from smartplay_tools.types.json_text import canonical_text
+from smartplay_tools.types.messages import Message, calls_of
 
 SHOWN_DIFFERENCES = 3
 """Of a record that plays differently; the first is what matters, the others mostly follow from it."""

@@ -16,16 +16,16 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, FailFast, Field, ValidationError, field_validator
 
-from smartplay_tools import prompts
+from smartplay_tools.context import prompts
+from smartplay_tools.context.tokens import DEFAULT_TOKENIZER
+from smartplay_tools.context.tokens.tokenizers import split_rule
 from smartplay_tools.episode.config import CellConfig, EpisodeConfig, Setting
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
 from smartplay_tools.evaluation.board.submissions.findings import Finding, error, some
+from smartplay_tools.evaluation.run_folder.manifest import Manifest, ManifestEpisode, trial_seed
 from smartplay_tools.evaluation.suites import SUITES, Suite
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.groups import grouped
-from smartplay_tools.records.manifest import Manifest, ManifestEpisode, trial_seed
-from smartplay_tools.tokens import DEFAULT_TOKENIZER
-from smartplay_tools.tokens.tokenizers import split_rule
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.transcript.hashing import canonical_json
 
 ENGINES_HERE = (None, "fast", "crafter", "voxel")

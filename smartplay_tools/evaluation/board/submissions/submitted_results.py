@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from statistics import fmean
 
 from smartplay_tools.evaluation.board.submissions.metadata import CellResult
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.rows import Row
 
 DIGITS = 6

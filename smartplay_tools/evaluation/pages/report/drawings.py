@@ -12,16 +12,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from smartplay_tools.arguments import read
+from smartplay_tools.context.prompts import GAME_IS_OVER, PICTURE_SHOWN
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.games.game_registry import packages_are_imported
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.prompts import GAME_IS_OVER, PICTURE_SHOWN
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import CallEvent
 from smartplay_tools.types import ObservationForm
+from smartplay_tools.types.arguments import read
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame

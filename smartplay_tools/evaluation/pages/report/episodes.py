@@ -14,17 +14,17 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from smartplay_tools import prompts
+from smartplay_tools.context import prompts
 from smartplay_tools.context.strategies import summaries_of
+from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.messages import text_of
 from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.records.record import Record
-from smartplay_tools.tokens.counter import shared_counter
 from smartplay_tools.transcript.events import CallEvent, concerns_summary
 from smartplay_tools.types import Budget, ResolvedBudget
+from smartplay_tools.types.messages import text_of
 
 FACTS = ("game", "player", "seed", "engine", "options", *RULES, "tokenizer", "budget")
 """The fields of a start event that the page shows."""

@@ -14,7 +14,7 @@ from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.analysis.figures import write_figures
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.pages.report.sources import ShownRun
-from smartplay_tools.records.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 
 FOLDER = "figures"
 """The folder of a run's figures, as SVG."""

@@ -25,6 +25,7 @@ from smartplay_tools.evaluation.analysis.money import cell_costs, costs_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
+from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records
 from smartplay_tools.evaluation.pages import templates
 from smartplay_tools.evaluation.pages.report.choice import choose
 from smartplay_tools.evaluation.pages.report.episode_reading import pack, reading
@@ -40,13 +41,12 @@ from smartplay_tools.evaluation.pages.report.summary_tables import (
     totals,
 )
 from smartplay_tools.evaluation.pages.report.texture_sheet import sheet
+from smartplay_tools.evaluation.quantities import typeset
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.quantities import typeset
 from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row, unplayed
-from smartplay_tools.records.tariffs import Tariff, charge_records
 from smartplay_tools.types import MISTAKES, Budget
 
 SCRIPTS = (

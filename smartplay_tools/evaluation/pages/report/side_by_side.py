@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools.evaluation.pages.report.summary_tables import rules
-from smartplay_tools.groups import grouped
+from smartplay_tools.records.groups import grouped
 
 Episode = Mapping[str, Any]
 

@@ -13,10 +13,10 @@ from string import ascii_uppercase
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.groups import grouped
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
-from smartplay_tools.records.run_folder import RunFolder
 
 
 @dataclass(frozen=True)

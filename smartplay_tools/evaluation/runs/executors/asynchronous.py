@@ -15,10 +15,10 @@ from collections.abc import Iterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from typing import ClassVar
 
+from smartplay_tools.evaluation.processes import POLL_SECONDS
 from smartplay_tools.evaluation.runs.attempt import Task, aplay_attempt, make_player
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
-from smartplay_tools.records.process_pool import POLL_SECONDS
 from smartplay_tools.types import AsyncPlayer
 
 GRACE_SECONDS = 10.0

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.processes import Lost, ProcessPool
 from smartplay_tools.evaluation.runs.attempt import Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
-from smartplay_tools.records.process_pool import Lost, ProcessPool
 from smartplay_tools.transcript.file import append_exception
 
 

@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from smartplay_tools.errors import extra_named
+from smartplay_tools.evaluation.processes import POLL_SECONDS
 from smartplay_tools.evaluation.runs.attempt import StoppedError, Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import Caps, RunLimits, SharedLimits
-from smartplay_tools.records.process_pool import POLL_SECONDS
 from smartplay_tools.transcript.file import append_exception
 
 with extra_named("The Ray executor", "ray"):

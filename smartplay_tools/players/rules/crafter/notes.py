@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from smartplay_tools.messages import Message
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.crafter import player
 from smartplay_tools.players.rules.crafter.home import Home, dwell, find_site, has_water
@@ -20,6 +19,7 @@ from smartplay_tools.players.rules.crafter.player import SOLID, WISHES
 from smartplay_tools.players.rules.crafter.sight import ANY, BIT, OUTSIDE, WALKABLE, Cell, Map, read_frame
 from smartplay_tools.players.rules.crafter.situation import Situation
 from smartplay_tools.players.rules.memory import LINE, fits, line, recall
+from smartplay_tools.types.messages import Message
 
 DAY, DUSK, DAWN = 300, 130, 280
 """The steps of a day, and the steps at which the part of the night with many zombies begins and ends."""

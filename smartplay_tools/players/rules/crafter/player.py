@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from smartplay_tools.messages import Message
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.crafter.sight import ANY, BIT, DIRECTIONS, WALKABLE, Cell, Map, read_frame
 from smartplay_tools.players.rules.crafter.situation import Situation, direction
+from smartplay_tools.types.messages import Message
 
 OPPOSITE = {"Move West": "Move East", "Move East": "Move West", "Move North": "Move South", "Move South": "Move North"}
 SOLID = ANY & ~WALKABLE & ~BIT["lava"]

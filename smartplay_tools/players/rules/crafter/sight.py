@@ -10,8 +10,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from smartplay_tools.groups import grouped
-
 Cell = tuple[int, int]
 DIRECTIONS: dict[str, Cell] = {"Move West": (-1, 0), "Move North": (0, -1), "Move South": (0, 1), "Move East": (1, 0)}
 
@@ -51,7 +49,7 @@ def _named(cell: Cell) -> tuple[int, int, int]:
     return abs(x) + abs(y), (x > 0) - (x < 0), (y > 0) - (y < 0)
 
 
-CANDIDATES = {named: tuple(cells) for named, cells in grouped(VIEW, _named).items()}
+CANDIDATES = {named: tuple(cell for cell in VIEW if _named(cell) == named) for named in map(_named, VIEW)}
 """The cells of the view that a distance and a direction can mean, in the order in which the text names them."""
 RANK = {cell: rank for rank, cell in enumerate(VIEW)}
 

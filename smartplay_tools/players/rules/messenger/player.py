@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from smartplay_tools.messages import Message
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.memory import fits, line, recall
 from smartplay_tools.players.rules.messenger.belief import believe
@@ -24,6 +23,7 @@ from smartplay_tools.players.rules.messenger.casts import FEW_SENTENCES, Cast, P
 from smartplay_tools.players.rules.messenger.foresight import persistence, worths
 from smartplay_tools.players.rules.messenger.manual import Claim, claims
 from smartplay_tools.players.rules.messenger.sight import SeenEntities
+from smartplay_tools.types.messages import Message
 
 VIEWS = 4
 """The most observations that are used: each further one doubles the cost of a decision."""

@@ -1,0 +1,197 @@
+"""Tokenizers, which count the tokens of a text; each is given by name or as an object of your own.
+
+o200k_base        the default; its vocabulary ships inside the package and loads when the first text is counted
+cl100k_base, ...  any encoding of tiktoken, which downloads its vocabulary at first use
+hf:PATH_OR_NAME   a `tokenizer.json` of Hugging Face tokenizers: a file, a folder or a name on the Hub
+gguf:MODEL        the vocabulary of a model file that the extra `local` plays: a known name or a path
+approximate       four characters a token
+
+A name may end with the rule by which pictures are counted, as in o200k_base+claude-28: see
+`smartplay_tools.context.tokens.pictures`.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import hashlib
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from smartplay_tools.context.tokens.o200k import VOCABULARY_SHA256, o200k_base
+from smartplay_tools.context.tokens.pictures import DEFAULT_RULE, RULES, PictureRule
+from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
+from smartplay_tools.registry import resolve
+
+if TYPE_CHECKING:
+    import tiktoken
+
+DEFAULT_TOKENIZER = "o200k_base"
+
+HUGGING_FACE = "hf:"
+"""The prefix of the names of Hugging Face tokenizers."""
+
+MODEL_FILE = "gguf:"
+"""The prefix of the names of model files' own vocabularies."""
+
+LONGEST_PIECE = 50_000
+"""Text is counted in pieces of at most this many characters, because longer ones can overflow tiktoken's stack."""
+
+
+@runtime_checkable
+class Tokenizer(Protocol):
+    """Anything that counts tokens.
+
+    It may also have the attribute `sha256`, the digest of its vocabulary as 64 hex digits, which records then name
+    beside it: two tokenizers of one name need not be the same. For episodes with pictures it may have a method
+    `image(width, height)`, which returns the tokens of a picture; without one they are counted by a rule.
+    """
+
+    @property
+    def name(self) -> str:
+        """The name that is written into records."""
+        ...
+
+    def count(self, text: str) -> int:
+        """Return the number of tokens of a text, which has no surrogates; special-token strings are text."""
+        ...
+
+
+class TiktokenTokenizer:
+    """An encoding of tiktoken. `o200k_base` is loaded when it counts for the first time, any other at once."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        if name != DEFAULT_TOKENIZER:
+            _downloaded(name)
+
+    @property
+    def sha256(self) -> str:
+        """The digest of the vocabulary in tiktoken's file form: a line for each token, base64 and rank."""
+        return VOCABULARY_SHA256 if self.name == DEFAULT_TOKENIZER else _sha256(self.name)
+
+    def count(self, text: str) -> int:
+        """Return the number of tokens of the text, counted in pieces of at most `LONGEST_PIECE` characters."""
+        encoding = o200k_base() if self.name == DEFAULT_TOKENIZER else _downloaded(self.name)
+        if len(text) <= LONGEST_PIECE:
+            return len(encoding.encode_ordinary(text))
+        pieces = (text[at : at + LONGEST_PIECE] for at in range(0, len(text), LONGEST_PIECE))
+        return sum(len(encoding.encode_ordinary(piece)) for piece in pieces)
+
+
+class ApproximateTokenizer:
+    """Four characters a token, rounded up: wrong for game text by up to a factor of eight. For rough plans only."""
+
+    name = "approximate"
+
+    def count(self, text: str) -> int:
+        """Return a quarter of the characters, rounded up."""
+        return -(-len(text) // 4)
+
+
+class PictureTokenizer:
+    """A tokenizer of words, with a rule for pictures; its name has both."""
+
+    def __init__(self, words: Tokenizer, rule: PictureRule) -> None:
+        self.words, self.rule = words, rule
+        self.name = f"{words.name}+{rule.name}"
+
+    @property
+    def sha256(self) -> str | None:
+        """The digest of the vocabulary; None if the tokenizer of words has none."""
+        digest: str | None = getattr(self.words, "sha256", None)
+        return digest
+
+    def count(self, text: str) -> int:
+        """Return the number of tokens of the text."""
+        return self.words.count(text)
+
+    def image(self, width: int, height: int) -> int:
+        """Return the number of tokens of a picture."""
+        return self.rule.count(width, height)
+
+
+def split_rule(name: str) -> tuple[str, str | None]:
+    """Return the name of a tokenizer of words, and of the rule for pictures, if the whole name ends with one."""
+    words, plus, rule = name.rpartition("+")
+    return (words, rule) if plus and rule in RULES else (name, None)
+
+
+def with_pictures(tokenizer: Tokenizer, rule: str | None = None) -> Tokenizer:
+    """Return a tokenizer that counts pictures: the same if it does already, or else with a rule, by default Claude's.
+
+    A tokenizer that counts them by a rule other than the one that is asked for is an `InvalidArgumentError`.
+    """
+    if not callable(getattr(tokenizer, "image", None)):
+        return PictureTokenizer(tokenizer, RULES[rule or DEFAULT_RULE])
+    if rule is not None and (not isinstance(tokenizer, PictureTokenizer) or tokenizer.rule.name != rule):
+        raise InvalidArgumentError(f"The tokenizer {tokenizer.name!r} does not count pictures by the rule {rule}.")
+    return tokenizer
+
+
+def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
+    """Return a tokenizer by name, or the object itself if it already is one; None is `o200k_base`.
+
+    A name that is unknown, or whose vocabulary is not available and cannot be downloaded, raises here, so that it does
+    not end an episode later.
+    """
+    if tokenizer is None:
+        return TiktokenTokenizer(DEFAULT_TOKENIZER)
+    if not isinstance(tokenizer, str):
+        return _checked(tokenizer)
+    words, rule = split_rule(tokenizer)
+    if rule is not None:
+        return PictureTokenizer(get_tokenizer(words), RULES[rule])
+    if tokenizer == ApproximateTokenizer.name:
+        return ApproximateTokenizer()
+    if tokenizer.startswith(HUGGING_FACE):
+        from smartplay_tools.context.tokens.hugging_face import HuggingFaceTokenizer
+
+        return HuggingFaceTokenizer(tokenizer.removeprefix(HUGGING_FACE))
+    if tokenizer.startswith(MODEL_FILE):
+        vocabulary: type[Tokenizer] = resolve("smartplay_local.gguf_vocabulary:GgufTokenizer")
+        return vocabulary(tokenizer.removeprefix(MODEL_FILE))
+    if tokenizer != DEFAULT_TOKENIZER:
+        import tiktoken
+
+        _, plus, asked = tokenizer.partition("+")
+        if plus:
+            raise UnknownNameError("rule for pictures", asked, list(RULES))
+        if tokenizer not in tiktoken.list_encoding_names():
+            names = [
+                *tiktoken.list_encoding_names(),
+                ApproximateTokenizer.name,
+                f"{HUGGING_FACE}PATH_OR_NAME",
+                f"{MODEL_FILE}MODEL",
+            ]
+            raise UnknownNameError("tokenizer", tokenizer, names)
+    return TiktokenTokenizer(tokenizer)
+
+
+def _checked(tokenizer: Tokenizer) -> Tokenizer:
+    """Return the object if it counts tokens; raise otherwise, before an episode begins with it."""
+    if isinstance(tokenizer, type) or not isinstance(tokenizer, Tokenizer) or not isinstance(tokenizer.name, str):
+        raise InvalidArgumentError(
+            f"A tokenizer is an object with a text `name` and a method `count(text)`; {tokenizer!r} does not have them."
+        )
+    return tokenizer
+
+
+@functools.cache
+def _downloaded(name: str) -> tiktoken.Encoding:
+    import tiktoken
+
+    try:
+        return tiktoken.get_encoding(name)
+    except (OSError, ValueError) as error:  # requests' errors are OSErrors; a wrong digest is a ValueError
+        raise InvalidArgumentError(
+            f"The vocabulary of {name} could not be downloaded ({type(error).__name__}): run once with a network, set "
+            f"TIKTOKEN_CACHE_DIR to a folder that has it, or take {DEFAULT_TOKENIZER}, which needs no download."
+        ) from error
+
+
+@functools.cache
+def _sha256(name: str) -> str:
+    encoding = _downloaded(name)
+    ranks = sorted((encoding.encode_single_token(token), token) for token in encoding.token_byte_values())
+    lines = (b"%s %d\n" % (base64.b64encode(token), rank) for rank, token in ranks)
+    return hashlib.sha256(b"".join(lines)).hexdigest()

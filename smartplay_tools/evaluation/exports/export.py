@@ -1,0 +1,129 @@
+"""export: the finished episodes of a run as data of a format, with a dataset card, or as results."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from pydantic import ValidationError
+
+from smartplay_tools.errors import InvalidArgumentError, in_one_line
+from smartplay_tools.evaluation.exports.dataset_cards import dataset_card
+from smartplay_tools.evaluation.exports.published import Publication
+from smartplay_tools.evaluation.exports.selection import EpisodeSelection
+from smartplay_tools.records.record import Record
+from smartplay_tools.registry import Registry
+
+Write = Callable[..., dict[str, int]]
+"""Writes episodes into an existing folder, and returns how much of each kind it wrote: `write(episodes, folder)`.
+
+The functions of `WITH_SUMMARIES` also take `summaries`, those of `WITH_PICTURES` `pictures`.
+"""
+
+FORMATS: dict[str, str] = {
+    "atif": "smartplay_tools.evaluation.exports.atif:write_trajectories",
+    "inspect": "smartplay_inspect.export:write_logs",
+    "sft": "smartplay_tools.evaluation.exports.sft:write_replies",
+    "sft-chains": "smartplay_tools.evaluation.exports.sft:write_chains",
+    "sft-episodes": "smartplay_tools.evaluation.exports.sft:write_episodes",
+}
+"""The formats: name -> the function that writes it."""
+
+WITH_SUMMARIES = ("sft", "sft-chains")
+"""The formats that can have rows for prompts for a summary."""
+
+WITH_PICTURES = ("sft", "sft-chains", "sft-episodes")
+"""The formats that can have pictures, as files beside the rows."""
+
+RESULTS: dict[str, str] = {
+    "eee": "smartplay_tools.evaluation.exports.published:write_eee",
+    "hf-results": "smartplay_tools.evaluation.exports.published:write_hub_results",
+}
+"""The formats of results: their functions also take a `Publication`, and they have no dataset card."""
+
+_REGISTRY = Registry("export format", FORMATS | RESULTS)
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was exported."""
+
+    folder: Path
+    counts: dict[str, int]
+    """How many episodes, and how many rows, steps or logs."""
+    left_out: Counter[str]
+    """How many episodes were left out, by reason."""
+
+
+def export(
+    source: str | Path,
+    out: str | Path,
+    format: str = "sft",  # noqa: A002 - the word of the command line
+    *,
+    summaries: bool = False,
+    pictures: bool = False,
+    publication: Mapping[str, Any] | None = None,
+    **selection: Any,
+) -> Exported:
+    """Export the finished episodes of a run's folder, of a folder of records, or of one record.
+
+    `out` is a new folder, in which the data and a dataset card (`README.md`) are written. With `summaries`, replies to
+    prompts for a summary get rows, too. With `pictures`, episodes whose observations are pictures are exported instead
+    of left out, and their pictures are written as files. `selection` are the fields of an `EpisodeSelection`, and
+    `publication` those of a `Publication`, for the formats of results. Every prompt is rebuilt from its record and
+    verified; a record that was changed is a `TranscriptError`, and a selection without any episode an
+    `InvalidArgumentError`.
+    """
+    write: Write = _REGISTRY[format]
+    if summaries and format not in WITH_SUMMARIES:
+        raise InvalidArgumentError(
+            f"{format} has no rows for summaries; {' and '.join(WITH_SUMMARIES)} have them, so choose one or leave "
+            "summaries out."
+        )
+    if pictures and format not in WITH_PICTURES:
+        raise InvalidArgumentError(
+            f"{format} has no place for pictures; {', '.join(WITH_PICTURES)} have one, so choose one of them or leave "
+            "pictures out."
+        )
+    try:
+        chosen, about = EpisodeSelection(**selection), Publication(**(publication or {}))
+    except ValidationError as error:
+        raise InvalidArgumentError(f"The selection is invalid: {in_one_line(error)}.") from None
+    if format in RESULTS:
+        write = partial(write, about=about)
+    elif about != Publication():
+        raise InvalidArgumentError(
+            f"The format {format} holds data; only {' and '.join(RESULTS)} say whose results they hold."
+        )
+    records, left_out = chosen.choose(Path(source), pictures=pictures)
+    if not records:
+        why = ", ".join(f"{number} {reason}" for reason, number in left_out.items()) or "there is none"
+        raise InvalidArgumentError(f"No finished episode in {source} is selected: {why}.")
+    folder = Path(out)
+    if folder.exists():
+        raise InvalidArgumentError(f"{folder} exists, and data is never overwritten; name a new folder.")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as unfinished:
+        part = Path(unfinished) / folder.name
+        part.mkdir()
+        written: list[Record] = []
+        asked = {"summaries": summaries, "pictures": pictures}
+        counts = write(_read(records, written), part, **{name: True for name, value in asked.items() if value})
+        if format in FORMATS:
+            card = dataset_card(format, written, chosen, counts, left_out)
+            (part / "README.md").write_text(card, encoding="utf-8", newline="\n")
+        part.rename(folder)
+    return Exported(folder, counts, left_out)
+
+
+def _read(records: Iterable[Path], written: list[Record]) -> Iterator[Record]:
+    """Read one record after the other, keeping of each only what the card needs."""
+    for record in records:
+        episode = Record.read(record)
+        yield episode
+        written.append(Record([episode.events[0], episode.events[-1]], path=record))

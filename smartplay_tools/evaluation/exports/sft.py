@@ -1,0 +1,206 @@
+"""Rows for supervised fine-tuning, in the columns that TRL's `SFTTrainer` and most other trainers read.
+
+`sft` has a row for every reply: the prompt exactly as the model saw it, and the reply. This is the data for a model
+that will play under the same budget. `sft-chains` has the same prompts and replies with less repetition: a row
+continues while each prompt extends the previous one by its reply and what followed. `sft-episodes` has a row for every
+episode, the whole conversation, which no model saw whole if its window dropped turns.
+
+Columns of one name have one type in every row (Arrow needs that): arguments and tool schemas are JSON text, which
+`SFTTrainer` reads. What a provider wanted back (`provider_items`) is left out.
+
+With `pictures` a row has the column `images`, the paths of its pictures in their order, and every content is a list of
+parts, where `{"type": "image"}` stands for the next of them: the form of TRL's data for vision models.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.episode import schema
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.records.prompts import SentPrompt
+from smartplay_tools.records.record import Record
+from smartplay_tools.records.replayed_pictures import recorded_pictures
+from smartplay_tools.types import Purpose, SampledTokens
+from smartplay_tools.types.messages import Message, pictures_of, text_of
+from smartplay_tools.types.pictures import is_picture
+
+FILE = "data.jsonl"
+PICTURES = "pictures"
+"""The folder of the pictures, whose names are their sha256."""
+
+Row = dict[str, Any]
+
+
+def write_replies(
+    episodes: Iterable[Record], folder: Path, *, summaries: bool = False, pictures: bool = False
+) -> dict[str, int]:
+    """Write a row for every reply, and with `summaries` for every summary; return the number of episodes and rows.
+
+    `pictures` are written as files, here and below, and counted.
+    """
+    return _write(folder, episodes, lambda episode: reply_rows(episode, summaries=summaries), pictures=pictures)
+
+
+def write_chains(
+    episodes: Iterable[Record], folder: Path, *, summaries: bool = False, pictures: bool = False
+) -> dict[str, int]:
+    """Write the rows of `chain_rows`; return the number of episodes, rows and replies."""
+    return _write(folder, episodes, lambda episode: chain_rows(episode, summaries=summaries), pictures=pictures)
+
+
+def write_episodes(episodes: Iterable[Record], folder: Path, *, pictures: bool = False) -> dict[str, int]:
+    """Write a row for every episode; return the number of episodes and rows."""
+    return _write(folder, episodes, lambda episode: iter([episode_row(episode)]), pictures=pictures)
+
+
+def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
+    """Yield a row for every reply of an episode: `prompt`, `completion`, `tools`, and the facts of the episode.
+
+    With `summaries`, the replies to prompts for a summary have rows, too; `purpose` tells them apart. If the record has
+    the tokens of any reply, every row has `completion_ids`, `completion_logprobs` and `prompt_ids`, None where unknown.
+    """
+    drawn = episode.sampled
+    for step in _steps(episode, summaries=summaries):
+        with_tools = {"tools": step.tools} if step.tools is not None else {}
+        about = {**_facts(episode), "turn": step.turn, "purpose": step.purpose}
+        tokens = _token_columns(drawn.get((step.turn, step.purpose))) if drawn else {}
+        yield {"prompt": step.prompt, "completion": [step.reply], **with_tools, **tokens, **about}
+
+
+def chain_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
+    """Yield rows in which every reply is trained on once: `prompt`, `completion`, `tools`, and the episode's facts.
+
+    The assistant messages of `completion` are the replies, each after exactly the prompt to which it was given: all
+    messages before it. Assistant messages of `prompt` are replies that an earlier row has.
+    """
+    if episode.config.context == "host":
+        whole = episode.conversation
+        messages, first = list(map(plain, whole.messages)), len(whole.head)
+        yield _chain(episode, messages, first, json.dumps(whole.tools), turn=0, replies=len(whole.turns))
+        return
+    messages, first, tools, turn, replies = [], 0, None, 0, 0
+    for step in _steps(episode, summaries=summaries):
+        if messages and (tools != step.tools or step.prompt[: len(messages)] != messages):
+            yield _chain(episode, messages, first, tools, turn=turn, replies=replies)
+            messages = []
+        if not messages:
+            first, tools, turn, replies = len(step.prompt), step.tools, step.turn, 0
+        messages, replies = [*step.prompt, step.reply], replies + 1
+    if messages:
+        yield _chain(episode, messages, first, tools, turn=turn, replies=replies)
+
+
+def _chain(episode: Record, messages: list[Row], first: int, tools: str | None, *, turn: int, replies: int) -> Row:
+    with_tools = {"tools": tools} if tools is not None else {}
+    about = {**_facts(episode), "turn": turn, "replies": replies}
+    return {"prompt": messages[:first], "completion": messages[first:], **with_tools, **about}
+
+
+def episode_row(episode: Record) -> Row:
+    """Return an episode as one row: `messages`, `tools`, and its facts."""
+    whole = episode.conversation
+    return {"messages": list(map(plain, whole.messages)), "tools": json.dumps(whole.tools), **_facts(episode)}
+
+
+def plain(message: Message) -> Row:
+    """Return a message with text as its content, its parts if it has pictures, and without a provider's own items."""
+    kept = ("role", "name", "tool_calls", "tool_call_id", "reasoning_content")
+    content = message["content"] if pictures_of(message) else text_of(message)
+    return {**{name: message[name] for name in kept if name in message}, "content": content}  # type: ignore[literal-required]
+
+
+def with_images(row: Row) -> Row:
+    """Return a row whose contents are parts, with the column `images`: the paths of the pictures that they name."""
+    images: list[str] = []
+
+    def in_parts(message: Row) -> Row:
+        content = message["content"]
+        parts = [{"type": "text", "text": content}] if isinstance(content, str) else content
+        images.extend(f"{PICTURES}/{part['sha256']}.png" for part in parts if is_picture(part))
+        return {**message, "content": [{"type": "image"} if is_picture(part) else part for part in parts]}
+
+    columns = ("prompt", "completion", "messages")
+    changed = {name: list(map(in_parts, row[name])) for name in columns if name in row}
+    return {**row, **changed, "images": images}
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A prompt and its reply, as a row has them."""
+
+    prompt: list[Row]
+    reply: Row
+    tools: str | None
+    """The schemas of the tools as JSON text; None where there are none."""
+    turn: int
+    purpose: Purpose
+
+
+def _steps(episode: Record, *, summaries: bool) -> Iterator[_Step]:
+    if episode.config.context == "host":
+        raise InvalidArgumentError(
+            f"The host managed the context of {episode.name or 'the record'}, so its prompts are not recorded; "
+            "export it as sft-chains, sft-episodes or atif."
+        )
+    for sent, reply in episode.answered:
+        if summaries or not sent.prompt.asks_for_summary:
+            prompt = [plain(message) for message in sent.prompt.messages]
+            yield _Step(prompt, plain(reply), _tools(sent), sent.turn, sent.prompt.purpose)
+
+
+def _token_columns(sampled: SampledTokens | None) -> Row:
+    return {
+        "prompt_ids": sampled and sampled.prompt,
+        "completion_ids": sampled and sampled.reply,
+        "completion_logprobs": sampled and sampled.logprobs,
+    }
+
+
+def _tools(sent: SentPrompt) -> str | None:
+    tools = [{"type": "function", "function": schema(tool, "json")} for tool in sent.prompt.tools]
+    return json.dumps(tools) if tools else None
+
+
+def _facts(episode: Record) -> Row:
+    result = episode.result
+    return {
+        "game": result.game,
+        "seed": result.seed,
+        "player": episode.player,
+        "score": float(result.score),
+        "normalized_score": result.normalized_score,
+        "completed": result.completed,
+    }
+
+
+def _write(
+    folder: Path, episodes: Iterable[Record], rows_of: Callable[[Record], Iterator[Row]], *, pictures: bool
+) -> dict[str, int]:
+    counts = {"episodes": 0, "rows": 0, **({"pictures": 0} if pictures else {})}
+    with (folder / FILE).open("x", encoding="utf-8", newline="\n") as file:
+        for episode in episodes:
+            counts["episodes"] += 1
+            if pictures:
+                counts["pictures"] += _write_pictures(folder / PICTURES, episode)
+            for row in rows_of(episode):
+                row = with_images(row) if pictures else row
+                counts["rows"] += 1
+                if "replies" in row:
+                    counts["replies"] = counts.get("replies", 0) + row["replies"]
+                file.write(json.dumps(row, ensure_ascii=False) + "\n")
+    return counts
+
+
+def _write_pictures(folder: Path, episode: Record) -> int:
+    """Write the pictures that an episode showed and that are not there yet; return their number."""
+    folder.mkdir(exist_ok=True)
+    files = {folder / f"{name}.png": picture for name, picture in recorded_pictures(episode.events).items()}
+    new = [file for file in files if not file.exists()]
+    for file in new:
+        file.write_bytes(files[file].png)
+    return len(new)

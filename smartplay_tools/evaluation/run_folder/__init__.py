@@ -1,0 +1,38 @@
+"""The folder of a run: what it says, and how far the run is.
+
+manifest     what a run plays, and its seeds and shards
+folder       the folder, its rows and its records
+annotations  people's notes about the turns of an episode
+snapshot     how far a run is; `follower` counts it, `time_left` estimates the rest
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from smartplay_tools.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from smartplay_tools.evaluation.run_folder.folder import RunFolder as RunFolder
+    from smartplay_tools.evaluation.run_folder.follower import run_snapshot as run_snapshot
+    from smartplay_tools.evaluation.run_folder.manifest import (
+        Manifest as Manifest,
+        Until as Until,
+        trial_seed as trial_seed,
+    )
+    from smartplay_tools.evaluation.run_folder.snapshot import (
+        CellSnapshot as CellSnapshot,
+        RunSnapshot as RunSnapshot,
+        Spending as Spending,
+    )
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "smartplay_tools.evaluation.run_folder.folder": "RunFolder",
+            "smartplay_tools.evaluation.run_folder.follower": "run_snapshot",
+            "smartplay_tools.evaluation.run_folder.manifest": "Manifest Until trial_seed",
+            "smartplay_tools.evaluation.run_folder.snapshot": "CellSnapshot RunSnapshot Spending",
+        },
+    )

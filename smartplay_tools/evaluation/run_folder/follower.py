@@ -1,0 +1,267 @@
+"""RunFollower: counts how far a run is, from its folder, while it is played or later.
+
+Everything is counted in one place: rows of finished episodes, records of attempts without a result, and records that
+are growing.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from smartplay_tools.episode.config import CellConfig
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.snapshot import CellSnapshot, RunSnapshot, Spending, read_status
+from smartplay_tools.evaluation.run_folder.time_left import (
+    CellWork,
+    Clock,
+    Growing,
+    TimeLeft,
+    most_replies,
+    rest_of_tokens,
+)
+from smartplay_tools.players.player_registry import is_model
+from smartplay_tools.records.prices import Price
+from smartplay_tools.records.record import Outcome, Record
+from smartplay_tools.records.rows import Row
+from smartplay_tools.records.spent import Spent
+from smartplay_tools.transcript.lines import GrowingLines, parse_json
+from smartplay_tools.types import MISTAKES
+
+
+class Result(NamedTuple):
+    """The figures of a finished episode, kept from its row."""
+
+    score: float
+    normalized_score: float | None
+    steps: int
+    spent: Spent
+    mistakes: int
+    cut_results: int
+    end_reason: str
+
+    @classmethod
+    def of(cls, row: Row) -> Result:
+        """Return the figures of a row."""
+        tokens, replies = row["tokens"], row["turns"] + row.get("summaries", 0)
+        spent = Spent(replies, int(tokens["prompt"]), int(tokens["reply"]), row["cost"])
+        scores = (float(row["score"]), row["normalized_score"], int(row["steps"]))
+        return cls(*scores, spent, sum(row[name] for name in MISTAKES), row["cut_results"], row["end_reason"])
+
+
+class _ReadAttempt(NamedTuple):
+    """What is kept of the record of an attempt that is over."""
+
+    row: Row
+    outcome: Outcome
+    spent: Spent
+
+
+class _Plan(NamedTuple):
+    """What is kept of the manifest."""
+
+    cells: Sequence[CellConfig]
+    cell_of: Mapping[str, int]
+    """The place of the cell of each planned episode, by key."""
+    prices: Mapping[str, Price]
+    caps: Mapping[str, Any]
+    most: Sequence[int] | None
+    """Replies of the longest episode of each cell; None if a game is not installed here."""
+
+
+class RunFollower:
+    """Makes snapshots of a run, and reads only what was added to its folder since the one before.
+
+    The time left follows from the calls that are still expected, and from their pace since the first snapshot
+    (`time_left`); `clock` returns seconds.
+    """
+
+    def __init__(self, folder: RunFolder, clock: Clock = time.monotonic) -> None:
+        self.folder = folder
+        self.results: dict[str, Result] = {}
+        """The finished episodes by key, as of the latest snapshot."""
+        self._rows = GrowingLines(folder.path / "results.jsonl")
+        self._manifest: tuple[Any, _Plan] | None = None
+        self._attempts: dict[Path, _ReadAttempt] = {}
+        self._continued: dict[str, Spent] = {}
+        self._playing: dict[Path, Record] = {}
+        self._time_left = TimeLeft(clock)
+        self._earlier: frozenset[Path] | None = None
+        self._latest: Path | None = None
+        self._lock = threading.Lock()
+
+    def snapshot(self) -> RunSnapshot:
+        """Return how far the run is now; while it is being played, with the figures that it writes itself."""
+        counted, written = self.count(), read_status(self.folder)
+        return counted if written is None else replace(counted, **vars(written), is_live=True)
+
+    def count(self) -> RunSnapshot:
+        """Return how far the run is now, counted from its records."""
+        with self._lock:
+            plan = self._plan()
+            self._read_rows()
+            self._read_records(plan.prices)
+            return self._count(plan)
+
+    def _plan(self) -> _Plan:
+        """The manifest; read again if it has changed."""
+        path = self.folder.path / "manifest.json"
+        stamp = (path.stat().st_mtime_ns, path.stat().st_size) if path.exists() else None
+        if self._manifest is None or stamp is None or self._manifest[0] != stamp:
+            manifest = self.folder.manifest()
+            cell_of = {episode.key: episode.cell for episode in manifest.planned}
+            self._manifest = (
+                stamp,
+                _Plan(manifest.cells, cell_of, manifest.prices, manifest.caps, _most(manifest.cells)),
+            )
+        return self._manifest[1]
+
+    def _read_rows(self) -> None:
+        lines, is_replaced = self._rows.read()
+        if is_replaced or not self._rows.path.exists():  # rewritten, as at the end of a run, or deleted
+            self.results = {}
+        for line in lines:
+            try:
+                row = parse_json(line)
+                self.results[str(row["key"])] = Result.of(row)
+            except (KeyError, TypeError, ValueError, RecursionError):
+                self._rows, self.results = GrowingLines(self._rows.path), {}
+                raise InvalidArgumentError(f"{self._rows.path} is damaged: one of its lines is not a row.") from None
+
+    def _read_records(self, prices: Mapping[str, Price]) -> None:
+        earlier, paths = self._attempts, self.folder.attempts()
+        self._attempts = {path: earlier.get(path) or _attempt(Record.follow(path, prices)) for path in paths}
+        followed, self._playing = self._playing, {}
+        for path in self.folder.running():
+            record = followed.get(path)
+            self._playing[path] = Record.follow(path, prices) if record is None else record.refresh()
+        # A finished episode that was attempted before may repeat an earlier attempt, which was charged there.
+        for key in {path.stem.partition(".")[0] for path in paths} & self.results.keys() - self._continued.keys():
+            record = Record.follow(self.folder.transcript(key), prices)
+            self._continued[key] = record.own_totals - record.totals
+
+    def _count(self, plan: _Plan) -> RunSnapshot:
+        playing = sorted(self._playing.values(), key=lambda record: record.last_change)
+        cells = self._cells(plan, playing)
+        spending = self._spending(playing)
+        failed = [path for path, attempt in self._attempts.items() if _has_failed(attempt)]
+        earlier = frozenset(failed) if self._earlier is None else self._earlier
+        self._latest = next((path for path in reversed(failed) if path not in earlier), self._latest)
+        self._earlier = earlier | set(failed)
+        calls = spending.results.replies + sum(record.totals.replies for record in playing)
+        return RunSnapshot(
+            finished=sum(cell.finished for cell in cells),
+            planned=sum(cell.planned for cell in cells),
+            running=sum(cell.running for cell in cells),
+            failed=sum(cell.failed_attempts for cell in cells),
+            calls=calls,
+            steps=sum(result.steps for result in self.results.values()) + sum(record.steps for record in playing),
+            tokens=spending.total.tokens,
+            cost=spending.total.cost,
+            seconds_left=self._seconds_left(plan, playing, spending.total),
+            latest_error=self._latest_error(plan),
+            stalled=sum(result.end_reason == "stalled_turns" for result in self.results.values()),
+            caps=plan.caps,
+            cells=cells,
+            spending=spending,
+            failed_attempts=tuple(self._attempts[path].row for path in failed),
+            playing=tuple(playing),
+            is_live=False,
+        )
+
+    def _cells(self, plan: _Plan, playing: Sequence[Record]) -> tuple[CellSnapshot, ...]:
+        cell_of = plan.cell_of
+        done = self.results.keys() & cell_of.keys()
+        running = {record.key for record in playing} & cell_of.keys() - done
+        latest = {attempt.row["key"]: attempt.outcome for attempt in self._attempts.values()}
+        paused = {key for key, outcome in latest.items() if outcome == "paused"} & cell_of.keys() - done - running
+        failed = [attempt.row["key"] for attempt in self._attempts.values() if _has_failed(attempt)]
+        failed = [key for key in failed if key in cell_of]
+        kinds = {"planned": cell_of, "finished": done, "running": running, "paused": paused, "failed_attempts": failed}
+        counts = {kind: Counter(cell_of[key] for key in keys) for kind, keys in kinds.items()}
+        scores: dict[int, float] = defaultdict(float)
+        for key in done:
+            scores[cell_of[key]] += self.results[key].score
+        return tuple(
+            CellSnapshot(
+                game=cell.game,
+                player=cell.player or "",
+                asked=cell.describe(),
+                score=scores[place],
+                **{kind: count[place] for kind, count in counts.items()},
+            )
+            for place, cell in enumerate(plan.cells)
+            if counts["planned"][place]
+        )
+
+    def _spending(self, playing: Iterable[Record]) -> Spending:
+        results = sum((result.spent for result in self.results.values()), Spent())
+        others = sum((attempt.spent for attempt in self._attempts.values()), Spent())
+        others = sum((self._continued[key] for key in self._continued.keys() & self.results.keys()), others)
+        return Spending(results, sum((record.own_totals for record in playing), results + others))
+
+    def _seconds_left(self, plan: _Plan, playing: Sequence[Record], spent: Spent) -> float | None:
+        if plan.most is None:
+            return None
+        finished: dict[int, list[int]] = defaultdict(list)
+        running: dict[int, list[Growing]] = defaultdict(list)
+        calls = Counter[int]()
+        for key, result in self.results.items():
+            if key in plan.cell_of:
+                finished[plan.cell_of[key]].append(result.spent.replies)
+                calls[plan.cell_of[key]] += result.spent.replies + self._continued.get(key, Spent()).replies
+        for attempt in self._attempts.values():
+            calls[plan.cell_of.get(attempt.row["key"], -1)] += attempt.spent.replies
+        for record in playing:
+            if (at := plan.cell_of.get(record.key)) is not None and record.key not in self.results:
+                rest = rest_of_tokens(plan.cells[at], record.totals, record.peak_prompt_tokens)
+                running[at].append(Growing(record.totals.replies, rest))
+                calls[at] += record.own_totals.replies
+        planned = Counter(plan.cell_of.values())
+        cells = [
+            CellWork(
+                f"{cell.player} {cell.player_options}",
+                "models" if is_model(cell.player or "") else "others",
+                plan.most[at],
+                max(0, planned[at] - len(finished[at]) - len(running[at])),
+                finished[at],
+                running[at],
+                calls[at],
+            )
+            for at, cell in enumerate(plan.cells)
+        ]
+        return self._time_left.look(cells, spent, plan.caps)
+
+    def _latest_error(self, plan: _Plan) -> str:
+        if self._latest is None or self._latest not in self._attempts:
+            return ""
+        row = self._attempts[self._latest].row
+        cell = plan.cells[plan.cell_of[row["key"]]] if row["key"] in plan.cell_of else None
+        name = "" if cell is None else ", ".join(filter(None, (cell.game, cell.player, cell.describe()))) + ": "
+        return f"{name}{row['error'] or row['end_reason']}"
+
+
+def run_snapshot(folder: RunFolder) -> RunSnapshot:
+    """Return how far the run in a folder is."""
+    return RunFollower(folder).snapshot()
+
+
+def _most(cells: Sequence[CellConfig]) -> list[int] | None:
+    try:
+        return list(map(most_replies, cells))
+    except SmartPlayError:  # a game that is not installed here
+        return None
+
+
+def _attempt(record: Record) -> _ReadAttempt:
+    return _ReadAttempt(RunFolder.failure(record), record.outcome, record.own_totals + record.open_call)
+
+
+def _has_failed(attempt: _ReadAttempt) -> bool:
+    return attempt.outcome not in ("paused", "interrupted")

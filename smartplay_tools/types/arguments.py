@@ -1,0 +1,200 @@
+"""Tool arguments: the JSON text that a model writes, parsed strictly and once.
+
+Some frameworks pass the text as the model wrote it, others the object that they parsed from it. `read` treats the two
+alike, so that the same call counts the same tokens, compares equal and is recorded in the same form everywhere.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from smartplay_tools.types.json_text import encoder
+
+__all__ = ["DEEPEST", "Arguments", "as_text", "canonical", "is_strict", "read"]
+
+LONGEST = 10_000
+"""Longer text is malformed and is not parsed: no game needs it, and parsing takes time."""
+
+REMEMBERED = 200
+"""Longer text is read again whenever it comes again, and so is text with objects or lists inside."""
+
+DEEPEST = 100
+"""Arguments nested deeper are malformed. The limit is fixed, because Python's own depends on the caller's stack."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arguments:
+    """The arguments of one call, read. Exactly one of `values` and `problem` is None."""
+
+    text: str
+    """As the model sent them; an object as Python's `json` prints it."""
+    canonical: str
+    """The object as `json.dumps(object, ensure_ascii=False)` prints it in the order sent; anything else as sent."""
+    values: Mapping[str, Any] | None
+    """The object that the text holds; empty for no text at all."""
+    problem: str | None
+    """What is wrong with the text; completes the sentence "The arguments ..."."""
+
+
+def read(arguments: Any) -> Arguments:
+    """Read arguments: JSON text, an object that a framework parsed, or None. Never raises: errors are in `problem`."""
+    text = as_text(arguments)
+    if len(text) > REMEMBERED or text.count("{") + text.count("[") > 1:
+        return _read(text)
+    cached = _read_again(text)
+    # The caller may change the values, and the cache is shared by all episodes.
+    return Arguments(cached.text, cached.canonical, dict(cached.values), None) if cached.values else cached
+
+
+def _read(text: str) -> Arguments:
+    try:
+        values = parse(text)
+        canonical = text if text in ("", "{}") else _encode(values)
+    except _UnreadableError as error:
+        return Arguments(text, text, None, str(error))
+    except (ValueError, RecursionError):  # Python reads 1e999 as infinity, which is not JSON
+        return Arguments(text, text, values, None)
+    return Arguments(text, canonical, values, None)
+
+
+_read_again = functools.lru_cache(1_024)(_read)
+"""`_read` with a cache: the arguments of a call are often those of an earlier one."""
+
+
+def as_text(arguments: Any) -> str:
+    """Return the arguments as JSON text: text unchanged, None as empty text, an object as Python's `json` prints it."""
+    if arguments is None:
+        return ""
+    if isinstance(arguments, str):
+        return arguments
+    if _is_deeper(arguments, DEEPEST):
+        return f"<{type(arguments).__name__} that is not JSON: nested deeper than {DEEPEST}>"
+    try:
+        return json.dumps(arguments, ensure_ascii=False)
+    except (TypeError, ValueError, RecursionError) as error:
+        return f"<{type(arguments).__name__} that is not JSON: {type(error).__name__}>"
+
+
+def parse(text: str) -> dict[str, Any]:
+    """Return the object that the text holds; empty text is an empty object.
+
+    Raises ValueError, whose message completes "The arguments ...", for anything else: text that is not JSON, JSON
+    that is not an object, a repeated key, `NaN` or infinity, nesting or length beyond the limits.
+    """
+    if not text:
+        return {}
+    if len(text) > LONGEST:
+        raise _UnreadableError(f"are longer than {LONGEST:,} characters")
+    if text.count("[") + text.count("{") > DEEPEST and _text_is_deeper(text, DEEPEST):
+        raise _UnreadableError("are nested too deep")
+    try:
+        value = _DECODER.decode(text)
+    except _UnreadableError:
+        raise
+    except json.JSONDecodeError:
+        raise _UnreadableError("are not valid JSON") from None
+    except RecursionError:
+        raise _UnreadableError("are nested too deep") from None
+    except ValueError:
+        raise _UnreadableError("hold a number that is too long to read") from None
+    if not isinstance(value, dict):
+        raise _UnreadableError("are not a JSON object")
+    return value
+
+
+def canonical(arguments: Any) -> str:
+    """Return an object as `json.dumps(object, ensure_ascii=False)` in the order sent, anything else as sent."""
+    return read(arguments).canonical
+
+
+class _UnreadableError(ValueError):
+    """The arguments are refused; the message completes "The arguments ..."."""
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    value = dict(pairs)
+    if len(value) < len(pairs):
+        raise _UnreadableError("have a key that stands twice")
+    return value
+
+
+def _constant(name: str) -> Any:
+    raise _UnreadableError(f"hold {name}, which is not JSON")
+
+
+def _is_deeper(value: Any, limit: int) -> bool:
+    """Whether a value is nested deeper than a limit, found level by level and so without recursion."""
+    level = [value]
+    for _ in range(limit + 1):
+        inner: list[Any] = []
+        for item in level:
+            if isinstance(item, dict):
+                inner.extend(item.values())
+            elif isinstance(item, list | tuple):
+                inner.extend(item)
+        if not inner:
+            return False
+        level = inner
+    return True
+
+
+def _text_is_deeper(text: str, limit: int) -> bool:
+    """Whether brackets outside of strings are nested deeper than a limit."""
+    depth, in_string, escaped = 0, False, False
+    for character in text:
+        if in_string:
+            in_string = escaped or character != '"'
+            escaped = character == "\\" and not escaped
+        elif character == '"':
+            in_string = True
+        elif character in "[{":
+            depth += 1
+            if depth > limit:
+                return True
+        elif character in "]}":
+            depth -= 1
+    return False
+
+
+_DECODER = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_constant)
+"""Created once, because `json.loads` would create one for every call."""
+_encode = encoder(ensure_ascii=False, nan=False)
+
+
+def text_parameters(**descriptions: str) -> Mapping[str, Any]:
+    """Return JSON Schema of an object with these texts, all required, as strict modes want it."""
+    return {
+        "type": "object",
+        "properties": {name: {"type": "string", "description": text} for name, text in descriptions.items()},
+        "required": list(descriptions),
+        "additionalProperties": False,
+    }
+
+
+STRICT = frozenset({"type", "title", "description", "enum", "properties", "required", "additionalProperties", "items"})
+"""The keywords that a strict schema may use here; strict modes accept some more, and refuse the rest."""
+
+
+def is_strict(schema: Any) -> bool:
+    """Whether strict modes accept JSON Schema as it is: each object in it is closed, and requires all its properties.
+
+    A provider refuses a request that calls another schema strict, whatever the agent that brought the tool wants.
+    """
+    if isinstance(schema, Mapping) and isinstance(kinds := schema.get("anyOf"), list | tuple):
+        return schema.keys() <= {"anyOf", "title", "description"} and bool(kinds) and all(map(is_strict, kinds))
+    if not isinstance(schema, Mapping) or not schema.keys() <= STRICT or not isinstance(schema.get("type"), str):
+        return False
+    if schema["type"] == "array":
+        return is_strict(schema.get("items"))
+    if schema["type"] != "object":
+        return True
+    properties, required = schema.get("properties"), schema.get("required")
+    if not isinstance(properties, Mapping) or not isinstance(required, list | tuple):
+        return False
+    closed = schema.get("additionalProperties") is False
+    requires_all = len(required) == len(properties) and all(name in required for name in properties)
+    return closed and requires_all and all(map(is_strict, properties.values()))

@@ -1,0 +1,289 @@
+"""The site as an ASGI application: pages, JSON, and a stream of what is being played.
+
+    /                                 the list of runs and of the episodes of one
+    /api/runs                         every run: counts, spending, the time that is left
+    /api/runs/RUN/episodes            every episode of a run, an array each
+    /api/live                         server-sent events: the same counts, and what is being played, when they change
+    /episode/RUN/KIND/STEM            the replay page of one record, finished or still being written
+    /api/episode/RUN/KIND/STEM        the same episode for the open page, as soon as its record has grown
+    /compare?episode=...              several episodes side by side
+    /report?run=RUN                   the report page of a run, of several their comparison
+    /static/NAME                      scripts and styles, some of them the replay page's own
+
+RUN is the name of a run: the path of its folder below the one that the site was started with. A request is refused
+unless its Host and Origin are expected and, where there is a token, it carries it: as a bearer token, or in a cookie
+that the first visit sets. Nothing can be changed through the site, unless a person plays in it (`playing`) or it takes
+notes (`/api/notes/RUN/KIND/STEM`): such a request has to come from a page of the site and to show the page's key.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import secrets
+from collections.abc import AsyncIterator, Callable, Sequence
+from typing import Any
+from urllib.parse import quote
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.evaluation.run_folder.annotations import as_list, write_note
+from smartplay_tools.web import Guard, Names, carries, is_from_own_page
+from smartplay_tools.web.site.http_answers import HEADERS, missing, page, page_now, static
+from smartplay_tools.web.site.playing import (
+    CHALLENGE,
+    LONGEST_WAIT,
+    LOOK_SECONDS,
+    PlayedGames,
+    json_body,
+    play_routes,
+    refused,
+)
+from smartplay_tools.web.site.run_list import RunList
+from smartplay_tools.web.site.served_pages import ServedPages
+from smartplay_tools.web.site.site_runs import COLUMNS, ViewedRun
+
+PERIOD = 1.0
+"""Seconds between two looks at the folders."""
+
+STEPS = 5
+"""How often in a period a stream checks whether the server is stopping."""
+
+MOST_COMPARED = 4
+"""Episodes that are shown side by side."""
+
+COOKIE = "smartplay_view"
+
+KEY = "x-smartplay-key"
+"""The header with the key of a page that plays, which other sites cannot read."""
+
+
+def view_app(
+    runs: RunList | Sequence[ViewedRun],
+    *,
+    token: str | None = None,
+    hosts: Sequence[str] = (),
+    play: PlayedGames | None = None,
+    plugins: bool = False,
+    annotate: bool = False,
+    is_stopping: Callable[[], bool] = lambda: False,
+) -> ASGIApp:
+    """Return the site as an ASGI application.
+
+    Arguments:
+        runs: the runs that it shows; a `RunList` finds new ones while the site is served.
+        token: what a request has to carry; with None, everybody who reaches the server may read.
+        hosts: the names under which the server is reached, in addition to this machine's own.
+        play: the games that a person plays in the browser; their runs are among `runs`.
+        plugins: whether games of installed packages that records name are imported, to draw them.
+        annotate: whether visitors may write notes about turns, which are kept beside the records.
+        is_stopping: checked by streams, which would not end by themselves.
+    """
+    key = None if play is None and not annotate else secrets.token_urlsafe(24)
+    listed = runs if isinstance(runs, RunList) else RunList(always=runs)
+    site = _Site(listed, is_stopping, plugins=plugins, key=key if annotate else None)
+    routes = [
+        Route("/", page("index.html.j2", games=None if play is None else play.games)),
+        Route("/compare", site.compare),
+        Route("/watch/{rest:path}", _moved),
+        Route("/episode/{run:path}/{kind}/{stem}", site.episode),
+        Route("/api/runs", site.runs),
+        Route("/api/runs/{run:path}/episodes", site.episodes),
+        Route("/api/episode/{run:path}/{kind}/{stem}", site.news),
+        Route("/api/live", site.live),
+        Route("/report", site.report),
+        Route("/static/{name}", static),
+    ]
+    if annotate:
+        routes.append(Route("/api/notes/{run:path}/{kind}/{stem}", site.note, methods=["POST"]))
+    if play is not None and key is not None:
+        routes += play_routes(play, key, is_stopping)
+    else:
+        routes += [Route(path, _no_games) for path in (CHALLENGE, "/play", "/play/{game}")]
+    # A stream that is compressed waits for its compressor, so the middleware leaves event streams as they are.
+    app = GZipMiddleware(Starlette(routes=routes, exception_handlers={SmartPlayError: refused}), minimum_size=10_000)
+    return Guard(app, _Conditions(token, key).admit, Names(hosts), headers=HEADERS)
+
+
+class _Conditions:
+    """The conditions of a request in addition to its Host and its Origin."""
+
+    def __init__(self, token: str | None, key: str | None) -> None:
+        self._token, self._key = token, key
+
+    async def admit(self, request: Request) -> Response | None:
+        return self._entry(request) or self._change(request)
+
+    def _change(self, request: Request) -> Response | None:
+        """Refuse a change that does not come from a page of the site: a browser also sends requests of other sites."""
+        if request.method in ("GET", "HEAD") or self._key is None:
+            return None
+        origin, site, host = (request.headers.get(name) for name in ("origin", "sec-fetch-site", "host"))
+        if is_from_own_page(origin, site, host) and _same(request.headers.get(KEY, ""), self._key):
+            return None
+        return PlainTextResponse("Only the site's own page may do this; reload it.", 403, HEADERS)
+
+    def _entry(self, request: Request) -> Response | None:
+        if self._token is None or carries(request, self._token):
+            return None
+        if _same(request.cookies.get(COOKIE, ""), self._token):
+            return None
+        if _same(request.query_params.get("token", ""), self._token):
+            entered = RedirectResponse("/", 303, HEADERS)
+            entered.set_cookie(COOKIE, self._token, httponly=True, samesite="strict")
+            return entered
+        return PlainTextResponse("Open the address that smartplay-tools view has printed.", 401, HEADERS)
+
+
+def _same(given: str, token: str) -> bool:
+    return hmac.compare_digest(given.encode(), token.encode())
+
+
+async def _moved(request: Request) -> Response:
+    """Lead from the address that a live page once had to that of the episode, which is live itself."""
+    return RedirectResponse(f"/episode/{quote(request.path_params['rest'])}", 301, HEADERS)
+
+
+async def _no_games(request: Request) -> Response:
+    return missing("No game is played in this site. Start one where that is possible: smartplay-tools view --play any")
+
+
+class _Site:
+    """The answers that need the runs."""
+
+    def __init__(self, runs: RunList, is_stopping: Callable[[], bool], *, plugins: bool, key: str | None) -> None:
+        self._runs, self._is_stopping = runs, is_stopping
+        self._pages = ServedPages(plugins=plugins, key=key)
+
+    async def runs(self, request: Request) -> Response:
+        """Answer with every run."""
+        summaries = await run_in_threadpool(lambda: [run.summary() for run in self._runs.current()])
+        return JSONResponse(summaries, headers=HEADERS)
+
+    async def episodes(self, request: Request) -> Response:
+        """Answer with every episode of a run."""
+        run = await run_in_threadpool(self._named, request.path_params["run"])
+        rows = await run_in_threadpool(run.episodes)
+        return JSONResponse({"columns": COLUMNS, "episodes": rows}, headers=HEADERS)
+
+    async def episode(self, request: Request) -> Response:
+        """Answer with the replay page of a record."""
+        return await self._page(lambda: self._pages.episode(*self._record(request)))
+
+    async def news(self, request: Request) -> Response:
+        """Answer with an episode as its open page needs it, as soon as its record is another than `after`."""
+        after, waited = request.query_params.get("after", ""), 0.0
+        run_and_record = await run_in_threadpool(self._record, request)
+        version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
+        while version == after and is_playing and waited < LONGEST_WAIT and not self._is_stopping():
+            await asyncio.sleep(LOOK_SECONDS)
+            waited += LOOK_SECONDS
+            run_and_record = await run_in_threadpool(self._record, request)
+            version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
+        news = await run_in_threadpool(self._pages.news, *run_and_record, is_new=version != after)
+        return JSONResponse({"version": version, "playing": is_playing, **news}, headers=HEADERS)
+
+    async def note(self, request: Request) -> Response:
+        """Write a note about a turn, and answer with all notes about the episode."""
+        given = await json_body(request)
+        turn, note = given.get("turn"), given.get("note")
+        if not isinstance(turn, int) or isinstance(turn, bool) or not isinstance(note, str):
+            raise InvalidArgumentError("A note has a turn, a number, and a note, a text.")
+        run, record = await run_in_threadpool(self._record, request)
+        notes = await run_in_threadpool(_write, run, record, turn, note)
+        return JSONResponse(as_list(notes), headers=HEADERS)
+
+    async def compare(self, request: Request) -> Response:
+        """Answer with the page of several episodes side by side."""
+        return await self._page(lambda: self._pages.side_by_side(self._compared(request)))
+
+    def _compared(self, request: Request) -> list[tuple[ViewedRun, str]]:
+        asked = request.query_params.getlist("episode")
+        if not 2 <= len(asked) <= MOST_COMPARED:
+            raise InvalidArgumentError(f"Two to {MOST_COMPARED} episodes can be compared: /compare?episode=...")
+        parts = [_split(address) for address in asked]
+        return [(self._named(name), f"{kind}/{stem}") for name, kind, stem in parts]
+
+    async def report(self, request: Request) -> Response:
+        """Answer with the report page of a run, or of several; it holds some episodes of each, since all open here.
+
+        While it is made, a page says so, and asks again.
+        """
+        asked = request.query_params.getlist("run")
+        if not asked:
+            return missing("Name a run: /report?run=NAME.")
+        runs = await run_in_threadpool(lambda: [self._named(name) for name in asked])
+        is_there = await run_in_threadpool(self._pages.has_report, runs)
+        if not is_there and "made" not in request.query_params:
+            again = f"/report?{request.url.query}&made=1"
+            return page_now("waiting.html.j2", names=" and ".join(run.name for run in runs), again=again)
+        return await self._page(lambda: self._pages.report(runs))
+
+    async def _page(self, make: Callable[[], str]) -> Response:
+        made = await run_in_threadpool(make)
+        # The page's own policy, by the hashes of its scripts, is in its head.
+        headers = {**HEADERS, "Content-Security-Policy": "frame-ancestors 'self'"}
+        body = made.encode("utf-8", errors="replace")
+        return Response(body, media_type="text/html", headers=headers)
+
+    async def live(self, request: Request) -> Response:
+        """Answer with a stream of events, one whenever something has changed."""
+        headers = {**HEADERS, "X-Accel-Buffering": "no"}
+        return StreamingResponse(self._events(request), media_type="text/event-stream", headers=headers)
+
+    async def _events(self, request: Request) -> AsyncIterator[str]:
+        last = None
+        while not await request.is_disconnected():
+            now = json.dumps(await run_in_threadpool(lambda: list(map(_now, self._runs.current()))))
+            # A comment now and then lets the server notice that nobody is listening.
+            yield f"data: {now}\n\n" if now != last else ": nothing new\n\n"
+            last = now
+            for _ in range(STEPS):
+                if self._is_stopping():
+                    return
+                await asyncio.sleep(PERIOD / STEPS)
+
+    def _named(self, name: str) -> ViewedRun:
+        run = self._runs.named(name)
+        if run is not None:
+            return run
+        why = (
+            " An address names a run by its folder, and no longer by its position in the list."
+            if name.isdigit()
+            else ""
+        )
+        raise InvalidArgumentError(f"There is no run {name!r} here now.{why} The list of runs is at /.")
+
+    def _record(self, request: Request) -> tuple[ViewedRun, str]:
+        return self._named(request.path_params["run"]), "{kind}/{stem}".format(**request.path_params)
+
+
+def _write(run: ViewedRun, record: str, turn: int, note: str) -> dict[int, str]:
+    path = run.record(record)
+    if run.is_playing(path):
+        raise InvalidArgumentError("Notes are written when the episode is over: until then its record may move.")
+    return write_note(path, turn, note)
+
+
+def _split(address: str) -> tuple[str, str, str]:
+    """The run's name, the kind and the stem in what names a record."""
+    parts = address.rsplit("/", 2)
+    if len(parts) != 3:
+        raise InvalidArgumentError(f"{address!r} is not the address of an episode, which is RUN/KIND/STEM.")
+    return parts[0], parts[1], parts[2]
+
+
+def _now(run: ViewedRun) -> dict[str, Any]:
+    """Return how far a run is and what is being played; what is damaged does not keep the others from being shown."""
+    try:
+        return {**run.summary(), "playing": run.playing()}
+    except SmartPlayError as error:
+        return {"name": run.name, "error": str(error), "playing": []}

@@ -1,0 +1,274 @@
+"""Episodes that a person plays in the browser, one after the other, as a run of their own.
+
+The run is one like others, with the player `human`: its seeds follow from the run's seed, so a person meets the worlds
+that `eval` gives to models, its records replay, and `results` and `compare` read its folder. An episode that was left
+is continued from its record by the same command.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.conversation.loop import play
+from smartplay_tools.episode.config import CellConfig, EpisodeConfig
+from smartplay_tools.episode.episode import Episode
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
+from smartplay_tools.evaluation.runs.run_options import RunOptions
+from smartplay_tools.evaluation.runs.runner import Run, run_plan
+from smartplay_tools.evaluation.runs.scheduler import RunProgress
+from smartplay_tools.games.specs import get_spec
+from smartplay_tools.players import get_player
+from smartplay_tools.records.record import Record
+from smartplay_tools.records.rows import Row
+from smartplay_tools.types import Budget
+from smartplay_tools.web.site.browser_player import PICTURES, BrowserPlayer
+from smartplay_tools.web.site.challenge import Challenge
+
+BESIDE = ("rule", "random")
+"""The players whose scores are shown beside a person's."""
+
+LONGEST_BESIDE = 300
+"""Steps of the longest game that they play while a person waits."""
+
+
+def human_cell(
+    game: str,
+    *,
+    budget: Budget | None = None,
+    pictures: bool = False,
+    options: Mapping[str, Any] | None = None,
+    **rules: Any,
+) -> CellConfig:
+    """Return what a person plays.
+
+    Arguments:
+        game: the id of a setting.
+        budget: what may be seen and spent in an episode.
+        pictures: whether the person may ask for pictures, in games that make some.
+        options: the game's own options.
+        rules: engine, tokenizer, and the fields of `Rules`.
+    """
+    draws_itself = pictures and PICTURES in get_spec(game).load().metadata["render_modes"]
+    own = {"render_mode": PICTURES} if draws_itself else {}
+    (cell,) = make_cells([game], ["human"], [budget or Budget()], options={**(options or {}), **own}, **rules)
+    return cell
+
+
+class BrowserPlay:
+    """A person's run of one game; `with` plays it in a thread.
+
+    Arguments:
+        cell: what is played (`human_cell`).
+        out: the run's folder; one that holds this run already is continued.
+        seed: the seed of the run.
+        challenge: what the run answers to; its first trial is that of the challenge.
+    """
+
+    def __init__(self, cell: CellConfig, out: str | Path, *, seed: int = 0, challenge: Challenge | None = None) -> None:
+        self.game, self.folder, self.player = cell.game, RunFolder(out), BrowserPlayer()
+        self.challenge = challenge
+        self._cell, self._seed = cell, seed
+        self._row: Row | None = None
+        self._error: str | None = None
+        self._wants_next = False
+        self._plan = self._next_plan()
+        if challenge is not None and self._is_made:
+            # One that was played already is shown, and not played again.
+            self._row = next((row for row in self.folder.rows() if row["trial"] == challenge.trial), None)
+            self.player.number += self._row is not None
+        self._thread = threading.Thread(target=self._play, name="play", daemon=True)
+
+    def __enter__(self) -> BrowserPlay:
+        self._thread.start()
+        return self
+
+    def begun(self, until: ExitStack) -> BrowserPlay:
+        """Begin, unless it has begun; it is left when `until` is closed."""
+        if self._thread.ident is None:
+            until.enter_context(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.player.leave()
+        self._thread.join()
+
+    def state(self) -> dict[str, Any]:
+        """Return what the page shows, as JSON: a prompt, the result of an episode, or why there is none."""
+        with self.player.changed:
+            asked = self.player.asked
+            over = None if self._row is None or asked is not None else self._row
+            state = "asking" if asked else "failed" if self._error else "over" if over else "waiting"
+            shown = {"number": self.player.number, "state": state, "asked": asked, "over": over, "error": self._error}
+            return {**shown, "beat": self._to_beat()}
+
+    def _to_beat(self) -> float | None:
+        """The score to beat in the episode that is shown; those after the challenge have none."""
+        trial = self._plan.episodes[-1].trial if self._row is None else self._row["trial"]
+        return None if self.challenge is None or trial != self.challenge.trial else self.challenge.score
+
+    def beside(self) -> dict[str, float | None]:
+        """Return what `rule` and `random` score in the world of the latest episode, under the same budget and rules.
+
+        None stands for a game that is too long to be played meanwhile.
+        """
+        row, beat = self._row, self._to_beat()
+        if row is None:
+            return {}
+        cell = self._cell
+        share = cell.spec.normalize
+        challenger = {} if beat is None else {"challenger": beat if share(beat) is None else share(beat)}
+        if cell.setting.rollout > LONGEST_BESIDE:
+            return {**dict.fromkeys(BESIDE), **challenger}
+        options = {name: value for name, value in cell.options.items() if name != "render_mode"}
+        cell = cell.model_copy(update={"options": options})
+        return {**{name: _played(cell.with_seed(row["seed"]), name) for name in BESIDE}, **challenger}
+
+    def challenges(self) -> str:
+        """Return the query of a link that challenges somebody to the latest episode, which is over."""
+        row = self._row
+        if row is None:
+            raise InvalidArgumentError("No episode is over yet.")
+        return Challenge(self._cell, self._seed, row["trial"], row["score"]).query()
+
+    def gone(self) -> tuple[int, int]:
+        """Return how many turns the last prompt of the latest episode did not show, of how many before it."""
+        row = self._row
+        views = [] if row is None else Record.read(self.folder.transcript(row["key"])).views
+        return (views[-1]["dropped_turns"], views[-1]["turn"]) if views else (0, 0)
+
+    def next(self) -> None:
+        """Begin another episode, once one is over."""
+        with self.player.changed:
+            self._wants_next = self._row is not None or self._error is not None
+            self.player.changed.notify_all()
+
+    def _play(self) -> None:
+        while not self.player.has_left:
+            if self._row is None:
+                error = self._play_one()
+                with self.player.changed:
+                    self._error = error
+                    self.player.number += 1
+            with self.player.changed:
+                self.player.changed.wait_for(lambda: self._wants_next or self.player.has_left)
+                self._wants_next, self._row, self._error = False, None, None
+            self._plan = self._next_plan()
+
+    def _play_one(self) -> str | None:
+        """Play an episode; return what went wrong."""
+        try:
+            run = run_plan(
+                self._plan,
+                self.folder.path,
+                {"human": self._player},
+                RunOptions(executor="inline", on_progress=self._take_in),
+            )
+        except SmartPlayError as problem:
+            return str(problem)
+        return None if run.complete or self.player.has_left else _failure(run)
+
+    def _player(self, *, seed: int, **options: Any) -> BrowserPlayer:
+        return self.player
+
+    def _take_in(self, progress: RunProgress) -> None:
+        if progress.row is not None:
+            self._row = progress.row
+
+    @property
+    def _is_made(self) -> bool:
+        return (self.folder.path / "manifest.json").exists()
+
+    def _next_plan(self) -> Plan:
+        """The plan of the folder's run, with one more trial if all are finished."""
+        first = 0 if self.challenge is None else self.challenge.trial
+        trials = first + 1
+        if self._is_made:
+            planned = self.folder.manifest().planned
+            finished = {row["key"] for row in self.folder.rows()}
+            left = any(episode.key not in finished for episode in planned)
+            trials = max((episode.trial for episode in planned), default=first - 1) + (1 if left else 2)
+        plan = plan_episodes([self._cell], trials=trials, seed=self._seed)
+        return replace(plan, episodes=plan.episodes[first:])
+
+
+class BrowserGames:
+    """The games that a person may play in a site; each has a run of its own, which begins when it is first chosen.
+
+    Arguments:
+        games: the ids of the settings.
+        out: the folder of the run; of several games, that of their runs, each in a folder with the name of its game.
+        seed: the seed of the runs.
+        options: those of `human_cell`, the same for all games.
+    """
+
+    def __init__(self, games: Sequence[str], out: str | Path, *, seed: int = 0, **options: Any) -> None:
+        self.games, self.folder = tuple(games), Path(out)
+        self.challenges = self.folder.with_name(f"{self.folder.name}-challenges")
+        """The folder of the runs that answer to challenges."""
+        self._seed, self._options = seed, options
+        self._runs: dict[str, BrowserPlay] = {}
+        self._begun = ExitStack()
+        self._lock = threading.Lock()
+        if len(self.games) == 1:
+            self._make(self.games[0])  # what cannot be played is refused now
+        elif self.games and (self.folder / "manifest.json").exists():
+            raise InvalidArgumentError(f"{out} holds the run of one game; name another folder for several (--out).")
+
+    def __enter__(self) -> BrowserGames:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._begun.close()
+
+    def run_of(self, name: str) -> BrowserPlay:
+        """Return the run of a game, or of a challenge that was taken, which begins now if it has not yet."""
+        with self._lock:
+            if name in self.games and name not in self._runs:
+                self._make(name)
+            if name not in self._runs:
+                raise InvalidArgumentError(
+                    f"There is no game {name!r} to play here; /play has the list. A challenge begins with its link."
+                )
+            return self._runs[name].begun(self._begun)
+
+    def read(self, link: str) -> Challenge:
+        """Return the challenge of a link; `InvalidArgumentError` says what is wrong with it."""
+        return Challenge.read(link)
+
+    def take(self, link: str) -> str:
+        """Take a challenge, given as its link; return the name of its run."""
+        challenge = Challenge.read(link)
+        name = f"challenge-{challenge.key}"
+        with self._lock:
+            if name not in self._runs:
+                out = self.challenges / challenge.key
+                self._runs[name] = BrowserPlay(challenge.cell, out, seed=challenge.seed, challenge=challenge)
+        return name
+
+    @property
+    def taken(self) -> dict[str, Challenge]:
+        """The challenges that were taken, by the names of their runs."""
+        return {name: run.challenge for name, run in self._runs.items() if run.challenge is not None}
+
+    def _make(self, game: str) -> None:
+        out = self.folder if len(self.games) == 1 else self.folder / game
+        self._runs[game] = BrowserPlay(human_cell(game, **self._options), out, seed=self._seed)
+
+
+def _played(config: EpisodeConfig, name: str) -> float | None:
+    """The normalised score of a player of ours in an episode, or its score where the game has no human score."""
+    with Episode.from_config(config) as episode:
+        result = play(episode, get_player(name, seed=config.seed), protocol=config.protocol)
+    return result.score if result.normalized_score is None else result.normalized_score
+
+
+def _failure(run: Run) -> str:
+    latest = run.failures[-1]
+    return f"The episode failed: {latest['error'] or latest['end_reason']}"

@@ -1,0 +1,69 @@
+"""Answers of the site: their headers, pages from templates, scripts and styles."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from importlib import resources
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+
+from smartplay_tools.evaluation.pages import templates
+
+STATIC = {
+    **dict.fromkeys(
+        ("site.js", "view.js", "runs.js", "groups.js", "play.js", "games.js", "challenge.js", "waiting.js", "view.css"),
+        "smartplay_tools.web.site",
+    ),
+    **dict.fromkeys(("basics.js", "page.css"), "smartplay_tools.evaluation.pages.report"),
+}
+"""What the pages load, and where it is."""
+
+TYPES = {"js": "text/javascript", "css": "text/css"}
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; frame-src 'self'; img-src data:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+)
+"""The pages run their own scripts, speak to their own server and load nothing else."""
+
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+def missing(text: str) -> Response:
+    """Return the answer 404, with a sentence."""
+    return PlainTextResponse(text, 404, HEADERS)
+
+
+def page(template: str, **values: Any) -> Callable[[Request], Awaitable[Response]]:
+    """Return a route that answers with a page."""
+    made = templates.environment(__package__, "The site").get_template(template).render(values)
+
+    async def answer(request: Request) -> Response:
+        return _text(made, "text/html")
+
+    return answer
+
+
+def page_now(template: str, **values: Any) -> Response:
+    """Answer with a page."""
+    return _text(templates.environment(__package__, "The site").get_template(template).render(values), "text/html")
+
+
+async def static(request: Request) -> Response:
+    """Answer with a script or a style."""
+    name = request.path_params["name"]
+    if name not in STATIC:
+        return missing("There is no such file.")
+    text = resources.files(STATIC[name]).joinpath("static", name).read_text(encoding="utf-8")
+    return _text(text, TYPES[name.rpartition(".")[2]])
+
+
+def _text(text: str, kind: str) -> Response:
+    return Response(text, media_type=kind, headers={**HEADERS, "Content-Security-Policy": POLICY})

@@ -1,0 +1,257 @@
+"""The routes of the site by which a person plays; the only ones that change anything.
+
+/play                             the games to choose from; the page of the game, if there is one only
+/challenge?...                    what a challenge is about, with a button that takes it
+/api/challenge                    POST: take a challenge, given as the query of its link
+/play/GAME                        the page of a game
+/api/play/GAME?after=N            the state to show, as soon as it is not number N
+/api/play/GAME/reply              POST: the answer to a prompt
+/api/play/GAME/picture            POST: a picture of the game, which the record notes
+/api/play/GAME/next               POST: another episode
+/api/play/GAME/beside             the scores of others: the paper's models, and our players in the same world
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from typing import Any, Protocol
+from urllib.parse import quote
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+from smartplay_tools.episode.config import RULES, CellConfig, Rules
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.evaluation.quantities import typeset
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.games.paper_tables import PAPER_RESULTS
+from smartplay_tools.games.specs import GAMES
+from smartplay_tools.types.json_text import object_in
+from smartplay_tools.web.site.browser_player import BrowserPlayer, PassedError
+from smartplay_tools.web.site.http_answers import HEADERS, missing, page_now
+
+LONGEST_WAIT = 15.0
+"""Seconds after which a page that waits is answered in any case."""
+
+LOOK_SECONDS = 0.05
+
+CHALLENGE = "/challenge"
+"""The path of challenges."""
+
+FAMILIES: Mapping[str, tuple[str, str]] = {
+    "bandit": ("Two-armed bandit", "Find the machine that pays."),
+    "rock_paper_scissors": ("Rock Paper Scissors", "Exploit an opponent who has a habit."),
+    "hanoi": ("Tower of Hanoi", "Plan seven or fifteen moves ahead."),
+    "messenger": ("MESSENGER", "Read the manual, meet the right one, flee the others."),
+    "crafter": ("Crafter", "Survive, and unlock 22 achievements."),
+    "minecraft": ("Minecraft", "Find a biome in a 3D world."),
+}
+"""The name of each family of games, and its task in a sentence."""
+
+
+class PlayedRun(Protocol):
+    """What a person plays in the browser: `evaluation.runs.browser_play.BrowserPlay`."""
+
+    game: str
+    player: BrowserPlayer
+    """Its `number` is the version of the displayed state; clients poll for a new value."""
+    folder: RunFolder
+
+    def state(self) -> dict[str, Any]:
+        """Return what the page shows, as JSON."""
+        ...
+
+    def next(self) -> None:
+        """Begin another episode, once one is over."""
+        ...
+
+    def beside(self) -> dict[str, float | None]:
+        """Return what other players score in the same world."""
+        ...
+
+    def challenges(self) -> str:
+        """Return the query of a link that challenges somebody to the latest episode."""
+        ...
+
+    def gone(self) -> tuple[int, int]:
+        """Return how many turns the latest prompt did not show, of how many."""
+        ...
+
+
+class Challenged(Protocol):
+    """What a challenge is about: `evaluation.runs.challenge.Challenge`."""
+
+    @property
+    def cell(self) -> CellConfig:
+        """What is played."""
+        ...
+
+    @property
+    def score(self) -> float:
+        """The score to beat."""
+        ...
+
+
+class PlayedGames(Protocol):
+    """The games that a person may play: `BrowserGames`."""
+
+    @property
+    def games(self) -> Sequence[str]:
+        """The ids of their settings."""
+        ...
+
+    @property
+    def taken(self) -> Mapping[str, Challenged]:
+        """The challenges that were taken, by the names of their runs."""
+        ...
+
+    def run_of(self, name: str) -> PlayedRun:
+        """Return the run of a game or of a challenge; `InvalidArgumentError` if it cannot be played here."""
+        ...
+
+    def read(self, link: str) -> Challenged:
+        """Return the challenge of a link; `InvalidArgumentError` says what is wrong with it."""
+        ...
+
+    def take(self, link: str) -> str:
+        """Take the challenge of a link; return the name of its run."""
+        ...
+
+
+def play_routes(play: PlayedGames, key: str, is_stopping: Callable[[], bool]) -> list[Route]:
+    """Return the routes; the page carries the `key` that its requests have to show."""
+    site = _Playing(play, key, is_stopping)
+    api = "/api/play/{game}"
+    return [
+        Route("/play", site.games),
+        Route(CHALLENGE, site.challenge),
+        Route("/api/challenge", site.take, methods=["POST"]),
+        Route("/play/{game}", site.of_run(site.page)),
+        Route(api, site.of_run(site.state)),
+        Route(f"{api}/reply", site.of_run(site.reply), methods=["POST"]),
+        Route(f"{api}/picture", site.of_run(site.picture), methods=["POST"]),
+        Route(f"{api}/next", site.of_run(site.next), methods=["POST"]),
+        Route(f"{api}/beside", site.of_run(site.beside)),
+    ]
+
+
+class _Playing:
+    def __init__(self, play: PlayedGames, key: str, is_stopping: Callable[[], bool]) -> None:
+        self._play, self._key, self._is_stopping = play, key, is_stopping
+
+    async def games(self, request: Request) -> Response:
+        """Answer with the games to choose from; the page of the game, if there is one only."""
+        if len(self._play.games) == 1 and not self._play.taken:
+            return RedirectResponse(f"/play/{quote(self._play.games[0])}", 303, HEADERS)
+        families: dict[str, list[str]] = {family: [] for family in FAMILIES}
+        for game in self._play.games:
+            families.setdefault(GAMES[game].family, []).append(game)
+        shown = [(family, *FAMILIES.get(family, (family, "")), games) for family, games in families.items() if games]
+        return page_now("games.html.j2", families=shown, taken=self._play.taken)
+
+    async def challenge(self, request: Request) -> Response:
+        """Answer with what a challenge is about. It begins when a person wants it, as other pages can open this one."""
+        about = await run_in_threadpool(self._play.read, request.url.query)
+        cell = about.cell
+        share = cell.spec.normalize(about.score)
+        facts = {"game": cell.game, "budget": typeset(cell.budget.describe()), "score": about.score, "share": share}
+        return page_now("challenge.html.j2", key=self._key, rules=_other_rules(cell), **facts)
+
+    async def take(self, request: Request) -> Response:
+        """Take a challenge; answer with the address of its page."""
+        return await _take(request, lambda given: {"play": f"/play/{self._play.take(str(given.get('link')))}"})
+
+    def of_run(
+        self, answer: Callable[[Request, PlayedRun], Awaitable[Response]]
+    ) -> Callable[[Request], Awaitable[Response]]:
+        """Return a route that answers about the run of the game in its address."""
+
+        async def route(request: Request) -> Response:
+            try:
+                run = await run_in_threadpool(self._play.run_of, request.path_params["game"])
+            except SmartPlayError as error:
+                return missing(str(error))
+            return await answer(request, run)
+
+        return route
+
+    async def page(self, request: Request, run: PlayedRun) -> Response:
+        """Answer with the page of a game."""
+        several = len(self._play.games) > 1 or bool(self._play.taken)
+        name = request.path_params["game"]
+        return page_now("play.html.j2", game=run.game, name=name, key=self._key, several=several)
+
+    async def state(self, request: Request, run: PlayedRun) -> Response:
+        """Answer with what is to be shown, when it has changed."""
+        shown, waited = request.query_params.get("after", ""), 0.0
+        while shown == str(run.player.number) and waited < LONGEST_WAIT and not self._is_stopping():
+            await asyncio.sleep(LOOK_SECONDS)
+            waited += LOOK_SECONDS
+        state = await run_in_threadpool(run.state)
+        return JSONResponse({**state, "over": _over(state["over"], run)}, headers=HEADERS)
+
+    async def beside(self, request: Request, run: PlayedRun) -> Response:
+        """Answer with the scores of others: the paper's people and models, and ours in the same world."""
+        ours = await run_in_threadpool(run.beside)
+        paper = {result.player: result.normalized.get(run.game) for result in PAPER_RESULTS}
+        scores = {name: score for name, score in {**paper, **ours}.items() if score is not None}
+        gone, turns = await run_in_threadpool(run.gone)
+        answer: dict[str, Any] = {"scores": scores, "gone": gone, "turns": turns}
+        try:
+            answer["challenge"] = f"{CHALLENGE}?{run.challenges()}"
+        except SmartPlayError as error:
+            answer["unshared"] = str(error)
+        return JSONResponse(answer, headers=HEADERS)
+
+    async def reply(self, request: Request, run: PlayedRun) -> Response:
+        """Take the answer to a prompt."""
+        return await _take(request, run.player.answer)
+
+    async def picture(self, request: Request, run: PlayedRun) -> Response:
+        """Answer with a picture of the game."""
+        return await _take(request, lambda given: {"image": run.player.picture(given)})
+
+    async def next(self, request: Request, run: PlayedRun) -> Response:
+        """Begin another episode."""
+        return await _take(request, lambda given: run.next())
+
+
+def _other_rules(cell: CellConfig) -> str:
+    """The rules and options that differ from the defaults, in words."""
+    usual = Rules()
+    differing = {name: getattr(cell, name) for name in RULES if getattr(cell, name) != getattr(usual, name)}
+    return ", ".join(f"{name} {value}" for name, value in {**differing, **cell.options}.items())
+
+
+async def _take(request: Request, do: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Response:
+    given = await json_body(request)
+    return JSONResponse(await run_in_threadpool(do, given) or {}, headers=HEADERS)
+
+
+async def refused(request: Request, error: Exception) -> Response:
+    """Answer with what is wrong with a request; what a page asks for is then missing."""
+    if request.method != "POST":
+        return missing(str(error))
+    return PlainTextResponse(str(error), 409 if isinstance(error, PassedError) else 400, HEADERS)
+
+
+def _over(row: dict[str, Any] | None, run: PlayedRun) -> dict[str, Any] | None:
+    if row is None:
+        return None
+    facts = {name: row[name] for name in ("score", "normalized_score", "steps", "end_reason")}
+    return {
+        **facts,
+        "pictures": "pictures" in row["deviations"],
+        "replay": f"/episode/{quote(run.folder.path.resolve().name)}/episodes/{row['key']}",
+    }
+
+
+async def json_body(request: Request) -> dict[str, Any]:
+    """Return the JSON object of a request, which is small."""
+    given = object_in(await request.body())
+    if given is None:
+        raise InvalidArgumentError("An answer is a JSON object.")
+    return given

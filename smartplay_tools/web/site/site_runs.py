@@ -1,0 +1,250 @@
+"""What the site shows of a run, as plain data. A folder is read again only where it has changed.
+
+An episode of the list is an array of plain values, in the order of `COLUMNS`: ten thousand are about a megabyte of
+JSON. Records are opened only for what is being played, and for the episode that is on screen.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+from collections import defaultdict
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Protocol
+
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_named
+from smartplay_tools.evaluation.run_folder.annotations import notes_in, read_notes, record_of
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.follower import Result, RunFollower
+from smartplay_tools.evaluation.run_folder.snapshot import RunSnapshot
+from smartplay_tools.records.record import Record
+from smartplay_tools.transcript.lines import GrowingLines, parse_json
+
+COLUMNS = (
+    *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
+    *("tokens", "cost", "mistakes", "cut", "end", "time", "notes", "date"),
+)
+"""The values of an episode in the list; its date is when its record was written last, in seconds since the epoch."""
+
+SUMMARY = ("planned", "finished", "running", "paused", "failed", "tokens", "cost", "seconds_left", "caps")
+"""What the site shows of a snapshot."""
+
+RECORD = re.compile(r"(episodes/[0-9a-f]{16}|(attempts|running)/[0-9a-f]{16}\.[0-9]{1,6})")
+"""What names a record in an address; nothing else reaches the disk."""
+
+
+class ViewedRun(Protocol):
+    """What the site can show as a run: a run folder, or a single record."""
+
+    name: str
+    path: Path
+    """Its folder, or its record."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return how far it is."""
+        ...
+
+    def episodes(self) -> list[list[Any]]:
+        """Return its episodes as arrays (`COLUMNS`)."""
+        ...
+
+    def playing(self) -> list[dict[str, Any]]:
+        """Return the episodes that are being played."""
+        ...
+
+    def record(self, name: str) -> Path:
+        """Return the file of a record; `InvalidArgumentError` if there is none."""
+        ...
+
+    def is_playing(self, record: Path) -> bool:
+        """Return whether the episode of one of its files is being played."""
+        ...
+
+    def version(self) -> Any:
+        """Return something that changes when its report does."""
+        ...
+
+
+class AttemptTimes:
+    """How many seconds the attempts at the episodes of a run took, as its folder says (`timings.jsonl`)."""
+
+    def __init__(self, folder: Path) -> None:
+        self._lines = GrowingLines(folder / "timings.jsonl")
+        self._seconds: dict[tuple[str, int], float] = {}
+        self._lock = threading.Lock()
+
+    def of_attempts(self) -> dict[tuple[str, int], float]:
+        """Return the seconds of every attempt that is over, by key and number."""
+        with self._lock:
+            lines, is_replaced = self._lines.read()
+            if is_replaced or not self._lines.path.exists():
+                self._seconds = {}
+            for line in lines:
+                try:
+                    row = parse_json(line)
+                    self._seconds[str(row["key"]), int(row["attempt"])] = float(row["seconds"])
+                except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
+                    raise InvalidArgumentError(f"{self._lines.path} is damaged: a line is not a time.") from None
+            return dict(self._seconds)
+
+    def of_episodes(self) -> dict[str, float]:
+        """Return the seconds of all attempts at each episode together, by key."""
+        together: dict[str, float] = defaultdict(float)
+        for (key, _), seconds in self.of_attempts().items():
+            together[key] += seconds
+        return together
+
+
+class SiteRun:
+    """One run folder."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.folder, self.path, self.name = RunFolder(path), path, name
+        self._follower, self._times = RunFollower(self.folder), AttemptTimes(path)
+        self._read: tuple[Any, list[list[Any]]] | None = None
+        self._lock = threading.Lock()
+
+    def summary(self) -> dict[str, Any]:
+        """Return how far the run is: counts, spending, the time that is left; or what is wrong with its folder."""
+        try:
+            now, seconds = self._snapshot(), sum(self._times.of_attempts().values())
+        except SmartPlayError as error:
+            return {"name": self.name, "error": str(error)}
+        finished = [cell for cell in now.cells if cell.finished]
+        score = finished[0].score / finished[0].finished if len(finished) == len(now.cells) == 1 else None
+        facts = {
+            "players": sorted({cell.player for cell in now.cells}),
+            "games": sorted({cell.game for cell in now.cells}),
+            "score": score,
+            "seconds": seconds,
+            "written_at": self.written_at,
+        }
+        return {"name": self.name, **{name: getattr(now, name) for name in SUMMARY}, **facts}
+
+    @property
+    def written_at(self) -> float:
+        """When the run was begun or ended last, in seconds since the epoch: its manifest is written then."""
+        try:
+            return (self.folder.path / "manifest.json").stat().st_mtime
+        except OSError:
+            return 0.0
+
+    def _snapshot(self) -> RunSnapshot:
+        with damage_named(self.path):
+            return self._follower.snapshot()
+
+    def episodes(self) -> list[list[Any]]:
+        """Return every episode and attempt as an array, in the order of the plan (`COLUMNS`)."""
+        with self._lock:
+            version = self.version()
+            if self._read is None or self._read[0] != version:
+                with damage_named(self.folder.path):
+                    self._read = version, self._list()
+            return self._read[1]
+
+    def playing(self) -> list[dict[str, Any]]:
+        """Return the episodes that are being played, with the tokens of their latest prompt against its cap."""
+        playing = self._snapshot().playing
+        return [{"key": record.key, **live_figures(record), "record": f"running/{record.name}"} for record in playing]
+
+    def record(self, name: str) -> Path:
+        """Return the file of a record, from what names it in an address; `InvalidArgumentError` if there is none.
+
+        An episode that was being played when the address was made may be finished by now.
+        """
+        if not RECORD.fullmatch(name):
+            raise InvalidArgumentError("There is no such record.")
+        kind, stem = name.split("/")
+        key, _, attempt = stem.partition(".")
+        places = [name, f"attempts/{key}.{attempt}", f"episodes/{key}"] if kind == "running" else [name]
+        for place in places:
+            if (file := self.folder.path / f"{place}.jsonl").is_file():
+                return file
+        raise InvalidArgumentError("There is no such record; its attempt may have been paused and continued.")
+
+    def is_playing(self, record: Path) -> bool:
+        """Return whether the episode of one of its files is being played, which its place says."""
+        return record.parent.name == "running"
+
+    def _notes(self) -> list[Path]:
+        """The files with notes about episodes and attempts."""
+        return [path for kind in ("episodes", "attempts") for path in notes_in(self.folder.path / kind)]
+
+    def version(self) -> Any:
+        """Return something that changes when the list of episodes, or the report, does."""
+        running = [record.name for record in self.folder.running()]
+        notes = [(str(path), _stamp(path)) for path in self._notes()]
+        return [
+            notes,
+            *(_stamp(self.folder.path / name) for name in ("manifest.json", "results.jsonl", "timings.jsonl")),
+            running,
+        ] + [record.name for record in self.folder.attempts()]
+
+    def _list(self) -> list[list[Any]]:
+        manifest = self.folder.manifest()
+        budgets = [cell.describe() for cell in manifest.cells]
+        self._follower.count()
+        results = self._follower.results
+        others: dict[str, list[list[Any]]] = {}
+        for lost in self.folder.failures():
+            record = f"attempts/{lost['key']}.{lost['attempt']}"
+            others.setdefault(lost["key"], []).append([record, _kind(lost["end_reason"]), lost["error"]])
+        for running in self.folder.running():
+            others.setdefault(running.stem.partition(".")[0], []).append([f"running/{running.stem}", "running", None])
+        noted = {
+            str(path.relative_to(self.folder.path)): len(read_notes(path)) for path in map(record_of, self._notes())
+        }
+        attempted, together, dates = self._times.of_attempts(), self._times.of_episodes(), self._dates()
+        rows = []
+        for planned in manifest.episodes:
+            cell, key = manifest.cells[planned.cell], planned.key
+            facts = [cell.game, cell.player, budgets[planned.cell], planned.trial, planned.seed]
+            attempts = others.get(key, [])
+            if key in results:
+                rows.append([f"episodes/{key}", "finished", *facts, *figures(results[key])])
+                attempts = [attempt for attempt in attempts if attempt[1] == "failed"]
+            for record, status, error in attempts:
+                rows.append([record, status, *facts, None, None, None, None, None, None, None, error])
+            if key not in results and not attempts:
+                rows.append([None, "waiting", *facts, None, None, None, None, None, None, None, None])
+        for row in rows:
+            key, _, attempt = (row[0] or "").rpartition("/")[2].partition(".")
+            row.append(attempted.get((key, int(attempt))) if attempt else together.get(key))
+            row.append(noted.get(f"{row[0]}.jsonl"))
+            row.append(dates.get(f"{row[0]}.jsonl"))
+        return rows
+
+    def _dates(self) -> dict[str, int]:
+        """When every record of an episode that is over was written last, by its path in the folder."""
+        dates: dict[str, int] = {}
+        for kind in ("episodes", "attempts"):
+            with suppress(FileNotFoundError), os.scandir(self.folder.path / kind) as files:
+                dates |= {f"{kind}/{file.name}": round(file.stat().st_mtime) for file in files}
+        return dates
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat.st_mtime_ns, stat.st_size
+
+
+def figures(result: Result) -> list[Any]:
+    """Return the values of an episode from `score` on (`COLUMNS`)."""
+    scores = [result.score, result.normalized_score, result.steps]
+    return [*scores, result.spent.tokens, result.spent.cost, result.mistakes, result.cut_results, result.end_reason]
+
+
+def live_figures(record: Record) -> dict[str, Any]:
+    """Return how far an episode is that is being played."""
+    facts = {name: getattr(record, name) for name in ("game", "player", "seed", "steps")}
+    used = {"calls": record.totals.replies, "tokens": record.totals.tokens, "cost": record.totals.cost}
+    return {**facts, **used, "silent": round(record.silent_seconds)}
+
+
+def _kind(reason: str | None) -> str:
+    return {"run_budget": "paused", "interrupted": "interrupted"}.get(reason or "", "failed")
