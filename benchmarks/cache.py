@@ -25,7 +25,7 @@ from rich.table import Table
 import smartplay_tools as sp
 from smartplay_tools.evaluation.costs import cache_rules, calls_under
 from smartplay_tools.records import RequestLog, sent_prompts
-from smartplay_tools.records.request_log import Request, Unit
+from smartplay_tools.records.requests import Request, Unit
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
 STRATEGIES: dict[str, dict[str, Any]] = {

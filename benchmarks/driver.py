@@ -32,10 +32,9 @@ from smartplay_tools.evaluation.runs.attempt import Task, Times
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import RunLimits
 from smartplay_tools.evaluation.runs.plan import player_key
-from smartplay_tools.evaluation.runs.run_progress import following
+from smartplay_tools.evaluation.runs.run_progress import StopFlag, following
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import Scheduler, Setup
-from smartplay_tools.evaluation.runs.signals import StopFlag
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
 OPERATIONS = ("open", "os.rename", "os.remove", "os.scandir", "os.listdir", "os.mkdir")

@@ -21,8 +21,7 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.games.base import TextGame
-from smartplay_tools.games.minecraft.engine_checks import check_engines
-from smartplay_tools.games.minecraft.tasks import CORRECTED_GOALS
+from smartplay_tools.games.minecraft.engines import CORRECTED_GOALS, check_engines
 from smartplay_tools.games.minecraft.text import describe
 from smartplay_tools.games.minecraft.voxel.climate import biomes, climate
 

@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.players.random import RandomPlayer
+from smartplay_tools.players.scripted import RandomPlayer
 
 WORKERS = 2
 """The processors that the shares are of."""

@@ -20,7 +20,7 @@ from page_tables import complete, interval, publish, table_row
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import MEASURES, by_cell, compare_windows, differences
-from smartplay_tools.evaluation.analysis.names import strategy_name
+from smartplay_tools.evaluation.analysis.window_tables import strategy_name
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
 from smartplay_tools.evaluation.runs import PlayerConfig, Run
 from smartplay_tools.records.rows import Row

@@ -29,11 +29,11 @@ from smartplay_tools.evaluation.analysis.area import Area, areas, curve_name
 from smartplay_tools.evaluation.analysis.figures import areas_under_curves, save_figure
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
-from smartplay_tools.evaluation.analysis.names import strategy_name
 from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample, tokens
+from smartplay_tools.evaluation.analysis.window_tables import strategy_name
 from smartplay_tools.evaluation.analysis.windows import jointly
 from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
-from smartplay_tools.evaluation.run_folder.manifest import trial_seed
+from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.evaluation.runs import PlayerConfig, make_cells
 from smartplay_tools.evaluation.runs.plan import check_playable
 from smartplay_tools.records import Record

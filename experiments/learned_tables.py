@@ -17,9 +17,8 @@ from page_tables import publish as publish_table
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import MeanEstimate, mean_estimate
-from smartplay_tools.evaluation.analysis.distributions import t_quantile
 from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels, save_figure
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds, t_quantile
 from smartplay_tools.evaluation.analysis.windows import jointly
 
 if TYPE_CHECKING:

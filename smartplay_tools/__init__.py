@@ -11,11 +11,10 @@ milliseconds, because each name is imported when it is first used.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from smartplay_tools.games.gymnasium_names import announce_games
-from smartplay_tools.lazy import lazy_exports
+from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
     from smartplay_tools.context.strategies import (
@@ -89,7 +88,9 @@ if not TYPE_CHECKING:
     def __getattr__(name: str) -> object:
         """Import a name when it is first used; finding the version takes longer than importing all the others."""
         if name == "__version__":
-            return import_module("smartplay_tools.version").__version__
+            from importlib.metadata import version
+
+            return version("smartplay-tools")
         return _of_a_module(name)
 
 

@@ -6,15 +6,18 @@ their names are read from the packages' metadata, which imports nothing.
 
 `FILE.py:CLASS` names a class in a file of the user's, without a package around it. The name alone says where the class
 is, so it goes to worker processes as text, and each imports the file itself.
+
+`lazy_exports` gives a package names that are imported when they are first used, so that importing the package takes
+milliseconds (PEP 562). The package lists them twice: for type checkers and editors as ordinary imports under
+`TYPE_CHECKING`, and for Python as the table that it passes. A test keeps the two equal. For the same reason this module
+imports what its functions need when they are called.
 """
 
 from __future__ import annotations
 
-import importlib.util
-import pkgutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,10 +26,14 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, Unknown
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
+__all__ = ["lazy_exports"]
+
 
 def resolve(place: str) -> Any:
     """Import and return what is at "module:attribute"."""
-    return pkgutil.resolve_name(place)
+    from pkgutil import resolve_name
+
+    return resolve_name(place)
 
 
 def load_declared(kind: str, declared: EntryPoint) -> Any:
@@ -74,6 +81,9 @@ def read_file(name: str, kind: str = "player") -> Callable[..., Any]:
 
 def _module(path: Path, kind: str) -> Any:
     """Return the module of a file, imported once in each process, with its folder on `sys.path`."""
+    import importlib.util
+    from hashlib import sha256
+
     name = f"smartplay_file_{sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
@@ -128,3 +138,29 @@ class Registry(Mapping[str, Any]):
 
     def _declared(self) -> list[EntryPoint]:
         return [] if self._group is None else list(declared_in(self._group))
+
+
+def lazy_exports(
+    package: str, modules: Mapping[str, str]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return `__getattr__`, `__dir__` and `__all__` of a package.
+
+    `modules` maps each module to the names that the package exports from it, separated by spaces.
+    """
+    places = {name: module for module, names in modules.items() for name in names.split()}
+
+    def find(name: str) -> Any:
+        if name not in places:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        value = getattr(import_module(places[name]), name)
+        setattr(sys.modules[package], name, value)  # the next time it is an ordinary attribute
+        return value
+
+    def names() -> list[str]:
+        return sorted({*vars(sys.modules[package]), *places})
+
+    return find, names, sorted(places, key=_constants_classes_functions)
+
+
+def _constants_classes_functions(name: str) -> tuple[bool, bool, str]:
+    return not name.isupper(), name.islower(), name

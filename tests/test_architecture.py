@@ -21,9 +21,7 @@ PACKAGE = Path(sp.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LAYERS = (
-    "lazy",
     "errors",
-    "version",
     "registry",
     "types",
     "games",
@@ -43,7 +41,6 @@ LAYERS = (
 ROOMS = {
     "suites": 0,
     "quantities": 0,
-    "parallel": 1,
     "processes": 0,
     "run_folder": 1,
     "costs": 2,
@@ -126,7 +123,7 @@ class Table:
 if TYPE_CHECKING:
     from smartplay_tools.web import guard
 else:
-    import smartplay_tools.lazy
+    import smartplay_tools.registry
 """
 
 
@@ -135,7 +132,7 @@ def test_an_import_in_a_function_or_a_method_counts():
         "smartplay_tools.cli",
         "smartplay_tools.records",
         "smartplay_tools.evaluation.runs",
-        "smartplay_tools.lazy",
+        "smartplay_tools.registry",
     }
     assert imported([*ast.walk(ast.parse(DEFERRED))]) == names
 

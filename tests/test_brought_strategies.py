@@ -17,7 +17,7 @@ from smartplay_tools import registry
 from smartplay_tools.cli import app
 from smartplay_tools.context.strategies import brought
 from smartplay_tools.context.token_index import TokenIndex
-from smartplay_tools.evaluation.runs.run_file import read_run_file
+from smartplay_tools.evaluation.runs.run_options import read_run_file
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume
 from smartplay_tools.records.accounts import Accounts

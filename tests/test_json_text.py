@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from smartplay_tools.transcript.lines import parse_json
-from smartplay_tools.types.json_text import encoder, object_in, value_in
+from smartplay_tools.types.arguments import encoder, object_in, value_in
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(st.characters(codec=None)),

@@ -15,8 +15,7 @@ from pathlib import Path
 
 import pytest
 from smartplay_local import model_files as files
-from smartplay_local.gguf_header import read_gguf
-from smartplay_local.model_files import KNOWN_MODELS, fetch, find_model, name_of
+from smartplay_local.model_files import KNOWN_MODELS, fetch, find_model, name_of, read_gguf
 from typer.testing import CliRunner
 
 import smartplay_tools as sp

@@ -15,7 +15,7 @@ import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.conversation.paper import PaperConversation, chosen_action
 from smartplay_tools.games import get_spec
-from smartplay_tools.games.history import history_text
+from smartplay_tools.games.base import history_text
 from smartplay_tools.records.prompts import sent_prompts
 from tests.games.recorded import MANUALS, begin, episodes
 

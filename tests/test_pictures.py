@@ -30,7 +30,7 @@ from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.minecraft import pictures as minecraft
 from smartplay_tools.games.minecraft.voxel import animals
 from smartplay_tools.games.minecraft.voxel.blocks import NAMES
-from smartplay_tools.players.random import RandomPlayer
+from smartplay_tools.players.scripted import RandomPlayer
 from smartplay_tools.records import Record, recorded_pictures, replay, resume, sent_prompts
 from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.types.messages import pictures_of, text_of

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs.lock import only_writer
+from smartplay_tools.evaluation.runs.run_writer import only_writer
 
 IMPORT_EVERYTHING = """
 import importlib, pkgutil, sys
@@ -86,7 +86,7 @@ def test_without_unix_s_modules_everything_imports_and_a_run_is_played(tmp_path)
 HOLD = """
 import sys
 from pathlib import Path
-from smartplay_tools.evaluation.runs.lock import only_writer
+from smartplay_tools.evaluation.runs.run_writer import only_writer
 
 with only_writer(Path(sys.argv[2])):
     print("held", flush=True)

@@ -11,8 +11,7 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.cli.episode_options import BUDGET, OF_RUNS
 from smartplay_tools.episode.config import RULES, Rules
-from smartplay_tools.evaluation.runs.run_file import read_run_file
-from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
+from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions, read_run_file
 
 HANOI, CRAFTER = "Hanoi3Disk-v0", "Crafter-v0"
 OWN = {"manual": "pinned", "batch": "first_act", "protocol": "paper", "observation": "both", "carry": "notes"}

@@ -15,7 +15,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.records.prompts import recorded_turns, sent_prompts
-from smartplay_tools.transcript import appended
+from smartplay_tools.transcript import lines as appended
 from smartplay_tools.transcript.file import TranscriptWriter, comparable
 from smartplay_tools.transcript.lines import GrowingLines
 

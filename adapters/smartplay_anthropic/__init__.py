@@ -15,7 +15,6 @@ with extra_named("smartplay_anthropic", "anthropic"):
     import anthropic as _anthropic  # noqa: F401
 
 from smartplay_anthropic.codec import reply, request
-from smartplay_anthropic.player import AnthropicPlayer
-from smartplay_anthropic.tools import async_tools, tools
+from smartplay_anthropic.player import AnthropicPlayer, async_tools, tools
 
 __all__ = ["AnthropicPlayer", "async_tools", "reply", "request", "tools"]

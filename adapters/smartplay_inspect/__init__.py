@@ -16,8 +16,7 @@ with extra_named("smartplay_inspect", "inspect"):
 
 from smartplay_inspect.messages import from_output, read_usage
 from smartplay_inspect.models import PlayerModel
-from smartplay_inspect.records import save_records
-from smartplay_inspect.scorer import by_game, interval, smartplay_scorer
+from smartplay_inspect.scorer import by_game, interval, save_records, smartplay_scorer
 from smartplay_inspect.solver import Played, smartplay_agent
 from smartplay_inspect.tasks import paper, smartplay
 

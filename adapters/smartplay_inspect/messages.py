@@ -28,9 +28,8 @@ from inspect_ai.model import (
 from inspect_ai.tool import ToolCall, ToolInfo, ToolParams
 
 from smartplay_tools import InvalidArgumentError, Message, Reply, ToolSpec, Usage
-from smartplay_tools.types.json_text import object_in
-from smartplay_tools.types.message_forms import encodable, function_call, kept_item, reply_message, shown
-from smartplay_tools.types.messages import calls_of, text_of
+from smartplay_tools.types.arguments import object_in
+from smartplay_tools.types.messages import calls_of, encodable, function_call, kept_item, reply_message, shown, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 ITEM = "inspect_content"

@@ -1,10 +1,15 @@
-"""The scorer, which reads the episode's result, and this package's intervals as metrics of Inspect's."""
+"""The scorer, which reads the episode's result, and this package's intervals as metrics of Inspect's.
+
+The records of a log's episodes as files, which replay.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from pathlib import Path
 
+from inspect_ai.log import EvalLog, EvalSample, read_eval_log
 from inspect_ai.scorer import (
     Metric,
     SampleScore,
@@ -23,8 +28,10 @@ from inspect_ai.util import store_as
 
 from smartplay_inspect.solver import Played
 from smartplay_tools import GAMES, EpisodeResult
+from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.analysis import mean_estimate
-from smartplay_tools.records.groups import grouped
+from smartplay_tools.records.rows import grouped
+from smartplay_tools.transcript import write_records
 
 
 @metric
@@ -117,3 +124,21 @@ def _ends(scores: list[SampleScore]) -> dict[str, float]:
     estimate = mean_estimate(_values(scores))
     ends = {"low": estimate.low, "high": estimate.high}
     return {name: value for name, value in ends.items() if value is not None}
+
+
+def save_records(log: str | Path | EvalLog, folder: str | Path) -> list[Path]:
+    """Write the record of every episode in a log to a file of its own, and return the files.
+
+    A file is named by its sample and epoch. An existing file, or a log without records of this package's, is a
+    `TranscriptError`.
+    """
+    whole = log if isinstance(log, EvalLog) else read_eval_log(str(log), resolve_attachments=True)
+    texts = {f"{sample.id}.{sample.epoch}.jsonl": _record(sample) for sample in whole.samples or ()}
+    if not any(texts.values()):
+        raise TranscriptError("The log holds no record of an episode; it has to be a log of smartplay_inspect's tasks.")
+    return write_records(texts, folder)
+
+
+def _record(sample: EvalSample) -> str:
+    record: str = sample.store_as(Played).record
+    return record

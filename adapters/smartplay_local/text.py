@@ -14,7 +14,7 @@ from typing import Any
 
 from smartplay_local.engine import xllamacpp
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec
-from smartplay_tools.types.json_text import object_in, value_in
+from smartplay_tools.types.arguments import object_in, value_in
 from smartplay_tools.types.messages import calls_of, text_of
 
 TOOLS = """Tools:

@@ -22,7 +22,7 @@ with extra_named("smartplay_mcp.http", "mcp"):
     from starlette.responses import PlainTextResponse, Response
     from starlette.types import ASGIApp
 
-from smartplay_mcp.operator import operator_routes
+from smartplay_mcp.server import operator_routes
 from smartplay_tools.web import UNAUTHORIZED, EpisodeStore, Server, carries, check_address, guarded
 from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 

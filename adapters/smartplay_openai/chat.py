@@ -2,6 +2,12 @@
 
 The canonical messages of `smartplay_tools` have the form of this interface, so little has to be converted: our own
 fields are left out, the provider's items are sent back, and the cap on the reply is named.
+
+What an OpenAI interface refuses, rewritten in requests only: impossible names of tools, and half characters.
+
+Models behind compatible servers invent a tool called `go north!`, or stop in the middle of an emoji. The record keeps
+what they said. A request that repeats it would be refused and the episode lost, so these are rewritten; everything else
+is sent as it is in the prompt, call ids included, which the conversation has made unique.
 """
 
 from __future__ import annotations
@@ -15,17 +21,47 @@ from typing import Any
 from openai.resources.chat.completions import Completions
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of
-from smartplay_openai.parsing import read_usage, sampled_tokens
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
+from smartplay_openai.text_calls import read_usage, sampled_tokens
 from smartplay_openai.thinking_parts import added, put_together, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
-from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end, with_pictures_below
 from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
-from smartplay_tools.types.message_forms import halves, kept_item
-from smartplay_tools.types.messages import assistant_message, calls_of, pictures_of, reasoning_of, text_of
+from smartplay_tools.types.messages import (
+    MessageToolCall,
+    accepted_name,
+    assistant_message,
+    calls_of,
+    encodable,
+    halves,
+    kept_item,
+    pictures_of,
+    reasoning_of,
+    text_of,
+)
 from smartplay_tools.types.pictures import Picture, is_picture
+
+
+def acceptable(messages: Sequence[Message]) -> list[Message]:
+    """Return the messages with tool names that the interface takes, and without half characters."""
+    sent: list[Message] = []
+    for message in messages:
+        copy = message.copy()
+        for field, value in message.items():
+            if not (isinstance(value, str) and value.isascii()) and field != "tool_calls":
+                copy[field] = encodable(value)  # type: ignore[literal-required]
+        if message.get("tool_calls"):
+            copy["tool_calls"] = [_call(call) for call in message["tool_calls"]]
+        sent.append(copy)
+    return sent
+
+
+def _call(call: MessageToolCall) -> MessageToolCall:
+    name, arguments = accepted_name(call["function"]["name"]), encodable(call["function"]["arguments"])
+    call_id: str = encodable(call.get("id") or "")
+    return {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}
+
 
 NOT_SENT_BACK = {"annotations", "audio", "function_call"}
 """Fields of an answer that requests must not have."""

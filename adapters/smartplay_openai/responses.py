@@ -15,16 +15,15 @@ from typing import Any, TypeVar
 
 from openai.resources.responses import Responses as ClientResponses
 
+from smartplay_openai.chat import acceptable
 from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of
-from smartplay_openai.parsing import read_usage
 from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
+from smartplay_openai.text_calls import read_usage
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
-from smartplay_openai.wire import acceptable
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end
 from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
-from smartplay_tools.types.message_forms import halves, shown
-from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of, text_of
+from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of, halves, shown, text_of
 from smartplay_tools.types.pictures import Picture
 
 A = TypeVar("A")

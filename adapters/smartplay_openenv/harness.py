@@ -26,7 +26,7 @@ from openenv.core.harness import (
 from smartplay_openenv.environment import tools_of
 from smartplay_tools import AgentSession, Budget, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolResult
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
-from smartplay_tools.types.message_forms import encodable
+from smartplay_tools.types.messages import encodable
 
 TOO_MANY = "Error: The host allows no more calls in one message."
 

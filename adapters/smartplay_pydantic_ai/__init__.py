@@ -15,8 +15,7 @@ from smartplay_tools.errors import extra_named
 with extra_named("smartplay_pydantic_ai", "pydantic-ai"):
     import pydantic_ai as _pydantic_ai  # noqa: F401
 
-from smartplay_pydantic_ai.capability import SmartPlay
+from smartplay_pydantic_ai.capability import PlayerModel, SmartPlay
 from smartplay_pydantic_ai.messages import from_response, read_usage
-from smartplay_pydantic_ai.models import PlayerModel
 
 __all__ = ["PlayerModel", "SmartPlay", "from_response", "read_usage"]

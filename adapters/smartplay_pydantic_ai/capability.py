@@ -7,12 +7,18 @@ touched: what a capability does to a request is not kept there.
 
 A reply of words only, or of calls that the agent cannot run (an unknown tool, broken arguments), is answered by the
 session and followed by another attempt in the same step, so the agent's own retry limits are not used up.
+
+What a Pydantic AI model is sent for its provider's cache: marks in the messages, and the episode's key.
+
+Anthropic's and OpenAI's models have a place for them. Others do not: a mark would leave an empty message behind there.
+
+Players of this package as models of Pydantic AI's, with which an agent can be tried without a key.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextvars import ContextVar
 from typing import Any, cast
 
@@ -20,15 +26,16 @@ from pydantic_ai import RunContext
 from pydantic_ai.capabilities import AbstractCapability, WrapModelRequestHandler, WrapToolExecuteHandler
 from pydantic_ai.exceptions import RetryModelRequest, ToolFailed, UsageLimitExceeded
 from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ToolCallPart
-from pydantic_ai.models import ModelRequestContext
+from pydantic_ai.models import Model, ModelRequestContext
+from pydantic_ai.models.function import AgentInfo, FunctionModel
 from pydantic_ai.run import AgentRunResult
 from pydantic_ai.settings import ModelSettings
 from pydantic_ai.tools import ToolDefinition
 from pydantic_ai.toolsets import AbstractToolset
 from pydantic_ai.toolsets.abstract import ToolsetTool
+from pydantic_ai.usage import RequestUsage
 from pydantic_core import SchemaValidator, core_schema, from_json
 
-from smartplay_pydantic_ai.caching import cache_key, marked_messages
 from smartplay_pydantic_ai.messages import (
     PydanticAIChat,
     from_history,
@@ -36,13 +43,54 @@ from smartplay_pydantic_ai.messages import (
     known_by,
     since_response,
     takes_pictures_in_results,
+    to_response,
     tool_spec,
     usage_of,
     with_ids,
 )
-from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
-from smartplay_tools.context.prompts import CacheMarks, checked_marks, with_pictures_below
+from smartplay_tools import (
+    AgentSession,
+    AsyncPlayer,
+    Episode,
+    InvalidArgumentError,
+    Message,
+    Player,
+    Prompt,
+    ToolResult,
+)
+from smartplay_tools.context.prompts import (
+    CacheMarks,
+    checked_marks,
+    last_markable,
+    received,
+    stable_end,
+    with_pictures_below,
+)
 from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
+from smartplay_tools.conversation.loop import reply_of
+from smartplay_tools.evaluation.costs import CacheFields, openai_cache_fields
+
+
+def cache_key(prompt: Prompt, model: Model, cache: CacheMarks) -> dict[str, Any]:
+    """Return the setting that tells OpenAI which prompts belong together; nothing for other providers."""
+    return {"openai_prompt_cache_key": prompt.cache_key} if cache and _openai(model).key else {}
+
+
+def marked_messages(prompt: Prompt, model: Model, cache: CacheMarks) -> Collection[int]:
+    """Return which messages of a prompt are marked for the cache of the model's provider."""
+    is_anthropic = model.system == "anthropic"
+    if not cache or not (is_anthropic or _openai(model).marks):
+        return ()
+    stable = stable_end(prompt, one_system_text=True)
+    end = last_markable(prompt.messages) if is_anthropic and cache is True else None  # OpenAI marks the end itself
+    return {at for at in (stable, end) if at is not None}
+
+
+def _openai(model: Model) -> CacheFields:
+    if model.system != "openai":
+        return CacheFields()
+    return openai_cache_fields(model.model_name, model.base_url or "")
+
 
 OVER = "The episode is over."
 
@@ -279,3 +327,27 @@ def _is_readable(arguments: str) -> bool:
 
 def _words(text: str) -> ModelResponse:
     return ModelResponse([TextPart(text)])
+
+
+class PlayerModel(FunctionModel):
+    """A player as a model. One player serves one run at a time: some draw from a generator of their own."""
+
+    def __init__(self, player: Player | AsyncPlayer) -> None:
+        self._player = player
+        super().__init__(self._answer, model_name=player.name)
+
+    async def _answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
+        history, cap = from_history(messages), (info.model_settings or {}).get("max_tokens")
+        tools = tuple(map(tool_spec, info.function_tools))
+        reply = await reply_of(self._player, received(history, tools, cap))
+        response = to_response(reply.message)
+        if (usage := reply.usage) is not None:
+            response.usage = RequestUsage(
+                input_tokens=usage.prompt,
+                output_tokens=usage.reply,
+                cache_read_tokens=usage.cached,
+                cache_write_tokens=usage.written,
+                details={"reasoning_tokens": usage.reasoning},
+            )
+            response.finish_reason = "length" if usage.cut else None
+        return response

@@ -34,16 +34,17 @@ from pydantic_ai.tools import ToolDefinition
 from pydantic_ai.usage import RequestUsage
 
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec, Usage
-from smartplay_tools.types.message_forms import (
+from smartplay_tools.types.messages import (
     SYSTEM,
+    calls_of,
     encodable,
     function_call,
     kept_item,
     reply_message,
     shown,
     system_text,
+    text_of,
 )
-from smartplay_tools.types.messages import calls_of, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 ITEM = "pydantic_ai_response"

@@ -13,10 +13,16 @@ from smartplay_tools.errors import extra_named
 with extra_named("smartplay_verifiers", "verifiers"):
     import verifiers as _verifiers  # noqa: F401
 
-from smartplay_verifiers.environment import SmartPlayEnv, SmartPlayEnvConfig
 from smartplay_verifiers.harness import SmartPlayHarness, SmartPlayHarnessConfig
-from smartplay_verifiers.records import save_records
-from smartplay_verifiers.tasks import SmartPlayConfig, SmartPlayData, SmartPlayTask, SmartPlayTaskset
+from smartplay_verifiers.tasks import (
+    SmartPlayConfig,
+    SmartPlayData,
+    SmartPlayEnv,
+    SmartPlayEnvConfig,
+    SmartPlayTask,
+    SmartPlayTaskset,
+    save_records,
+)
 
 __all__ = [
     "SmartPlayConfig",

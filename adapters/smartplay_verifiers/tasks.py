@@ -1,6 +1,10 @@
 """The taskset: a task is one episode, and its reward is the episode's.
 
 Options are the taskset's, not the harness's, because a task has to say by itself what is played.
+
+SmartPlayEnv: one agent plays each task. It differs from verifiers' own only in needing no sandbox.
+
+The records of an evaluation's episodes as files, which replay.
 """
 
 from __future__ import annotations
@@ -9,6 +13,7 @@ import asyncio
 import itertools
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any
 
 import verifiers.v1 as vf
@@ -16,9 +21,9 @@ from pydantic import Field, ValidationError, create_model
 
 from smartplay_tools import Budget, Episode, EpisodeConfig, InvalidArgumentError, get_player, play
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
-from smartplay_tools.errors import in_one_line
+from smartplay_tools.errors import TranscriptError, in_one_line
 from smartplay_tools.evaluation.run_folder import trial_seed
-from smartplay_tools.transcript import Event
+from smartplay_tools.transcript import Event, write_records
 
 INFO = "smartplay"
 """Where a trace keeps what the harness has played: reward, result and record."""
@@ -155,3 +160,38 @@ class SmartPlayTaskset(vf.Taskset[SmartPlayTask, SmartPlayConfig]):
                 reward=chosen.reward,
             )
             yield SmartPlayTask(data, chosen.task)
+
+
+class SmartPlayEnvConfig(vf.EnvConfig):
+    """The agent, which runs in this process: the harness executes nothing that a model has written."""
+
+    agent: vf.AgentConfig = vf.AgentConfig(runtime=vf.SubprocessConfig())
+
+
+class SmartPlayEnv(vf.Env[SmartPlayEnvConfig]):
+    """One agent that plays one episode."""
+
+    async def run(self, task: vf.Task[Any, Any, Any], agents: vf.Agents) -> None:
+        """Have the agent play."""
+        await agents.agent.run(task)
+
+
+def save_records(traces: str | Path, folder: str | Path) -> list[Path]:
+    """Write the record of every rollout in verifiers' `traces.jsonl` to a file of its own, and return the files.
+
+    A file is named by its task and the number of its rollout. An existing file, or traces without records, is a
+    `TranscriptError`.
+    """
+    texts: dict[str, str] = {}
+    for line in Path(traces).read_text(encoding="utf-8").splitlines():
+        for trace in json.loads(line)["traces"]:
+            if INFO in trace["info"]:
+                name = trace["task"]["data"]["name"]
+                rollout = sum(other.startswith(f"{name}.") for other in texts)
+                record = trace["info"][INFO]["record"]
+                if not isinstance(record, str):  # traces of earlier versions have the events
+                    record = "".join(json.dumps(event) + "\n" for event in record)
+                texts[f"{name}.{rollout}.jsonl"] = record
+    if not texts:
+        raise TranscriptError(f"{traces} holds no record of an episode; it has to be of smartplay_verifiers' tasks.")
+    return write_records(texts, folder)

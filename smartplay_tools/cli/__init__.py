@@ -93,25 +93,27 @@ COMMANDS = {
         True,
     ),
     "share": _Entry(
-        "share:share",
+        "report:share",
         "Write one episode, or some turns of it, as one small HTML page without lists, to send or to embed.",
         True,
     ),
-    "merge": _Entry("merge:merge", "Merge the shards of a run.", True),
+    "merge": _Entry("sweep:merge", "Merge the shards of a run.", True),
     "export": _Entry(
         "export:export",
         "Write finished episodes as training rows, trajectories or Inspect logs, or a model's results to publish.",
         True,
     ),
-    "board": _Entry("board:board", "Check every submission in a folder and write a leaderboard as static pages.", True),
+    "board": _Entry(
+        "submit:board", "Check every submission in a folder and write a leaderboard as static pages.", True
+    ),
     "view": _Entry(
         "view:view",
         "Serve a site over run folders on this machine: runs, episodes, and what is being played now.",
     ),
     "submit": _Entry("submit:app", "Submit a run to a leaderboard, or check a submission."),
     "serve": _Entry("serve:app", "Serve players and games to other programs."),
-    "model": _Entry("model:app", "Download and list the models that --player local plays on this machine."),
-    "minedojo": _Entry("minedojo:app", "Set up MineDojo, the Minecraft engine of the paper."),
+    "model": _Entry("doctor:models_app", "Download and list the models that --player local plays on this machine."),
+    "minedojo": _Entry("doctor:minedojo_app", "Set up MineDojo, the Minecraft engine of the paper."),
 }
 """Every command, in the order in which they are listed. A summary is the first line of the command's docstring."""
 

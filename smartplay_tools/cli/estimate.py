@@ -1,12 +1,16 @@
-"""The output of `--dry-run`: the expected use of a run, as ranges, compared with its caps."""
+"""The output of `--dry-run`: the expected use of a run, as ranges, compared with its caps.
+
+The output of `--pilot N`: the use of the whole run, estimated from the few episodes that were played.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import reduce
 from operator import add, attrgetter
+from statistics import fmean
 from typing import Any
 
 import typer
@@ -15,12 +19,13 @@ from rich.markup import escape
 
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.episode.config import RULES, CellConfig
-from smartplay_tools.evaluation.quantities import short
+from smartplay_tools.evaluation.quantities import duration, short
 from smartplay_tools.evaluation.runs import (
     Caps,
     Estimate,
     Plan,
     PlayerConfig,
+    Run,
     RunOptions,
     cell_name,
     estimate,
@@ -30,6 +35,7 @@ from smartplay_tools.evaluation.runs.estimate import SECONDS_A_CALL, TOKENS_A_SE
 from smartplay_tools.evaluation.runs.executors import WAITING_AT_ONCE
 from smartplay_tools.evaluation.runs.plan import prices_in_tables
 from smartplay_tools.evaluation.runs.players import given_prices
+from smartplay_tools.records.rows import Row
 
 CUT_SHARE = 0.05
 """The share of cut tool results that is worth a warning."""
@@ -164,3 +170,64 @@ def _against_cap(option: str, cap: float | None, figure: Range, show: Callable[[
         return [f"{option} {show(cap)} is enough for the whole run."]
     likely = "will pause" if figure.low > cap else "is likely to pause" if figure.expected > cap else "may pause"
     return [f"{option} {show(cap)} {likely} the run, which is expected to take {_span(figure, show)}."]
+
+
+@dataclass(frozen=True)
+class CellUse:
+    """What the episodes of a cell are expected to use, from those that were played."""
+
+    name: str
+    player: str
+    played: int
+    planned: int
+    calls: float
+    tokens: float
+    cost: float | None
+    seconds: float
+    """For all its episodes, one after another."""
+
+
+def pilot_estimate(run: Run, plan: Plan) -> list[CellUse]:
+    """Return the expected use of every cell that has a finished episode: their mean, times the planned number."""
+    seconds: dict[str, float] = {}
+    for row in run.folder.timings():
+        seconds[row["key"]] = seconds.get(row["key"], 0.0) + float(row["seconds"])
+    rows: Mapping[str, Row] = {row["key"]: row for row in run.rows}
+    uses = []
+    for place, cell in enumerate(plan.cells):
+        keys = [episode.key for episode in plan.episodes if episode.place == place]
+        played = [rows[key] for key in keys if key in rows]
+        if played:
+            costs = [row["cost"] for row in played]
+            uses.append(
+                CellUse(
+                    cell_name(cell),
+                    player_of(cell),
+                    len(played),
+                    len(keys),
+                    len(keys) * fmean(row["turns"] + row.get("summaries", 0) for row in played),
+                    len(keys) * fmean(row["tokens"]["prompt"] + row["tokens"]["reply"] for row in played),
+                    None if None in costs else len(keys) * fmean(costs),
+                    len(keys) * fmean(seconds.get(row["key"], 0.0) for row in played),
+                )
+            )
+    return uses
+
+
+def print_pilot(console: Console, run: Run, plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) -> None:
+    """Print the estimate, and how to continue the run."""
+    uses = pilot_estimate(run, plan)
+    table = compact_table("from the pilot", "played", "planned", "calls", "tokens", "USD", folded=1)
+    for use in uses:
+        cost = "unknown" if use.cost is None else f"{use.cost:,.2f}"
+        table.add_row(use.name, str(use.played), str(use.planned), short(use.calls), short(use.tokens), cost)
+    console.print(table)
+    costs = [use.cost for use in uses if use.cost is not None]
+    total = f"${sum(costs):,.2f}, " if len(costs) == len(uses) else "cost unknown, "
+    hours, at_once = run_hours([(use.player, use.planned, use.seconds) for use in uses], players, options.workers)
+    typer.echo(
+        f"The whole run: {short(sum(use.tokens for use in uses))} tokens, {total}"
+        f"about {duration(3600 * hours)} with {at_once} episodes at a time. "
+        "The same command without --pilot continues and keeps these episodes.",
+        err=True,
+    )

@@ -16,16 +16,20 @@ from smartplay_tools.cli.results import print_next, print_summary
 from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.errors import InvalidArgumentError, file_named
 from smartplay_tools.evaluation.analysis.decisions import Margin
-from smartplay_tools.evaluation.analysis.gates import Gate, baseline_gates, junit as as_junit, mean_gates
+from smartplay_tools.evaluation.analysis.pairs import RowCondition
 from smartplay_tools.evaluation.analysis.repeats import repeated, repeats_table
-from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
-from smartplay_tools.evaluation.analysis.stopping import decisions_table
+from smartplay_tools.evaluation.analysis.stopping import (
+    Gate,
+    baseline_gates,
+    decisions_table,
+    junit as as_junit,
+    mean_gates,
+)
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import plain, summary_json
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.run_folder.manifest import Until
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, Until
 from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, make_cells, plan_episodes, plan_suite
-from smartplay_tools.evaluation.runs.run_file import RunFile, read_run_file
+from smartplay_tools.evaluation.runs.run_options import RunFile, read_run_file
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.records.rows import unplayed
 from smartplay_tools.types import Budget

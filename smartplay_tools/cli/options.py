@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types.json_text import value_in
+from smartplay_tools.types.arguments import value_in
 
 
 class Format(StrEnum):

@@ -1,12 +1,20 @@
-"""The command `play`: one episode, shown as it happens."""
+"""The command `play`: one episode, shown as it happens.
+
+The live page of an episode that `play --watch` plays: the site over its record, in the same process.
+"""
 
 from __future__ import annotations
 
+import tempfile
+import threading
 import time
-from contextlib import AbstractContextManager, ExitStack, nullcontext
-from dataclasses import replace
+import webbrowser
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
+from urllib.parse import quote
 
 import typer
 from rich.console import Console
@@ -15,7 +23,6 @@ from smartplay_tools.cli import INTERRUPTED, options, runs
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
 from smartplay_tools.cli.frames import FrameWriter, picture_options
 from smartplay_tools.cli.show import TurnPrinter, print_result
-from smartplay_tools.cli.watch import live_page
 from smartplay_tools.conversation import loop
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
@@ -26,6 +33,41 @@ from smartplay_tools.players import get_player, is_model
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.records.rows import warnings
 from smartplay_tools.types import EpisodeResult, Usage
+
+
+@dataclass(frozen=True)
+class LivePage:
+    """The page of a record that is being written."""
+
+    path: Path
+    """The record."""
+    url: str
+    open_browser: bool
+
+    def announce(self) -> None:
+        """Say where the page is, once its record has begun: before, there is nothing to show."""
+        typer.echo(f"The episode is shown at {self.url}", err=True)
+        if self.open_browser:
+            webbrowser.open(self.url)
+
+
+@contextmanager
+def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[LivePage]:
+    """Serve the page of a record that is being written, and yield it; afterwards serve on until Ctrl-C.
+
+    Without a `transcript` the record is a temporary file.
+    """
+    from smartplay_tools.web.site import SiteRecord, ViewServer
+    from smartplay_tools.web.site.site_record import PLAYING
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = transcript or Path(folder) / "episode.jsonl"
+        with ViewServer([SiteRecord(path)]) as server:
+            yield LivePage(path, f"{server.url}episode/{quote(path.name)}/{PLAYING}", open_browser)
+            typer.echo("The page stays until Ctrl-C.", err=True)
+            with suppress(KeyboardInterrupt):
+                threading.Event().wait()
+
 
 FAILED = ("player_error", "game_error", "strategy_error")
 

@@ -16,7 +16,7 @@ from smartplay_tools.cli import options
 from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
-from smartplay_tools.evaluation.runs.audit import EpisodeAudit, audit
+from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit
 from smartplay_tools.records.replays import replay as run_again
 
 SHOWN_DIFFERENCES = 3

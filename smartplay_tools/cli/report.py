@@ -1,4 +1,7 @@
-"""The command `report`, which writes the replay page of a run."""
+"""The command `report`, which writes the replay page of a run.
+
+The command `share`, which writes one episode, or some turns of it, as a small page, a card or an animation.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from typing import Annotated
 import typer
 
 from smartplay_tools.cli import options
+from smartplay_tools.errors import InvalidArgumentError
 
 
 def report(
@@ -52,3 +56,48 @@ def report(
     path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes, tariffs=tariffs)
     size = path.stat().st_size / 1e6
     typer.echo(f"{path} ({size:.1f} MB): open it in a browser.")
+
+
+def share(
+    record: Annotated[Path, typer.Argument(metavar="EPISODE", help="The record of an episode.", show_default=False)],
+    out: Annotated[
+        Path, typer.Option(help="The .html, .png, .gif or .mp4 file to write; an existing one is replaced.")
+    ] = Path("share.html"),
+    turns: Annotated[
+        str | None, typer.Option(metavar="FIRST-LAST", help="The turns that the page plays; all if not given.")
+    ] = None,
+    title: Annotated[str | None, typer.Option(help="The page's title; the record's name if not given.")] = None,
+    plugins: options.Plugins = False,
+) -> None:
+    """Write one episode, or some turns of it, as one small HTML page without lists, to send or to embed.
+
+    A name that ends in .png makes a card of the last of the turns, one that ends in .gif or .mp4 an animation of them.
+
+    Example: smartplay-tools share episode.jsonl --turns 20-40 --out lost.html
+    """
+    from smartplay_tools.evaluation.pages.report import write_excerpt
+
+    if out.suffix not in (".html", ".png", ".gif", ".mp4"):
+        raise InvalidArgumentError(f"The name of what is shared ends in .html, .png, .gif or .mp4, unlike {out}.")
+    span = None if turns is None else _range(turns)
+    if out.suffix != ".html":
+        path = _draw(record, out, span)
+    else:
+        path = write_excerpt(record, out, turns=span, title=title, plugins=plugins)
+    size = path.stat().st_size / 1e3
+    typer.echo(f"{path} ({size:.0f} kB): open it in a browser, send it, or embed it.")
+
+
+def _draw(record: Path, out: Path, turns: tuple[int, int] | None) -> Path:
+    from smartplay_tools.evaluation.pages.cards import write_card, write_gif, write_mp4
+
+    if out.suffix != ".png":
+        return (write_gif if out.suffix == ".gif" else write_mp4)(record, out, turns=turns)
+    return write_card(record, out, turn=None if turns is None else turns[1])
+
+
+def _range(text: str) -> tuple[int, int]:
+    first, _, last = text.partition("-")
+    if not (first.isdecimal() and (last or first).isdecimal()):
+        raise InvalidArgumentError(f"--turns is a turn or a range of turns such as 20-40, not {text!r}.")
+    return int(first), int(last or first)

@@ -17,21 +17,20 @@ from smartplay_tools.cli import options
 from smartplay_tools.cli.cost import check_columns, cost_columns
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
-from smartplay_tools.cli.running import print_running, spending_sentences
+from smartplay_tools.cli.progress import print_running, spending_sentences
 from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.errors import file_named
 from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
 from smartplay_tools.evaluation.analysis.intervals import Method
+from smartplay_tools.evaluation.analysis.pairs import RowCondition
 from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json, repeated, repeats_table
-from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
 from smartplay_tools.evaluation.analysis.stopping import Comparisons, decisions_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.run_folder.follower import run_snapshot
-from smartplay_tools.evaluation.run_folder.snapshot import RunSnapshot
+from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
 
 

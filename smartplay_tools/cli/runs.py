@@ -12,12 +12,10 @@ import typer
 from rich.console import Console
 
 from smartplay_tools.cli import options
-from smartplay_tools.cli.estimate import print_estimate
-from smartplay_tools.cli.pilot import print_pilot
-from smartplay_tools.cli.progress import showing
-from smartplay_tools.cli.running import spending_sentences
+from smartplay_tools.cli.estimate import print_estimate, print_pilot
+from smartplay_tools.cli.progress import showing, spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.manifest import Until
+from smartplay_tools.evaluation.run_folder.folder import Until
 from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, RunOptions, player_of, run_plan
 from smartplay_tools.evaluation.runs.players import check_prices, player_named
 from smartplay_tools.evaluation.runs.run_progress import not_shown

@@ -149,7 +149,7 @@ class _Ends:
 
     def watched(self, endpoint: Any, game: str, *, seed: int, **settings: Any) -> str:
         """Open an episode, and print its end when it comes."""
-        from smartplay_tools.episode.listeners import add_listener
+        from smartplay_tools.episode.episode import add_listener
 
         stop_listening = add_listener(self._listener)
         try:

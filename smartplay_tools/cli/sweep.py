@@ -1,4 +1,7 @@
-"""The command `sweep`: the same episodes with every window of a grid, followed by tables and figures."""
+"""The command `sweep`: the same episodes with every window of a grid, followed by tables and figures.
+
+The command `merge`, which merges the shards of a run.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ from smartplay_tools.cli.show import table_console
 from smartplay_tools.evaluation.analysis.area import areas, areas_table
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.runs import plan_episodes
+from smartplay_tools.evaluation.runs.merge import merge as merge_parts
 from smartplay_tools.evaluation.runs.sweeps import AXES, Sweep, grid
 
 
@@ -79,3 +83,20 @@ def _print_files(folder: Path, written: Sequence[Path]) -> None:
     if not any(path.suffix == ".parquet" for path in written):
         typer.echo("For Parquet and figures: pip install 'smartplay-tools[evaluation]'.")
     print_next(table_console(), [folder])
+
+
+def merge(
+    parts: Annotated[list[Path], typer.Argument(help="Folders of the run's shards.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="The new folder for the whole run.")],
+) -> None:
+    """Merge the shards of a run.
+
+    It exits with code 1 if planned episodes are missing.
+
+    Example: smartplay-tools merge runs/part1 runs/part2 --out runs/whole
+    """
+    whole = merge_parts(parts, out)
+    finished, planned = len(whole.rows()), len(whole.manifest().episodes)
+    typer.echo(f"{out}: {finished} of {planned} episodes are finished.")
+    if finished < planned:
+        raise typer.Exit(1)

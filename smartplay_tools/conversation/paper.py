@@ -26,7 +26,7 @@ from smartplay_tools.episode import budgets
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import PromptOverflowError
-from smartplay_tools.games.history import history_text
+from smartplay_tools.games.base import history_text
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import message_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, SampledTokens, ToolResult, Usage

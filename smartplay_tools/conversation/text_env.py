@@ -17,8 +17,7 @@ from typing import Any
 
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.episode.factory import EpisodeFactory
-from smartplay_tools.episode.rewards import RewardName
+from smartplay_tools.episode.factory import EpisodeFactory, RewardName
 from smartplay_tools.episode.tools import schema
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec

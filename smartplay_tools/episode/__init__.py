@@ -2,13 +2,10 @@
 
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import CellConfig, EpisodeConfig
-from smartplay_tools.episode.episode import Episode
-from smartplay_tools.episode.factory import EpisodeFactory
-from smartplay_tools.episode.functions import AsyncGameTools, GameTools, tool_functions
-from smartplay_tools.episode.listeners import Listener, NewListener, add_listener
-from smartplay_tools.episode.rewards import RewardName, reward_of
+from smartplay_tools.episode.episode import Episode, Listener, NewListener, add_listener
+from smartplay_tools.episode.factory import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.episode.stats import EpisodeStats
-from smartplay_tools.episode.tools import schema, tool_specs
+from smartplay_tools.episode.tools import AsyncGameTools, GameTools, schema, tool_functions, tool_specs
 
 __all__ = [
     "AsyncGameTools",

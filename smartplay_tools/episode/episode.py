@@ -6,6 +6,11 @@ never raises for anything that JSON or text can express. The stages of a call:
     lock -> answered before? -> over? -> `Tools.parse` -> the game's step -> cut to its cap -> transcript -> result
 
 There is no tool to reset, to seed or to read the score: the agent and its harness have different interfaces.
+
+Listeners: functions that are called with every event of every episode of this process as it is recorded.
+
+Tracing needs to know when events happen, which a record does not hold, in all episodes, whatever plays them. A listener
+sees what a record holds, and can change nothing. Episodes without a transcript have listeners, too.
 """
 
 from __future__ import annotations
@@ -29,13 +34,12 @@ from smartplay_tools.episode.config import (
     EpisodeConfig,
     ManualMode,
     ProtocolName,
+    deviations,
+    differs,
 )
-from smartplay_tools.episode.deviations import deviations, differs
-from smartplay_tools.episode.functions import tool_functions
 from smartplay_tools.episode.game_session import Answer, GameSession
-from smartplay_tools.episode.listeners import listeners_of
-from smartplay_tools.episode.stalls import Stalls
-from smartplay_tools.episode.stats import EpisodeStats, versions
+from smartplay_tools.episode.stats import EpisodeStats, Stalls, versions
+from smartplay_tools.episode.tools import tool_functions
 from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.seeds import check_seed
@@ -55,11 +59,31 @@ from smartplay_tools.types import (
     facts_as_html,
 )
 from smartplay_tools.types.arguments import Arguments, as_text, read
-from smartplay_tools.types.message_forms import well_formed
-from smartplay_tools.types.messages import Message
+from smartplay_tools.types.messages import Message, well_formed
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
+
+
+Listener = Callable[[Event], None]
+"""Called with each event of one episode, in the thread that records it."""
+
+NewListener = Callable[["Episode"], Listener]
+"""Called with each new episode; returns the listener of its events."""
+
+_LISTENERS: list[NewListener] = []
+
+
+def add_listener(new_listener: NewListener) -> Callable[[], None]:
+    """Listen to every episode that this process makes from now on; return a function that stops it for later ones."""
+    _LISTENERS.append(new_listener)
+    return lambda: _LISTENERS.remove(new_listener)
+
+
+def listeners_of(episode: Episode) -> list[Listener]:
+    """Return the listeners of a new episode."""
+    return [new_listener(episode) for new_listener in _LISTENERS]
+
 
 REMEMBERED_CALLS = 64
 """How many answered idempotency keys are kept: more than the calls that a transport sends at the same time."""

@@ -5,6 +5,8 @@ Every agent has `observe`, `act` and `read_manual`; strategies for the past may 
 A call is played as it was sent or refused with a reason, never repaired: a benchmark that guesses what a model meant
 measures the guess. An action is given by its exact name or by its number in the game's manual. The legal actions are
 listed in the description of `act`, not in an enum, because frameworks disagree on who rejects an enum violation.
+
+The tools of an episode as Python callables, for frameworks that read names, annotations and docstrings.
 """
 
 from __future__ import annotations
@@ -12,18 +14,20 @@ from __future__ import annotations
 import functools
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_type_hints
 
 from smartplay_tools.context.strategies import StrategyTool, is_memory_tool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
-from smartplay_tools.types import ToolSpec
+from smartplay_tools.types import ToolResult, ToolSpec
 from smartplay_tools.types.arguments import Arguments, as_text, is_strict, text_parameters
 
 if TYPE_CHECKING:
+    from smartplay_tools.episode.episode import Episode
     from smartplay_tools.games.base import TextGame
+
 
 QUOTED = 80
 """The most characters of what was sent that an error quotes."""
@@ -186,3 +190,98 @@ def quote(sent: Any) -> str:
 def _plain(name: str) -> str:
     """An action's name normalised for comparison: without case, outer white space and a final full stop."""
     return name.strip().removesuffix(".").lower()
+
+
+class _OfEpisode:
+    def __init__(self, episode: Episode) -> None:
+        episode.refuse_pictures("A function")
+        self._episode = episode
+
+    @property
+    def done(self) -> bool:
+        """Whether the episode is over."""
+        return self._episode.done
+
+
+class GameTools(_OfEpisode):
+    """An object whose methods are the tools, for frameworks that take an object's public methods.
+
+    `done` says whether the episode is over.
+    """
+
+    def observe(self) -> str:
+        """Show the current observation again, without playing."""
+        return self._episode.call("observe", {}).text
+
+    def act(self, action: str) -> str:
+        """Play one action and show what happens.
+
+        Args:
+            action: The action's name or number, exactly as listed.
+        """
+        return self._episode.call("act", {"action": action}).text
+
+    def read_manual(self) -> str:
+        """Show the game's manual."""
+        return self._episode.call("read_manual", {}).text
+
+
+class AsyncGameTools(_OfEpisode):
+    """`GameTools` whose methods are awaited; the game's steps run in threads."""
+
+    async def observe(self) -> str:
+        """Show the current observation again, without playing."""
+        return (await self._episode.acall("observe", {})).text
+
+    async def act(self, action: str) -> str:
+        """Play one action and show what happens.
+
+        Args:
+            action: The action's name or number, exactly as listed.
+        """
+        return (await self._episode.acall("act", {"action": action})).text
+
+    async def read_manual(self) -> str:
+        """Show the game's manual."""
+        return (await self._episode.acall("read_manual", {})).text
+
+
+class Callee(Protocol):
+    """An object that answers the calls of the functions: an episode, or an adapter's object in front of one."""
+
+    @property
+    def tools(self) -> tuple[ToolSpec, ...]:
+        """The tools: observe, act, read_manual."""
+        ...
+
+    def call(self, name: str, arguments: Any) -> ToolResult:
+        """Answer a call."""
+        ...
+
+
+def tool_functions(episode: Callee) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
+    """Return the game's tools as plain functions, documented with the descriptions that this game's models are given.
+
+    The tools of strategies are not among them: a framework that takes functions owns the context.
+    """
+
+    def observe() -> str:
+        return episode.call("observe", {}).text
+
+    def act(action: str) -> str:
+        return episode.call("act", {"action": action}).text
+
+    def read_manual() -> str:
+        return episode.call("read_manual", {}).text
+
+    for function, tool in zip((observe, act, read_manual), episode.tools, strict=False):
+        function.__annotations__ = get_type_hints(function)  # types, not their names: what frameworks look at
+        function.__doc__ = documentation(tool)
+    return observe, act, read_manual
+
+
+def documentation(tool: ToolSpec) -> str:
+    """Return a tool's description and those of its arguments as a docstring."""
+    properties: dict[str, Any] = tool.parameters["properties"]
+    arguments = [f"    {name}: {field['description']}" for name, field in properties.items()]
+    return "\n".join([tool.description, *(["\nArgs:", *arguments] if arguments else [])])

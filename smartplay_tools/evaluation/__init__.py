@@ -15,12 +15,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from smartplay_tools.lazy import lazy_exports
+from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs.players import PlayerConfig as PlayerConfig
-    from smartplay_tools.evaluation.runs.run_file import RunFile as RunFile, read_run_file as read_run_file
-    from smartplay_tools.evaluation.runs.run_options import RunOptions as RunOptions
+    from smartplay_tools.evaluation.runs.run_options import (
+        RunFile as RunFile,
+        RunOptions as RunOptions,
+        read_run_file as read_run_file,
+    )
     from smartplay_tools.evaluation.runs.runner import Run as Run, evaluate as evaluate
     from smartplay_tools.evaluation.runs.sweeps import Sweep as Sweep, sweep as sweep
 
@@ -29,8 +32,7 @@ if not TYPE_CHECKING:
         __name__,
         {
             "smartplay_tools.evaluation.runs.players": "PlayerConfig",
-            "smartplay_tools.evaluation.runs.run_file": "RunFile read_run_file",
-            "smartplay_tools.evaluation.runs.run_options": "RunOptions",
+            "smartplay_tools.evaluation.runs.run_options": "RunFile read_run_file RunOptions",
             "smartplay_tools.evaluation.runs.runner": "Run evaluate",
             "smartplay_tools.evaluation.runs.sweeps": "Sweep sweep",
         },

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from smartplay_tools.lazy import lazy_exports
+from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame as TextGame, with_action_list as with_action_list

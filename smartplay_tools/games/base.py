@@ -4,6 +4,10 @@ A text game is a Gymnasium environment whose observation is the text that a play
 texts (`_reset`, `_step`, `_state`); the base class provides what all games share: the score, the history text as the
 original prints it, the `info` dictionary and the state hash that replays compare. Games do not count steps: the rollout
 limit is enforced by Gymnasium's `TimeLimit` and by `Episode`.
+
+The history text of the original: past observations in one message, oldest first.
+
+The observation space of text games, which Gymnasium cannot share between processes.
 """
 
 from __future__ import annotations
@@ -15,17 +19,43 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
 from importlib import resources
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import gymnasium
 from gymnasium import spaces
+from gymnasium.vector.utils import create_shared_memory
 
 from smartplay_tools.errors import InvalidArgumentError, ResetNeededError, check_choice
-from smartplay_tools.games.history import history_text
 from smartplay_tools.games.seeds import check_seed, whole
-from smartplay_tools.games.spaces import Words
-from smartplay_tools.types.json_text import canonical_text
+from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.pictures import Picture
+
+
+def history_text(observations: Sequence[tuple[int, str]]) -> str:
+    """Print past observations, (step, text) oldest first, as the original does; empty when there are none.
+
+    Step 0 is the observation of the reset. The current observation is not part of its own history.
+    """
+    if not observations:
+        return ""
+    items = [f"Player Observation Step {step}:\n{text}" for step, text in observations]
+    return "\n\n".join([f"Most recent {len(items)} steps of the player's in-game observation:", *items]).strip()
+
+
+class Words(spaces.Text):
+    """Gymnasium's space of texts, except that an `AsyncVectorEnv` with shared memory refuses it.
+
+    That class reads its shared memory once, when it is made. For arrays this gives a view of the memory. For a text it
+    gives a copy of the content before the first reset, and every later observation is that copy.
+    """
+
+
+@create_shared_memory.register(Words)
+def _refuse(space: Words, n: int = 1, ctx: Any = None) -> NoReturn:
+    raise InvalidArgumentError(
+        "Gymnasium's AsyncVectorEnv returns wrong texts from shared memory: pass shared_memory=False, in make_vec as "
+        'vector_kwargs={"shared_memory": False}.'
+    )
 
 
 @functools.cache

@@ -10,10 +10,9 @@ scripted         a player that gives prepared replies
 
 from smartplay_tools.players.attempts import BrokenAnswerError, ModelCallError, count_in, error_in, plain_answer
 from smartplay_tools.players.model import ModelPlayer
-from smartplay_tools.players.noted import NotedPlayer
 from smartplay_tools.players.player_registry import PLAYERS, get_player, is_interactive, is_model, player_names
 from smartplay_tools.players.prompt_reading import Reading, call
-from smartplay_tools.players.scripted import ScriptedPlayer
+from smartplay_tools.players.scripted import NotedPlayer, ScriptedPlayer
 
 __all__ = [
     "PLAYERS",

@@ -2,32 +2,55 @@
 
 A name is looked up here, then among the entry points of the group `smartplay_tools.players` that installed packages
 declare. Text after a colon is the player's argument: `openai:MODEL` is a player that calls this model. The
-name `FILE.py:CLASS` is that of a class in a file of yours (`smartplay_tools.players.player_files`).
+name `FILE.py:CLASS` is that of a class in a file of yours (`smartplay_tools.players.player_registry`).
+
+Players in a file: `FILE.py:CLASS` names a class of yours on the command line, without a package around it.
 """
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from typing import Any, Literal, overload
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.players.player_files import load_from_file
-from smartplay_tools.registry import Registry, is_in_file
+from smartplay_tools.registry import Registry, is_in_file, read_file
 from smartplay_tools.types import AsyncPlayer, Player
+
+
+def load_from_file(name: str) -> Callable[..., Any]:
+    """Return a function that makes the player `FILE.py:CLASS`, without `seed` if its constructor takes none."""
+    factory = read_file(name)
+
+    def make(*, seed: int, **options: Any) -> Any:
+        return factory(**({"seed": seed} if takes_seed(factory) else {}), **options)
+
+    return make
+
+
+def takes_seed(factory: Callable[..., Any]) -> bool:
+    """Return whether a factory of players takes `seed`; True if its signature is not known."""
+    try:
+        parameters = inspect.signature(factory).parameters.values()
+    except (TypeError, ValueError):
+        return True
+    return any(parameter.name == "seed" or parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters)
+
 
 PLAYERS: dict[str, str] = {
     "anthropic": "smartplay_anthropic:AnthropicPlayer",
-    "blind": "smartplay_tools.evaluation.runs.blind:BlindPlayer",
-    "first": "smartplay_tools.players.first:FirstPlayer",
+    "blind": "smartplay_tools.evaluation.runs.players:BlindPlayer",
+    "first": "smartplay_tools.players.scripted:FirstPlayer",
     "human": "smartplay_tools.players.human.player:HumanPlayer",
     "langchain": "smartplay_langchain:LangChainPlayer",
     "local": "smartplay_local:LocalPlayer",
     "openai": "smartplay_openai:OpenAIPlayer",
     "openai-responses": "smartplay_openai:ResponsesPlayer",
-    "oracle": "smartplay_tools.players.oracle:OraclePlayer",
-    "random": "smartplay_tools.players.random:RandomPlayer",
+    "oracle": "smartplay_tools.players.scripted:OraclePlayer",
+    "random": "smartplay_tools.players.scripted:RandomPlayer",
     "rule": "smartplay_tools.players.rule:RulePlayer",
     "rule-notes": "smartplay_tools.players.rule:RuleNotesPlayer",
-    "rule-pixels": "smartplay_tools.players.pixels:RulePixelsPlayer",
+    "rule-pixels": "smartplay_tools.players.crafter_pixels:RulePixelsPlayer",
 }
 """The players of this package: name -> location of the class."""
 

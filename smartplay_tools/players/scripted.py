@@ -1,11 +1,39 @@
-"""The scripted player: gives prepared replies, for tests and demonstrations."""
+"""The scripted player: gives prepared replies, for tests and demonstrations.
+
+The first player: always plays the first action of the game.
+
+The original plays this action, without reporting it, if it finds no action in a model's answer. This player therefore
+scores as much as a model whose answers never name an action. It reads messages only.
+
+The random player: a legal action, drawn at every prompt; a lower bound for other players.
+
+It calls a tool if the prompt has tools, and otherwise answers with the action's name (the paper's protocol).
+
+The oracle: plays the best action, computed from the game's state; an upper bound for games with a known optimum.
+
+It is privileged: it takes the game from its episode (`Episode.privileged_game`), and every record and result of its
+play notes this. In the bandit it always pulls the better machine, in Rock Paper Scissors it plays the hand that is best
+against the opponent's true probabilities, in Hanoi it makes the next move of the shortest solution.
+
+A player that records its prompts in the episode of a host: it measures what another framework shows its model.
+
+A framework that manages the context itself sends prompts that this library has not made. With this player behind an
+endpoint in the place of its model, every prompt is counted and recorded as it came (`Episode.note_prompt`), and the
+framework needs no change.
+"""
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterable
 
-from smartplay_tools.types import Prompt, Reply, Usage
-from smartplay_tools.types.messages import Message
+from smartplay_tools.conversation.base import BaseConversation
+from smartplay_tools.episode.episode import Episode
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.games.base import TextGame
+from smartplay_tools.players.prompt_reading import Reading, call
+from smartplay_tools.types import AsyncPlayer, Player, Prompt, Reply, Usage
+from smartplay_tools.types.messages import Message, assistant_message
 
 
 class ScriptedPlayer:
@@ -23,3 +51,90 @@ class ScriptedPlayer:
         """Return the next message as a reply; raise StopIteration when there is no further message."""
         self.prompts.append(prompt)
         return Reply(next(self._messages), self._usage)
+
+
+DOING_NOTHING = "Noop"
+"""Crafter's manual lists it last, but it is the first action of the game, which is what the original falls back to."""
+
+
+class FirstPlayer:
+    """Plays the game's first action, by name."""
+
+    name = "first"
+    observations = ("text", "picture", "both")
+
+    def __init__(self, *, seed: int = 0) -> None:
+        """Every player takes a seed; this one draws nothing."""
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Play the first action."""
+        actions = Reading(prompt).actions
+        action = DOING_NOTHING if DOING_NOTHING in actions else actions[0]
+        return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})
+
+
+class RandomPlayer:
+    """Plays any legal action with equal probability, from its own seeded generator."""
+
+    name = "random"
+    observations = ("text", "picture", "both")
+
+    def __init__(self, *, seed: int = 0) -> None:
+        # String seeds are hashed by a fixed algorithm, and this one gives another stream than the game's.
+        self._random = random.Random(f"random player {seed}")
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Play a legal action."""
+        action = self._random.choice(Reading(prompt).actions)
+        return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})
+
+
+class OraclePlayer:
+    """Plays `TextGame.optimal_action`."""
+
+    name = "oracle"
+    observations = ("text", "picture", "both")
+
+    def __init__(self, *, seed: int = 0) -> None:
+        """Every player takes a seed; this one draws nothing."""
+        self._game: TextGame | None = None
+
+    def attach(self, conversation: BaseConversation) -> None:
+        """Take the game from the conversation's episode; raise `InvalidArgumentError` if no optimum is known for it."""
+        if conversation.episode.game.optimal_action is None:
+            raise InvalidArgumentError(
+                f"No optimum is known for {conversation.episode.spec.id}: the oracle plays bandits, Rock Paper "
+                "Scissors and Hanoi. The best player for the other games is rule."
+            )
+        self._game = conversation.episode.privileged_game()
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Play the best action."""
+        if self._game is None:
+            raise InvalidArgumentError(
+                "The oracle needs the game, so it must be attached to a conversation: use `play`, `aplay` or eval."
+            )
+        action = self._game.optimal_action
+        assert action is not None
+        name = self._game.actions[action]
+        return Reply(call("act", action=name) if prompt.tools else {"role": "assistant", "content": name})
+
+
+class NotedPlayer:
+    """Asks another player, and notes every prompt and its reply in an episode with `context="host"`.
+
+    Arguments:
+        player: the player that is asked, a model or a rule.
+        episode: the episode that the framework's agent plays.
+    """
+
+    def __init__(self, player: Player | AsyncPlayer, episode: Episode) -> None:
+        self.name = player.name
+        self._player, self._episode = player, episode
+
+    async def areply(self, prompt: Prompt) -> Reply:
+        """Ask the player; the prompt of a call that failed is not noted."""
+        player = self._player
+        reply = await player.areply(prompt) if isinstance(player, AsyncPlayer) else player.reply(prompt)
+        self._episode.note_prompt(prompt, assistant_message(reply.message))
+        return reply

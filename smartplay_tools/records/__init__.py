@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from smartplay_tools.lazy import lazy_exports
+from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
     from smartplay_tools.records.prices import Price as Price
@@ -32,10 +32,12 @@ if TYPE_CHECKING:
         sent_prompts as sent_prompts,
     )
     from smartplay_tools.records.record import Record as Record
-    from smartplay_tools.records.replayed_pictures import recorded_pictures as recorded_pictures
-    from smartplay_tools.records.replays import Replay as Replay, replay as replay
-    from smartplay_tools.records.request_log import RequestLog as RequestLog
-    from smartplay_tools.records.requests import requests_of as requests_of
+    from smartplay_tools.records.replays import (
+        Replay as Replay,
+        recorded_pictures as recorded_pictures,
+        replay as replay,
+    )
+    from smartplay_tools.records.requests import RequestLog as RequestLog, requests_of as requests_of
     from smartplay_tools.records.resumption import Resumed as Resumed, fork as fork, resume as resume
     from smartplay_tools.records.spent import Spent as Spent
 
@@ -43,13 +45,11 @@ if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.records.replayed_pictures": "recorded_pictures",
+            "smartplay_tools.records.replays": "recorded_pictures Replay replay",
             "smartplay_tools.records.prices": "Price",
             "smartplay_tools.records.prompts": "SentPrompt recorded_turns sent_prompts",
             "smartplay_tools.records.record": "Record",
-            "smartplay_tools.records.replays": "Replay replay",
-            "smartplay_tools.records.request_log": "RequestLog",
-            "smartplay_tools.records.requests": "requests_of",
+            "smartplay_tools.records.requests": "RequestLog requests_of",
             "smartplay_tools.records.resumption": "Resumed fork resume",
             "smartplay_tools.records.spent": "Spent",
         },

@@ -16,11 +16,10 @@ from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.records.error_location import ErrorLocation
-from smartplay_tools.transcript.events import Event, concerns_summary
+from smartplay_tools.transcript.events import ErrorLocation, Event, concerns_summary
 from smartplay_tools.transcript.file import MemoryRecord
 from smartplay_tools.types import SampledTokens, ToolCall, ToolSpec, Usage
-from smartplay_tools.types.json_text import canonical_text
+from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.messages import Message
 
 if TYPE_CHECKING:

@@ -10,19 +10,21 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, Generic, Literal, Self, TypeVar
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
-from smartplay_tools.records.conversations import WholeConversation, whole_conversation
-from smartplay_tools.records.counts import RecordCounts, Written
-from smartplay_tools.records.groups import grouped
 from smartplay_tools.records.prices import Price
-from smartplay_tools.records.prompts import SentPrompt, recorded_turns, sent_prompts
-from smartplay_tools.records.spent import Spent
+from smartplay_tools.records.prompts import (
+    SentPrompt,
+    WholeConversation,
+    recorded_turns,
+    sent_prompts,
+    whole_conversation,
+)
+from smartplay_tools.records.spent import RecordCounts, Spent, Written
 from smartplay_tools.transcript.events import (
     CallEvent,
     ChoiceEvent,
@@ -361,7 +363,10 @@ class Record:
 
     @cached_property
     def _by_kind(self) -> Mapping[str, list[Any]]:
-        return grouped(self.events, itemgetter("event"))
+        events: dict[str, list[Any]] = {}
+        for event in self.events:
+            events.setdefault(event["event"], []).append(event)
+        return events
 
     heads = _EventsOf[HeadEvent]("head")
     """The first messages of every prompt and the tools: another event where the host has changed its part."""

@@ -8,24 +8,31 @@ meant to show whether another version plays the same. It cannot verify who wrote
 Anything wrong with a record is a difference, even where it stops the replay: events that lack the fields of their kind,
 or come in an order in which nothing can be played. An exception means that there is nothing to compare: the file is not
 a transcript, or the episode that it names cannot be played on this machine.
+
+The pictures of a record, which holds only their digests: made again by replay, and compared with these.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from smartplay_tools.context.tokens import Tokenizer
+from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
 from smartplay_tools.records.driver import Driver
-from smartplay_tools.records.error_location import SENSELESS
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.events import SENSELESS, Event
 from smartplay_tools.transcript.file import broken_links, check_format, is_event, read_transcript
 from smartplay_tools.transcript.hashing import event_line
 from smartplay_tools.types import EpisodeResult
+from smartplay_tools.types.pictures import NO_PICTURES, Picture
+
+if TYPE_CHECKING:
+    from smartplay_tools.games.base import TextGame
 
 
 @dataclass(frozen=True)
@@ -134,3 +141,33 @@ def _tampered(recorded: Sequence[Event]) -> Iterator[str]:
                 yield f"The rebuilt prompt of turn {sent.turn} has a different sha256 than in the record."
     except SENSELESS as error:
         yield f"The prompts of the record cannot be rebuilt: {type(error).__name__}: {in_one_line(error)}."
+
+
+def recorded_pictures(
+    source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer | None = None
+) -> Mapping[str, Picture]:
+    """Return every picture that the model of a record was shown, by its sha256.
+
+    The record is played again. A picture that the record names and the replay does not make is a `TranscriptError`.
+    `tokenizer` is required if the record was counted with a tokenizer object of yours.
+    """
+    events = read_events(source)
+    if not events or EpisodeConfig.from_event(events[0]).observation == "text":
+        return NO_PICTURES
+    made: dict[str, Picture] = {}
+
+    def keep(game: TextGame) -> None:
+        picture = game.picture()
+        made[picture.sha256] = picture
+
+    driver = Driver(events, tokenizer=tokenizer, on_step=keep)
+    try:
+        keep(driver.episode.game)
+        driver.run()
+    finally:
+        driver.episode.game.close()
+    calls = [event["data"] for event in events if event["event"] == "call"]
+    shown = [data["picture"]["sha256"] for data in calls if "picture" in data]
+    if missing := [sha256 for sha256 in shown if sha256 not in made]:
+        raise TranscriptError(f"The record shows a picture that its game does not make here: {missing[0]}.")
+    return {sha256: made[sha256] for sha256 in shown}

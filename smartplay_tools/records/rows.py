@@ -6,15 +6,17 @@ need not import each other.
 An attempt at an episode leaves a record, which alone determines the outcome. An episode that ended by itself, including
 by a spent budget, is a result and has a row. An attempt that failed, was interrupted or was paused by a cap of the run
 is not a result: it is in no mean, and the episode is continued or played again.
+
+Items in groups by what they have in common, in the order in which they come: nothing has to be sorted first.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Field
 
@@ -23,6 +25,11 @@ from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
 from smartplay_tools.types import EpisodeResult, RecordedBudget, ResolvedBudget, Usage
+
+__all__ = [
+    "grouped",
+]
+
 
 Row = dict[str, Any]
 """A row of `results.jsonl`: an `EpisodeResult` in JSON, and the configuration of its episode."""
@@ -157,3 +164,15 @@ def _cause(row: Row) -> str:
     if row["malformed_calls"] or row["illegal_actions"]:
         return "all its calls were malformed or named no legal action; its records show them"
     return f"they ended as {row['end_reason']} before; its records show why"
+
+
+T = TypeVar("T")
+K = TypeVar("K", bound=Hashable)
+
+
+def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
+    """Return the items by their key; keys are in the order of their first items, and items keep theirs."""
+    groups: dict[K, list[T]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups

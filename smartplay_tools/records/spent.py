@@ -1,11 +1,18 @@
-"""The tokens and cost that episodes have used, added up."""
+"""The tokens and cost that episodes have used, added up.
+
+What the events of a record add up to, counted while the record grows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from operator import add
-from typing import Any
+from typing import Any, TypeAlias
+
+from smartplay_tools.records.prices import Price
+from smartplay_tools.transcript.events import Event
+from smartplay_tools.types import Usage
 
 DIGITS = 12
 """Decimals of a difference in US dollars; further ones are rounding errors."""
@@ -46,3 +53,97 @@ class Spent:
         pairs = {name: (mine, vars(other)[name]) for name, mine in vars(self).items()}
         both: dict[str, Any] = {name: None if None in pair else combine(*pair) for name, pair in pairs.items()}
         return Spent(**both)
+
+
+Written: TypeAlias = bytes | Event
+"""An event, or the line that it is written on."""
+
+
+@dataclass
+class _Sum:
+    """What the usages of a record add up to so far."""
+
+    replies: int = 0
+    prompt_tokens: int = 0
+    peak_prompt_tokens: int = 0
+    """The tokens of the largest prompt."""
+    reply_tokens: int = 0
+    costs: list[float] = field(default_factory=list)
+    """The cost of each, if there is a price."""
+    is_unpriced: bool = False
+    """Whether a provider has counted tokens whose price is not known."""
+
+    def add(self, usage: Mapping[str, Any], price: Price | None) -> None:
+        """Add a `usage` event."""
+        self.replies += "reply" in usage
+        self.prompt_tokens += usage.get("prompt", 0)
+        self.peak_prompt_tokens = max(self.peak_prompt_tokens, usage.get("prompt", 0))
+        self.reply_tokens += usage.get("reply", 0)
+        reported = Usage.reported(usage)
+        if price is not None:
+            ours = Usage(prompt=usage.get("prompt", 0), reply=usage.get("reply", 0))
+            self.costs.append(price.cost(ours.replaced_by(reported)))
+        elif reported is not None:
+            self.is_unpriced = True
+
+    def spent(self) -> Spent:
+        """Return it as a `Spent`."""
+        cost = None if self.is_unpriced else float(sum(self.costs))
+        return Spent(self.replies, self.prompt_tokens, self.reply_tokens, cost)
+
+
+class RecordCounts:
+    """What the events of a record add up to; events that are only counted are not parsed."""
+
+    def __init__(self, prices: Mapping[str, Price], parsed: Callable[[Written], Event]) -> None:
+        self._prices, self._parsed = prices, parsed
+        self.price: Price | None = None
+        self.whole, self.own = _Sum(), _Sum()
+        self.steps = 0
+        self._new_calls: list[Written] = []
+        self._since_prompt: list[Written] = []
+
+    def take(self, kind: str, event: Written) -> None:
+        """Count an event of a kind."""
+        match kind:
+            case "start":
+                self.price = self._prices.get(self._parsed(event)["config"].get("player") or "")
+            case "usage":
+                usage = self._parsed(event)
+                self.whole.add(usage, self.price)
+                self.own.add(usage, self.price)
+            case "sent":
+                sent = self._parsed(event)
+                usage = {"prompt": sent["tokens"], "reply": sent["reply"], "provider": None}
+                self.whole.add(usage, self.price)
+                self.own.add(usage, self.price)
+            case "call":
+                self._new_calls.append(event)
+            case "view":
+                self._since_prompt = [event]
+            case "message" | "summary":
+                self._since_prompt.append(event)
+            case "resume":
+                self.own, self._since_prompt = _Sum(), []
+
+    def count_steps(self) -> None:
+        """Take the number of steps from the latest call that has it; a call that was not played has none."""
+        for call in reversed(self._new_calls):
+            if (steps := self._parsed(call)["data"].get("step")) is not None:
+                self.steps = steps
+                break
+        self._new_calls = []
+
+    def open_call(self) -> Spent:
+        """The call that was made with the latest prompt, unless its reply follows."""
+        waiting: Event | None = None
+        for event in map(self._parsed, self._since_prompt):
+            if event["event"] == "view":
+                waiting = event
+            elif event.get("by", "player") == "player":  # a summary is a reply of the player, too
+                return Spent()
+        if waiting is None:
+            return Spent()
+        prompt, reply = waiting["tokens"], waiting["max_tokens"] or 0
+        cost = 0.0 if self.price is None else self.price.most(prompt, reply)
+        return Spent(unknown_calls=1, unknown_tokens=prompt + reply, unknown_cost=cost)

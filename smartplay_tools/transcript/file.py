@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.transcript.appended import AppendedFile
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.hashing import chain_after, event_line, with_chain
-from smartplay_tools.transcript.lines import complete_lines, parse_json, parse_lines
+from smartplay_tools.transcript.lines import AppendedFile, complete_lines, parse_json, parse_lines
 from smartplay_tools.transcript.times import TimesWriter
 from smartplay_tools.types.arguments import canonical
 

@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools.types import ToolSpec
-from smartplay_tools.types.arguments import canonical
-from smartplay_tools.types.json_text import canonical_text, encoder
+from smartplay_tools.types.arguments import canonical, canonical_text, encoder
 from smartplay_tools.types.messages import Message, calls_of, text_and_pictures
 
 

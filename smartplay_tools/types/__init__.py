@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from smartplay_tools.lazy import lazy_exports
+from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
     from smartplay_tools.types.budget import (
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
         BeyondHistory as BeyondHistory,
         BeyondResult as BeyondResult,
         Budget as Budget,
+        Cap as Cap,
+        Count as Count,
+        Recorded as Recorded,
         RecordedBudget as RecordedBudget,
         ResolvedBudget as ResolvedBudget,
     )
@@ -28,44 +31,40 @@ if TYPE_CHECKING:
         Purpose as Purpose,
         Reply as Reply,
     )
-    from smartplay_tools.types.recorded import Cap as Cap, Count as Count, Recorded as Recorded
     from smartplay_tools.types.result import (
-        MISTAKES as MISTAKES,
-        CarriedStore as CarriedStore,
-        EndReason as EndReason,
-        EpisodeResult as EpisodeResult,
-        Progress as Progress,
-        Tokens as Tokens,
-        facts_as_html as facts_as_html,
-    )
-    from smartplay_tools.types.tool import (
         MEMORY_TOOL as MEMORY_TOOL,
+        MISTAKES as MISTAKES,
+        MOST_TOKENS as MOST_TOKENS,
         NOTES_TOOL as NOTES_TOOL,
         PAGES_TOOL as PAGES_TOOL,
         RECALL_TOOL as RECALL_TOOL,
         TOOL_NAMES as TOOL_NAMES,
+        CarriedStore as CarriedStore,
+        EndReason as EndReason,
+        EpisodeResult as EpisodeResult,
         ObservationForm as ObservationForm,
+        Progress as Progress,
+        SampledTokens as SampledTokens,
+        Tokens as Tokens,
         ToolCall as ToolCall,
         ToolResult as ToolResult,
         ToolSpec as ToolSpec,
+        Usage as Usage,
+        facts_as_html as facts_as_html,
     )
-    from smartplay_tools.types.usage import MOST_TOKENS as MOST_TOKENS, SampledTokens as SampledTokens, Usage as Usage
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
             "smartplay_tools.types.budget": (
-                "STRATEGIES WORDS BeyondHistory BeyondResult Budget RecordedBudget ResolvedBudget"
+                "STRATEGIES WORDS BeyondHistory BeyondResult Budget Cap Count Recorded RecordedBudget ResolvedBudget"
             ),
             "smartplay_tools.types.prompt": "AsyncPlayer Player Prompt Purpose Reply",
-            "smartplay_tools.types.recorded": "Cap Count Recorded",
             "smartplay_tools.types.result": (
-                "MISTAKES CarriedStore EndReason EpisodeResult Progress Tokens facts_as_html"
+                "MEMORY_TOOL MISTAKES MOST_TOKENS NOTES_TOOL PAGES_TOOL RECALL_TOOL TOOL_NAMES CarriedStore EndReason "
+                "EpisodeResult ObservationForm Progress SampledTokens Tokens ToolCall ToolResult ToolSpec Usage "
+                "facts_as_html"
             ),
-            "smartplay_tools.types.tool": (
-                "MEMORY_TOOL NOTES_TOOL PAGES_TOOL RECALL_TOOL TOOL_NAMES ObservationForm ToolCall ToolResult ToolSpec"
-            ),
-            "smartplay_tools.types.usage": "MOST_TOKENS SampledTokens Usage",
         },
     )

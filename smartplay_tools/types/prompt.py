@@ -10,8 +10,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types.messages import Message, copy_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
-from smartplay_tools.types.tool import ToolSpec
-from smartplay_tools.types.usage import SampledTokens, Usage
+from smartplay_tools.types.result import SampledTokens, ToolSpec, Usage
 
 Purpose = Literal["play", "summary"]
 """What a prompt asks for: the next reply of the play, or a summary of the turns that are about to leave."""

@@ -1,14 +1,152 @@
-"""The state of an episode, and its result."""
+"""The state of an episode, and its result.
+
+Tools, their calls and their results, and the names of the tools that an agent can have.
+
+The tokens of a reply: those that a provider reports, and those that a model drew.
+"""
 
 from __future__ import annotations
 
 import html
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
-from smartplay_tools.types.recorded import Recorded
-from smartplay_tools.types.usage import Usage
+from pydantic import Field, model_validator
+
+from smartplay_tools.types.budget import Count, Recorded
+from smartplay_tools.types.pictures import Picture
+
+TOOL_NAMES = ("observe", "act", "read_manual")
+"""The tools that every agent has. There is no tool to reset, to seed or to read the score."""
+
+NOTES_TOOL: Final = "take_notes"
+"""The tool that an agent has in addition where the budget has `notes_tokens`."""
+
+RECALL_TOOL: Final = "recall"
+"""The tool that an agent has in addition where the budget has `recall_tokens`."""
+
+PAGES_TOOL: Final = "read_result"
+"""The tool that an agent has in addition where the budget has `beyond_result="offload"`."""
+
+MEMORY_TOOL: Final = "memory"
+"""The tool that an agent has in addition where the budget has `memory_tokens`."""
+
+ObservationForm = Literal["text", "picture", "both"]
+"""What an observation is: words, a picture that the game makes of itself, or both."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToolSpec:
+    """A tool as it is described to the model; `parameters` is JSON Schema, of the game's tools a strict one."""
+
+    name: str
+    description: str
+    parameters: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class ToolCall:
+    """A call of a tool. `arguments` is what the model sent: JSON text, or an object where the framework parsed it.
+
+    `call_id` is the transport's idempotency key. It is never the model's own id, because models repeat ids.
+    """
+
+    name: str
+    arguments: Any = None
+    call_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ToolResult:
+    """The answer to a call. The model sees exactly `text` and `picture`; `data` is for the harness and never shown."""
+
+    text: str
+    is_error: bool = False
+    done: bool = False
+    data: Mapping[str, Any] = field(default_factory=dict)
+    picture: Picture | None = None
+    """The picture of the observation, where the episode's observations are pictures."""
+
+
+class SampledTokens(Recorded):
+    """A reply in the tokens that the model drew, for training on records; no prompt, count or score depends on them.
+
+    Tokenising the text again can give tokens other than those drawn, and the probabilities hold only for those drawn.
+    """
+
+    later: ClassVar[Mapping[str, Any]] = {"logprobs": None, "prompt": None}
+
+    reply: tuple[Count, ...]
+    """The ids of the reply's tokens, the one that ends it included."""
+    logprobs: tuple[Annotated[float, Field(le=0, allow_inf_nan=False)], ...] | None = None
+    """The natural logarithm of the probability with which each of them was drawn."""
+    prompt: tuple[Count, ...] | None = None
+    """The ids of the prompt's tokens. They make a record much longer, because every turn has its whole prompt."""
+
+    @model_validator(mode="after")
+    def _has_a_logprob_for_each(self) -> Self:
+        if self.logprobs is not None and len(self.logprobs) != len(self.reply):
+            raise ValueError(f"there are {len(self.logprobs)} logprobs for {len(self.reply)} tokens")
+        return self
+
+
+MOST_TOKENS = 10**12
+"""More tokens than a provider can have counted for one reply."""
+
+
+class Usage(Recorded):
+    """Tokens as a provider reports them.
+
+    `cached`, read from its cache, and `written` to it are parts of `prompt`, `reasoning` is a part of `reply`.
+    """
+
+    later: ClassVar[Mapping[str, Any]] = {"written": 0, "written_1h": 0, "cut": 0}
+
+    prompt: int = 0
+    reply: int = 0
+    cached: int = 0
+    written: int = 0
+    written_1h: int = 0
+    """The part of `written` that is kept for an hour, where a provider reports it separately."""
+    reasoning: int = 0
+    requests: int = 1
+    """The attempts made for one reply, each of which is billed."""
+    cut: int = 0
+    """Replies that the provider cut at their length limit, by their `finish_reason`."""
+
+    @classmethod
+    def reported(cls, event: Mapping[str, Any]) -> Usage | None:
+        """Return the provider's count in a `usage` event; None if it gave none, or numbers that cannot be tokens."""
+        usage = None if event["provider"] is None else cls(**event["provider"])
+        return usage if usage is not None and usage.is_possible else None
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether the numbers can be tokens: none is negative or beyond 10^12, and no part is larger than its whole."""
+        numbers = [getattr(self, name) for name in Usage.model_fields]
+        parts = self.cached + self.written <= self.prompt and self.written_1h <= self.written
+        return parts and min(numbers) >= 0 and max(numbers) <= MOST_TOKENS
+
+    @property
+    def has_tokens(self) -> bool:
+        """Whether a provider has counted any: what asks it counts its requests even where it reports no tokens."""
+        return self.prompt > 0 or self.reply > 0
+
+    def replaced_by(self, reported: Usage | None) -> Usage:
+        """Return the usage that a provider reported in place of our count, which this is.
+
+        Without tokens in it, or with numbers that cannot be tokens, its requests and cut replies count, and our tokens.
+        """
+        if reported is None:
+            return self
+        if reported.has_tokens and reported.is_possible:
+            return reported
+        return self.model_copy(update={"requests": reported.requests, "cut": reported.cut})
+
+    def __add__(self, other: Usage) -> Usage:
+        return Usage(**{name: getattr(self, name) + getattr(other, name) for name in Usage.model_fields})
+
 
 CarriedStore = Literal["notes", "memory"]
 """What a trial of a run can leave to the next one: the agent's notes, or the files of its tool `memory`."""

@@ -8,16 +8,9 @@ limit, so that nobody can fill a server's memory or its connections.
 
 from typing import TYPE_CHECKING
 
-from smartplay_tools.lazy import lazy_exports
+from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_tools.web.admission import (
-        LOCAL as LOCAL,
-        Names as Names,
-        is_bearer as is_bearer,
-        is_from_own_page as is_from_own_page,
-        is_loopback as is_loopback,
-    )
     from smartplay_tools.web.bodies import (
         LARGEST_REQUEST as LARGEST_REQUEST,
         UNAUTHORIZED as UNAUTHORIZED,
@@ -25,29 +18,35 @@ if TYPE_CHECKING:
         hosted_or_refusal as hosted_or_refusal,
     )
     from smartplay_tools.web.guard import (
+        LOCAL as LOCAL,
         Guard as Guard,
+        Names as Names,
         carries as carries,
         check_address as check_address,
         guarded as guarded,
+        is_bearer as is_bearer,
+        is_from_own_page as is_from_own_page,
+        is_loopback as is_loopback,
     )
-    from smartplay_tools.web.hosted import HostedEpisode as HostedEpisode, check_budget as check_budget
     from smartplay_tools.web.server import Server as Server
     from smartplay_tools.web.store import (
         EpisodeStore as EpisodeStore,
         FullError as FullError,
         Hosted as Hosted,
+        HostedEpisode as HostedEpisode,
         Store as Store,
+        check_budget as check_budget,
     )
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.web.admission": "LOCAL Names is_bearer is_from_own_page is_loopback",
+            "smartplay_tools.web.guard": (
+                "LOCAL Guard Names carries check_address guarded is_bearer is_from_own_page is_loopback"
+            ),
             "smartplay_tools.web.bodies": "LARGEST_REQUEST UNAUTHORIZED Bounded hosted_or_refusal",
-            "smartplay_tools.web.guard": "Guard carries check_address guarded",
-            "smartplay_tools.web.hosted": "HostedEpisode check_budget",
+            "smartplay_tools.web.store": "HostedEpisode check_budget EpisodeStore FullError Hosted Store",
             "smartplay_tools.web.server": "Server",
-            "smartplay_tools.web.store": "EpisodeStore FullError Hosted Store",
         },
     )

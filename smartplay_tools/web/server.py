@@ -1,11 +1,14 @@
 """A server for an ASGI application: in the foreground for a command, or in a thread beside a script or a test.
 
 Every server of the package is one of these.
+
+The socket that a server listens on.
 """
 
 from __future__ import annotations
 
 import asyncio
+import socket
 import threading
 import time
 from typing import Any, Self
@@ -14,8 +17,24 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.web import bodies
-from smartplay_tools.web.sockets import listening
+
+
+def listening(host: str, port: int, backlog: int = 128) -> socket.socket:
+    """Return a socket that listens; an address that is taken is an `InvalidArgumentError`. Port 0 is a free one."""
+    # asyncio sends small answers at once only on sockets whose protocol is named; else each may wait for 40 ms.
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    made = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        made.bind((host, port))
+    except OSError as error:
+        made.close()
+        raise InvalidArgumentError(f"Nothing can listen on {host}:{port}: {error.strerror}.") from error
+    made.listen(backlog)
+    return made
+
 
 BACKLOG = 2048
 """Connections that may wait to be accepted, since a thousand agents may begin at once."""

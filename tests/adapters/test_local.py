@@ -11,8 +11,7 @@ pytest.importorskip("xllamacpp", reason="needs smartplay-tools[local]; `.ci/run`
 
 from smartplay_local import LocalPlayer, LocalServer, measure
 from smartplay_local.engine import shared_server
-from smartplay_local.gguf_header import read_gguf
-from smartplay_local.model_files import KNOWN_MODELS, find_model
+from smartplay_local.model_files import KNOWN_MODELS, find_model, read_gguf
 from smartplay_local.text import as_text, call_in, grammar_of
 from smartplay_openai import LocalEndpoint
 

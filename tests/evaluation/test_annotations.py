@@ -11,7 +11,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.exports.atif import trajectory
-from smartplay_tools.evaluation.run_folder.annotations import LONGEST, notes_file, read_notes, write_note
+from smartplay_tools.evaluation.run_folder.folder import LONGEST, notes_file, read_notes, write_note
 from smartplay_tools.records import Record
 from tests.evaluation.test_view import get, unpacked
 

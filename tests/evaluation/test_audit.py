@@ -83,7 +83,7 @@ def test_a_record_that_is_no_longer_there_is_found(run):
 
 @pytest.fixture
 def _every_record_is_worth_a_process(monkeypatch):
-    monkeypatch.setattr(importlib.import_module("smartplay_tools.evaluation.runs.audit"), "WORTH_A_PROCESS", 1)
+    monkeypatch.setattr(importlib.import_module("smartplay_tools.evaluation.runs.merge"), "WORTH_A_PROCESS", 1)
 
 
 @pytest.mark.slow

@@ -21,9 +21,9 @@ from smartplay_tools.evaluation.analysis.area import areas
 from smartplay_tools.evaluation.analysis.figures import score_against_trial
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, sample
 from smartplay_tools.evaluation.board.submissions import check_submission, prepare_submission
-from smartplay_tools.evaluation.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder import RunFolder, Until, trial_seed
 from smartplay_tools.evaluation.runs import merge
-from smartplay_tools.evaluation.runs.audit import audit
+from smartplay_tools.evaluation.runs.merge import audit
 from smartplay_tools.types.messages import text_of
 from tests.evaluation.bundles import FACTS
 from tests.evaluation.players import BrokenOnce, act
@@ -186,7 +186,7 @@ def test_a_rule_learns_from_trial_to_trial_how_often_a_better_machine_wins(playe
         ({"repeats": 2}, "plays every world once"),
         ({"budgets": NOTING.model_copy(update={"result_tokens": None})}, "give result_tokens a number"),
         ({"budgets": sp.Budget(notes_tokens=100, prompt_tokens=450)}, "carried from the trial before"),
-        ({"until": sp.records.manifest.Until("1")}, "leave out --until or carry"),
+        ({"until": Until("1")}, "leave out --until or carry"),
     ],
 )
 def test_what_cannot_be_carried_is_refused_in_a_sentence(tmp_path, options, reason):
@@ -233,7 +233,7 @@ class Clearing:
 
 
 def test_notes_that_were_cleared_are_not_carried(tmp_path):
-    first = sp.records.manifest.trial_seed(0, BANDIT, 0)
+    first = trial_seed(0, BANDIT, 0)
     done = run(tmp_path / "run", players={"clearing": Clearing}, player_options={"first": first}, trials=4, chain=None)
     carried = [sp.read_transcript(done.transcript(row["key"]))[0].get("carried") for row in done.rows]
     assert [each and each.get("notes") for each in carried] == [None, "remember", None, None]
@@ -263,7 +263,7 @@ class Filing:
 
 
 def test_files_are_carried_and_none_is_in_view(tmp_path):
-    options = {"first": sp.records.manifest.trial_seed(0, BANDIT, 0)}
+    options = {"first": trial_seed(0, BANDIT, 0)}
     budget = sp.Budget(memory_tokens=60, prompt_tokens=1500, tool_calls=8)
     done = run(
         tmp_path / "run",

@@ -13,8 +13,8 @@ from smartplay_tools.evaluation.analysis import figures
 from smartplay_tools.evaluation.analysis.figures.step_scores import walk_of
 from smartplay_tools.evaluation.analysis.figures.style import COLOURS, LINES, MARKERS, RULES, Series
 from smartplay_tools.evaluation.analysis.windows import compare_windows
+from smartplay_tools.records.accounts import shown_turns
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.shown import shown_turns
 from tests.evaluation.window_rows import row
 
 BANDIT, RPS = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0"

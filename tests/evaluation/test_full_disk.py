@@ -8,7 +8,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import DiskFullError, is_disk_full
-from smartplay_tools.transcript.appended import AppendedFile
+from smartplay_tools.transcript.lines import AppendedFile
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.board.submissions import Limits, check_submission, report_json, report_text
-from smartplay_tools.evaluation.run_folder.manifest import trial_seed
+from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from tests.evaluation import bundles
 from tests.evaluation.bundles import HANOI, Files, changed, edit_json, records
 

@@ -22,8 +22,7 @@ from smartplay_tools.evaluation.board.submissions import (
     report_json,
     rollout_cards as card,
 )
-from smartplay_tools.evaluation.board.submissions.submitted_plan import read_plan
-from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
+from smartplay_tools.evaluation.board.submissions.submitted_plan import cell_results, read_plan
 from smartplay_tools.evaluation.suites import SUITES, Suite
 from smartplay_tools.records import Record
 from smartplay_tools.records.prices import Price

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smartplay_tools.evaluation.analysis.distributions import t_power
-from smartplay_tools.evaluation.analysis.intervals import Method, mean_estimate
-from smartplay_tools.evaluation.analysis.shares import clopper_pearson, tango, wilson
+from smartplay_tools.evaluation.analysis.intervals import Method, clopper_pearson, mean_estimate, t_power, tango, wilson
 
 proportion = pytest.importorskip("statsmodels.stats.proportion")
 power = pytest.importorskip("statsmodels.stats.power")

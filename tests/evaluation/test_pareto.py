@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import given, strategies as st
 
-from smartplay_tools.evaluation.analysis.pareto import pareto_front
+from smartplay_tools.evaluation.analysis.windows import pareto_front
 
 
 def test_a_worked_example():

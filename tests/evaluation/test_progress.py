@@ -10,8 +10,7 @@ from functools import partial
 from rich.console import Console
 
 import smartplay_tools as sp
-from smartplay_tools.cli.progress import _Screen, showing
-from smartplay_tools.cli.running import live_table
+from smartplay_tools.cli.progress import _Screen, live_table, showing
 from smartplay_tools.evaluation.run_folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, run_snapshot
 from smartplay_tools.evaluation.runs import RunOptions, make_cells, plan_episodes, run_plan

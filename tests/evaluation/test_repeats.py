@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis import pairs, summarize
+from smartplay_tools.evaluation.analysis.pairs import RowCondition
 from smartplay_tools.evaluation.analysis.repeats import (
     as_json,
     flips,
@@ -22,7 +23,6 @@ from smartplay_tools.evaluation.analysis.repeats import (
     repeats_table,
     variances,
 )
-from smartplay_tools.evaluation.analysis.row_conditions import RowCondition
 
 GAME = "MessengerL1-v0"
 

@@ -23,8 +23,7 @@ from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation import pages
 from smartplay_tools.evaluation.pages.report import write_report
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
-from smartplay_tools.evaluation.pages.report.episodes import check
-from smartplay_tools.evaluation.pages.report.excerpts import excerpt
+from smartplay_tools.evaluation.pages.report.episodes import check, excerpt
 from smartplay_tools.games import GameSpec
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.records import Record, recorded_pictures

@@ -23,7 +23,7 @@ from tests.evaluation.report_runs import known_for_now, record
 pytest.importorskip("jinja2")
 report = pytest.importorskip("smartplay_tools.evaluation.pages.report")
 sources = pytest.importorskip("smartplay_tools.evaluation.pages.report.sources")
-choice = pytest.importorskip("smartplay_tools.evaluation.pages.report.choice")
+choice = pytest.importorskip("smartplay_tools.evaluation.pages.report.sources")
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 

@@ -13,7 +13,7 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder import RunFolder
 from smartplay_tools.evaluation.runs import PlayerConfig, RunOptions, make_cells, plan_episodes, run_plan
-from smartplay_tools.evaluation.runs.run_file import read_run_file
+from smartplay_tools.evaluation.runs.run_options import read_run_file
 from tests.evaluation.players import Waiting
 from tests.evaluation.servers import calling, completion, serving
 

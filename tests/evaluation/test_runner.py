@@ -12,7 +12,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.run_folder import RunFolder
-from smartplay_tools.evaluation.run_folder.manifest import trial_seed
+from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.evaluation.runs.merge import merge
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_writer import RunWriter

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from smartplay_tools.evaluation.parallel import parallel_map, worth
-from smartplay_tools.evaluation.processes import Lost, ProcessPool
+from smartplay_tools.evaluation.processes import Lost, ProcessPool, parallel_map, worth
 
 
 def squares(numbers: Sequence[int]) -> list[int]:

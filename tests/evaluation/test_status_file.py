@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder.folder import STATUS, RunFolder
-from smartplay_tools.evaluation.run_folder.snapshot import RunFigures, read_status
+from smartplay_tools.evaluation.run_folder.follower import RunFigures, read_status
 
 HANOI = "Hanoi3Disk-v0"
 

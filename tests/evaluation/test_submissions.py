@@ -21,7 +21,8 @@ from smartplay_tools.evaluation.board.submissions import (
     report_json,
     report_text,
 )
-from smartplay_tools.evaluation.run_folder.manifest import Until
+from smartplay_tools.evaluation.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import Until
 from smartplay_tools.evaluation.runs import PlayerConfig
 from smartplay_tools.evaluation.suites import get_suite
 from tests.evaluation import bundles
@@ -47,7 +48,7 @@ def test_an_honest_run_is_verified(bundle):
     assert checked.errors == []
     assert (len(checked.rows), checked.planned) == (4, 4)
     assert checked.prompts == checked.replies > 20
-    assert checked.rows == sp.records.RunFolder(bundle.parent / "run").rows()
+    assert checked.rows == RunFolder(bundle.parent / "run").rows()
     assert "Who wrote the replies" in report_text(checked)
     assert "several plays of one seed" in report_text(checked)
 
@@ -352,4 +353,4 @@ def test_the_reference_rows_are_of_the_suite_as_it_is_planned(player):
     keys = [episode.key for episode in plan_suite(get_suite("tools-v1"), [player]).episodes]
     manifest = json.loads((folder / "manifest.json").read_text())
     assert [episode["key"] for episode in manifest["episodes"]] == keys
-    assert [row["key"] for row in sp.records.RunFolder(folder).rows()] == keys
+    assert [row["key"] for row in RunFolder(folder).rows()] == keys

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from smartplay_tools.games.history import history_text
+from smartplay_tools.games.base import history_text
 from smartplay_tools.games.messenger import rules, text
 from smartplay_tools.games.messenger.rules import DIRECTIONS, GAMES, Game, State
 

@@ -9,9 +9,16 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.games import GameSpec
-from smartplay_tools.games.minecraft.engine_checks import check_engines
-from smartplay_tools.games.minecraft.engines import ENGINES
-from smartplay_tools.games.minecraft.tasks import CORRECTED_GOALS, PAPER_GOALS, TICKS, Stride, strides, turn
+from smartplay_tools.games.minecraft.engines import (
+    CORRECTED_GOALS,
+    ENGINES,
+    PAPER_GOALS,
+    TICKS,
+    Stride,
+    check_engines,
+    strides,
+    turn,
+)
 
 TASKS = (0, 1, 2, 4, 5, 7, 8, 9)
 

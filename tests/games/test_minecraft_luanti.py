@@ -18,13 +18,12 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.errors import EngineError
 from smartplay_tools.games import GameSpec
-from smartplay_tools.games.minecraft.engine_checks import check_engines
+from smartplay_tools.games.minecraft.engines import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, check_engines, strides, turn
 from smartplay_tools.games.minecraft.luanti import server
 from smartplay_tools.games.minecraft.luanti.engine import LuantiEngine
 from smartplay_tools.games.minecraft.luanti.install import VARIABLE, find_installation
 from smartplay_tools.games.minecraft.luanti.node_names import display_name
 from smartplay_tools.games.minecraft.observation import NEAR
-from smartplay_tools.games.minecraft.tasks import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, strides, turn
 from smartplay_tools.games.minecraft.voxel.blocks import Block
 from smartplay_tools.games.minecraft.voxel.walking import EYES, Walker
 from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, VoxelWorld

@@ -19,7 +19,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import EngineError
-from smartplay_tools.games.minecraft.engine_checks import check_engines
+from smartplay_tools.games.minecraft.engines import PAPER_GOALS, Goal, check_engines, strides, turn
 from smartplay_tools.games.minecraft.minedojo import worker
 from smartplay_tools.games.minecraft.minedojo.engine import (
     CALL_SECONDS,
@@ -31,7 +31,6 @@ from smartplay_tools.games.minecraft.minedojo.engine import (
 from smartplay_tools.games.minecraft.minedojo.install import install
 from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
 from smartplay_tools.games.minecraft.observation import Observation
-from smartplay_tools.games.minecraft.tasks import PAPER_GOALS, Goal, strides, turn
 from smartplay_tools.games.minecraft.text import describe
 from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
 from tests.processes import needs_proc, needs_unix
@@ -179,7 +178,7 @@ def test_an_interrupt_ends_a_worker_that_would_answer_later(tmp_path):
 
 KILLED = """
 import subprocess, sys, time
-from smartplay_tools.games.minecraft.engine_checks import check_engines
+from smartplay_tools.games.minecraft.engines import check_engines
 from smartplay_tools.games.minecraft.minedojo import worker
 from smartplay_tools.games.minecraft.minedojo.engine import start
 process = start(sys.executable)

@@ -23,13 +23,13 @@ from smartplay_tools.players.rules.messenger.board import (
     SHIFT,
     WIDTH,
     Floats,
+    SeenEntities,
     board,
     offsets,
     sight_code,
 )
 from smartplay_tools.players.rules.messenger.casts import Part
 from smartplay_tools.players.rules.messenger.manual import Claim
-from smartplay_tools.players.rules.messenger.sight import SeenEntities
 
 LINES = "You took action {}.\n\nYou (agent) don't have the message.\n\nYou see:\n- {}"
 

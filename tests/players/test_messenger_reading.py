@@ -11,10 +11,9 @@ from smartplay_tools.games.messenger.manuals import OUR_TEXTS, load
 from smartplay_tools.games.messenger.rules import MOVEMENTS, Split
 from smartplay_tools.games.messenger.text import compose
 from smartplay_tools.players.rules.messenger import manual as messenger_manual
-from smartplay_tools.players.rules.messenger.board import CHASER, FLEEING, IMMOVABLE
+from smartplay_tools.players.rules.messenger.board import CHASER, FLEEING, IMMOVABLE, SeenEntities
 from smartplay_tools.players.rules.messenger.casts import Cast, Part, casts
 from smartplay_tools.players.rules.messenger.manual import Claim, claims
-from smartplay_tools.players.rules.messenger.sight import SeenEntities
 from tests.messenger_sentences import Entry, entries
 
 

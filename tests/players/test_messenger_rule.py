@@ -14,7 +14,7 @@ from smartplay_tools.players import rules
 from smartplay_tools.players.rules.messenger import player as messenger
 from smartplay_tools.players.rules.messenger.belief import ENEMY, GOAL, MESSAGE, THINGS, Cases
 from smartplay_tools.players.rules.messenger.board import CHASER, IMMOVABLE, NOWHERE
-from smartplay_tools.players.rules.messenger.foresight import persistence, worths
+from smartplay_tools.players.rules.messenger.player import persistence, worths
 
 
 def completed(level: int, episodes: int) -> float:

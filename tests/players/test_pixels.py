@@ -8,7 +8,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.games.crafter.balance import light
-from smartplay_tools.players.pixels import in_words
+from smartplay_tools.players.crafter_pixels import in_words
 from smartplay_tools.players.prompt_reading import Reading
 
 BUDGET = sp.Budget(history=5)

@@ -7,8 +7,6 @@ many at once as its player can.
 
 from __future__ import annotations
 
-from smartplay_openai.server.app import endpoint_app
-from smartplay_openai.server.limits import SimulatedLimits
-from smartplay_openai.server.running import LocalEndpoint
+from smartplay_openai.server.app import LocalEndpoint, SimulatedLimits, endpoint_app
 
 __all__ = ["LocalEndpoint", "SimulatedLimits", "endpoint_app"]

@@ -1,40 +1,154 @@
-"""The endpoint as an ASGI application: routes, errors, and the conversion between requests and players."""
+"""The endpoint as an ASGI application: routes, errors, and the conversion between requests and players.
+
+Simulated limits, with which the endpoint refuses requests like a paid service: long prompts, frequent requests.
+
+They are for testing agents: whether an agent shortens its prompt, waits and retries, and reports why it stopped. Both
+refusals are deterministic, so a test that fails once fails again.
+
+Running the endpoint: in a thread beside a test or a script, or in the foreground for the command line.
+
+The responses of both endpoints: JSON, streams of events, refusals as OpenAI words them.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import itertools
+import json
 import uuid
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from smartplay_openai.chat import CHAT
-from smartplay_openai.interface import Interface
+from smartplay_openai.interface import Event, Interface
 from smartplay_openai.problems import RequestError, bad
 from smartplay_openai.responses import RESPONSES
-from smartplay_openai.server.answers import (
-    HANDLERS,
-    WRONG_KEY,
-    event_stream,
-    json_response,
-    model_object,
-    read_request,
-    refuse,
-)
-from smartplay_openai.server.limits import SimulatedLimits
 from smartplay_openai.tool_choice import ToolChoice
-from smartplay_tools import AsyncPlayer, Message, Player, Prompt, Reply, SmartPlayError, Usage
+from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, SmartPlayError, Usage
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.players import ModelCallError
+from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of
-from smartplay_tools.web import LARGEST_REQUEST, carries, guarded
+from smartplay_tools.web import LARGEST_REQUEST, Server, carries, check_address, guarded
+
+
+@dataclass
+class SimulatedLimits:
+    """The limits of an endpoint; by default there are none.
+
+    Arguments:
+        context_tokens: a longer prompt, in budget tokens, is refused as `context_length_exceeded`.
+        busy_every: N, where every Nth request is refused with status 429.
+        retry_after: the seconds that such a refusal asks to wait.
+    """
+
+    context_tokens: int | None = None
+    busy_every: int | None = None
+    retry_after: float = 0.0
+    _requests: itertools.count[int] = field(default_factory=lambda: itertools.count(1), init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Raise an error for limits under which no request would ever be answered."""
+        if self.context_tokens is not None and self.context_tokens < 1:
+            raise InvalidArgumentError(f"context_tokens={self.context_tokens} would refuse every prompt.")
+        if self.busy_every is not None and self.busy_every < 2:
+            raise InvalidArgumentError(f"busy_every={self.busy_every} would refuse every request; give at least 2.")
+
+    def check_rate(self) -> None:
+        """Count a request; raise `RequestError` if it is to be refused."""
+        if self.busy_every is not None and next(self._requests) % self.busy_every == 0:
+            problem = f"Rate limit reached: this endpoint refuses one in {self.busy_every} requests. Try again."
+            headers = {"retry-after": f"{self.retry_after:g}"}
+            raise RequestError(429, problem, code="rate_limit_exceeded", kind="requests", headers=headers)
+
+    def check_length(self, tokens: int, param: str) -> None:
+        """Raise `RequestError` if a prompt of this many tokens is too long."""
+        if self.context_tokens is not None and tokens > self.context_tokens:
+            problem = f"This model's maximum context length is {self.context_tokens} tokens, the prompt has {tokens}."
+            raise RequestError(400, problem, param=param, code="context_length_exceeded")
+
+
+T = TypeVar("T")
+
+
+async def read_request(request: Request, read: Callable[[dict[str, Any]], T], *, at_once: int = 0) -> T:
+    """Return what a function makes of the object that a request holds; `RequestError` for anything else.
+
+    It works in a thread, because a long conversation takes long to read, and others play meanwhile. A body of at most
+    `at_once` bytes is read here, where the switch to a thread would take longer.
+    """
+    sent = await request.body()
+
+    def read_body() -> T:
+        body = object_in(sent)
+        if body is None:
+            raise RequestError(400, "The body of a request is a JSON object.")
+        try:
+            return read(body)
+        except RecursionError:
+            raise RequestError(400, "The body is nested too deeply.") from None
+        except SmartPlayError as error:
+            raise RequestError(400, str(error)) from error
+
+    return read_body() if len(sent) <= at_once else await asyncio.to_thread(read_body)
+
+
+WRONG_KEY = RequestError(
+    401,
+    "The API key is wrong or missing.",
+    code="invalid_api_key",
+    headers={"www-authenticate": "Bearer", "x-should-retry": "false"},
+)
+"""The refusal of a request without the key."""
+
+
+def json_response(body: Mapping[str, Any], status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
+    """Return a body as a response."""
+    # ASCII, since a message may hold half a character, which UTF-8 cannot.
+    return Response(json.dumps(body), status, headers, media_type="application/json")
+
+
+def event_stream(events: Iterator[Event]) -> Iterator[str]:
+    """Yield events as server-sent events."""
+    for name, data in events:
+        text = data if isinstance(data, str) else json.dumps(data)
+        yield f"event: {name}\ndata: {text}\n\n" if name else f"data: {text}\n\n"
+
+
+async def refuse(request: Request, error: RequestError) -> Response:
+    """Answer a request that is refused."""
+    return json_response(error.body(), error.status, error.headers)
+
+
+async def fail(request: Request, error: Exception) -> Response:
+    """Answer a request at which the server failed."""
+    return json_response(RequestError(500, f"{type(error).__name__}: {error}").body(), 500)
+
+
+async def refuse_http(request: Request, error: HTTPException) -> Response:
+    """Answer a request to a path or with a method that is not served."""
+    refused = RequestError(error.status_code, f"{error.detail}: {request.method} {request.url.path}")
+    return json_response(refused.body(), error.status_code, error.headers)
+
+
+def model_object(name: str) -> dict[str, Any]:
+    """Return a model's entry in the list of models."""
+    return {"id": name, "object": "model", "created": 0, "owned_by": "smartplay-tools"}
+
+
+HANDLERS: dict[Any, Any] = {RequestError: refuse, HTTPException: refuse_http, Exception: fail}
+"""How an application answers exceptions."""
+
 
 PlayerLike = Player | AsyncPlayer
 
@@ -159,3 +273,36 @@ def _failed(error: Exception) -> RequestError:
     if isinstance(error, SmartPlayError) and not isinstance(error, ModelCallError):
         return RequestError(400, str(error), code="player_refused")
     return RequestError(500, f"The player failed: {type(error).__name__}: {error}", code="player_failed")
+
+
+class LocalEndpoint(Server):
+    """A server for players; in a `with` block it runs in a thread of its own.
+
+        with LocalEndpoint(sp.get_player("rule")) as endpoint:
+            sp.play(episode, sp.get_player("openai:rule", base_url=endpoint.base_url))
+
+    Arguments:
+        players: the players; a request's `model` is a player's name.
+        host, port: the address; port 0 is a free port. The address is bound at once.
+        api_key: a key that requests must have.
+        limits: simulated limits of a paid service, on the length of prompts and the rate of requests.
+        hosts, origins: names under which it is reached, and web pages that may use it. An address that other machines
+            reach needs the names and a key.
+        app: an ASGI application to serve instead, such as one around `endpoint_app`.
+    """
+
+    def __init__(
+        self,
+        *players: PlayerLike,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        api_key: str | None = None,
+        limits: SimulatedLimits | None = None,
+        hosts: Sequence[str] = (),
+        origins: Sequence[str] = (),
+        app: Any = None,
+    ) -> None:
+        check_address(host, api_key, hosts)
+        made = endpoint_app(*players, api_key=api_key, limits=limits, hosts=hosts, origins=origins)
+        super().__init__(app or made, host, port)
+        self.base_url = f"{self.url}/v1"

@@ -24,7 +24,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from smartplay_openai.problems import RequestError, bad
-from smartplay_openai.server.answers import (
+from smartplay_openai.server.app import (
     HANDLERS,
     WRONG_KEY,
     event_stream,
@@ -35,7 +35,7 @@ from smartplay_openai.server.answers import (
 from smartplay_openai.window.episode import WindowEpisode
 from smartplay_openai.window.formats import CHAT_FORMAT, HostFormat
 from smartplay_openai.window.messages_format import MESSAGES_FORMAT
-from smartplay_openai.window.notices import Shown
+from smartplay_openai.window.names import Shown
 from smartplay_openai.window.responses_format import RESPONSES_FORMAT
 from smartplay_openai.window.store import PlayerOf, WindowStore
 from smartplay_tools import AsyncPlayer, Episode, EpisodeResult, Player, SmartPlayError

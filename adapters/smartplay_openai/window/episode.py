@@ -4,22 +4,22 @@ There are two ways in. `reply` answers a request for a completion: if the reques
 begins, and if it does not, the latest reply has not arrived, and is given again. `call` plays a tool call that the
 host's agent runs. Both know the calls by the ids and arguments of the latest reply (`PendingReply`), so a request or a
 call that is sent twice, late, in another order or while the first is still under way changes nothing and costs nothing.
+
+Calls of an episode's tools from threads that are not the server's, in which an agent's tools run.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 from smartplay_openai.problems import RequestError
-from smartplay_openai.window.completion_request import CompletionRequest, known_by
-from smartplay_openai.window.from_threads import FromThreads
-from smartplay_openai.window.names import HostTools, tell_apart
-from smartplay_openai.window.notices import Notices, Shown
+from smartplay_openai.window.formats import CompletionRequest, known_by
+from smartplay_openai.window.names import HostTools, Notices, Shown, tell_apart
 from smartplay_openai.window.pending_reply import PendingReply, Slot, call_id
 from smartplay_openai.window.side_requests import SideRequests, in_schema
 from smartplay_tools import (
@@ -37,10 +37,19 @@ from smartplay_tools import (
 from smartplay_tools.context import Turn
 from smartplay_tools.context.prompts import GAME_IS_OVER
 from smartplay_tools.conversation import AttachedPlayer, HostChat, HostHistory, check_observation
-from smartplay_tools.conversation.event_loop import reply_of
+from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.episode import tool_functions
 from smartplay_tools.errors import PlayerLeftError
 from smartplay_tools.types.messages import assistant_message
+
+
+@dataclass(frozen=True)
+class FromThreads:
+    """The tools of an episode, and a function that plays a call of one."""
+
+    tools: tuple[ToolSpec, ...]
+    call: Callable[[str, Any], ToolResult]
+
 
 NO_RESULT = "Error: The host's agent gave no result for this call."
 """The result of a foreign call that the host's next request does not have."""

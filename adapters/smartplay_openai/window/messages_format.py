@@ -15,11 +15,17 @@ from typing import Any
 
 from smartplay_openai.interface import Event
 from smartplay_openai.problems import RequestError, bad
-from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects
-from smartplay_openai.window.formats import SUB_AGENT_HEADERS, HostFormat, fields_of
+from smartplay_openai.window.formats import (
+    SUB_AGENT_HEADERS,
+    CompletionRequest,
+    HostFormat,
+    Ignored,
+    fields_of,
+    json_schema,
+    objects,
+)
 from smartplay_tools import Message, ToolSpec, Usage
-from smartplay_tools.types.message_forms import encodable, halves
-from smartplay_tools.types.messages import calls_of, text_of, words_of
+from smartplay_tools.types.messages import calls_of, encodable, halves, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"
 """What the ids of calls begin with: in the window, and in this interface."""

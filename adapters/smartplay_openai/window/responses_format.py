@@ -15,8 +15,16 @@ from typing import Any
 from smartplay_openai.interface import Event
 from smartplay_openai.problems import bad, read_tools
 from smartplay_openai.responses import RESPONSES
-from smartplay_openai.window.completion_request import CompletionRequest, Ignored, json_schema, objects
-from smartplay_openai.window.formats import SUB_AGENT_HEADERS, HostFormat, fields_of, functions_of
+from smartplay_openai.window.formats import (
+    SUB_AGENT_HEADERS,
+    CompletionRequest,
+    HostFormat,
+    Ignored,
+    fields_of,
+    functions_of,
+    json_schema,
+    objects,
+)
 from smartplay_tools import Message, Usage
 
 BETWEEN = "__"

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from smartplay_openai.window.completion_request import CompletionRequest
+from smartplay_openai.window.formats import CompletionRequest
 from smartplay_openai.window.names import HostTools, filled
 from smartplay_openai.window.pending_reply import PendingReply
 from smartplay_tools import Episode, Message, Usage

@@ -19,7 +19,7 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_
 from smartplay_tools.games.game_registry import packages_are_imported
 from smartplay_tools.registry import Registry, is_in_file, read_file
 from smartplay_tools.types import Budget
-from smartplay_tools.types.json_text import value_in
+from smartplay_tools.types.arguments import value_in
 
 ENTRY_POINTS = "smartplay_tools.strategies"
 """The group under which other packages declare strategies."""

@@ -25,8 +25,7 @@ from smartplay_tools.context.tokens.tokenizers import (
 )
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types.arguments import as_text, canonical
-from smartplay_tools.types.message_forms import well_formed
-from smartplay_tools.types.messages import Call, calls_of, reasoning_of, text_and_pictures
+from smartplay_tools.types.messages import Call, calls_of, reasoning_of, text_and_pictures, well_formed
 
 CACHED_TEXTS = 32_768
 """How many texts a `TokenCounter` remembers: more than the longest episode of the benchmark has."""

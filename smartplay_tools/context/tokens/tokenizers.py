@@ -148,7 +148,7 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
 
         return HuggingFaceTokenizer(tokenizer.removeprefix(HUGGING_FACE))
     if tokenizer.startswith(MODEL_FILE):
-        vocabulary: type[Tokenizer] = resolve("smartplay_local.gguf_vocabulary:GgufTokenizer")
+        vocabulary: type[Tokenizer] = resolve("smartplay_local.model_files:GgufTokenizer")
         return vocabulary(tokenizer.removeprefix(MODEL_FILE))
     if tokenizer != DEFAULT_TOKENIZER:
         import tiktoken

@@ -18,16 +18,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smartplay_tools.evaluation.analysis.distributions import t_quantile
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.headline import CUT, is_much_cut
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Values, mean_estimate
-from smartplay_tools.evaluation.analysis.names import strategy_name
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Values, mean_estimate, t_quantile
 from smartplay_tools.evaluation.analysis.pairs import cut_share
+from smartplay_tools.evaluation.analysis.window_tables import strategy_name
 from smartplay_tools.evaluation.analysis.windows import family, jointly
-from smartplay_tools.records.groups import grouped
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import Row, grouped
 
 FEWEST_CAPS = 4
 RANDOM = "random"

@@ -6,9 +6,18 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
 from smartplay_tools.evaluation.analysis.decisions import Verdict
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.formats import (
+    NOTHING,
+    Column,
+    TextTable,
+    columns,
+    decimals_of,
+    fixed,
+    interval_notes,
+    sections,
+    with_interval,
+)
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, fixed, interval_notes, with_interval
 from smartplay_tools.evaluation.quantities import short
 
 NOTES = (

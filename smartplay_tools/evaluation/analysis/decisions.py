@@ -16,8 +16,16 @@ from dataclasses import dataclass
 from typing import Literal
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.distributions import beyond, chi_squared_quantile, crossing, t_power
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, Method, Sample, mean_estimates
+from smartplay_tools.evaluation.analysis.intervals import (
+    MeanEstimate,
+    Method,
+    Sample,
+    beyond,
+    chi_squared_quantile,
+    crossing,
+    mean_estimates,
+    t_power,
+)
 from smartplay_tools.games.specs import get_spec
 
 POWERS = (0.8, 0.9)

@@ -24,7 +24,7 @@ from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.records.rows import Row
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
-from smartplay_tools.types.json_text import canonical_text
+from smartplay_tools.types.arguments import canonical_text
 
 _COMMON = ("player", "player_options", "rules", "tokenizer")
 WORDS = ("history", "tool_calls")

@@ -8,13 +8,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
-from smartplay_tools.evaluation.analysis.numbers import (
+from smartplay_tools.evaluation.analysis.formats import (
     NOTHING,
+    TextTable,
+    columns,
     decimals_of,
     dollars,
     interval_notes,
     percent,
+    sections,
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary

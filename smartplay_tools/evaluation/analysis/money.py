@@ -1,6 +1,6 @@
 """What cells cost under the rules of caches: an episode, a point of score, and which window is cheapest where.
 
-The figures are models, made from records (`records.charges`). Beside them stands the bill, where a provider reported
+The figures are models, made from records (`costs.charges`). Beside them stands the bill, where a provider reported
 its own count of tokens and its price is known.
 """
 
@@ -11,18 +11,25 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns
+from smartplay_tools.evaluation.analysis.formats import (
+    NOTHING,
+    Column,
+    TextTable,
+    columns,
+    decimals_of,
+    dollars,
+    fixed,
+    percent,
+)
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimate
-from smartplay_tools.evaluation.analysis.names import family_titles, window_names
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, fixed, percent
 from smartplay_tools.evaluation.analysis.pairs import sample, score
+from smartplay_tools.evaluation.analysis.window_tables import family_titles, window_names
 from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.evaluation.costs.charges import Charge
 from smartplay_tools.evaluation.costs.tariffs import Charged, Tariff
 from smartplay_tools.evaluation.quantities import short
-from smartplay_tools.records.groups import grouped
-from smartplay_tools.records.rows import Row, has_reported_tokens
+from smartplay_tools.records.rows import Row, grouped, has_reported_tokens
 
 LEAST = "*"
 """The mark of the least cost of a column among the windows of a player at a game."""

@@ -11,7 +11,7 @@ from smartplay_tools.evaluation.analysis.comparison import Comparison, Pairing, 
 from smartplay_tools.evaluation.analysis.comparison_tables import side_names
 from smartplay_tools.evaluation.analysis.decisions import POWERS, Margin, Needed, plan_pairs
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
-from smartplay_tools.records.groups import grouped
+from smartplay_tools.records.rows import grouped
 
 NOTES = (
     "a | b: to see a difference in 8 or in 9 of 10 such comparisons (two-sided, 5 %)",

@@ -17,13 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from smartplay_tools.evaluation.analysis.distributions import t_quantile
-from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.formats import NOTHING, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, RESAMPLES, SEED, Values
-from smartplay_tools.evaluation.analysis.numbers import NOTHING
-from smartplay_tools.records.groups import grouped
-from smartplay_tools.records.rows import Row
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, RESAMPLES, SEED, Values, t_quantile
+from smartplay_tools.records.rows import Row, grouped
 
 Succeeds = Callable[[Row], bool]
 Share = tuple[float, float, float]

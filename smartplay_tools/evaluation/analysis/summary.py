@@ -14,14 +14,18 @@ from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from smartplay_tools.episode.deviations import differs
-from smartplay_tools.evaluation.analysis.baselines import Baselines, find_baselines
-from smartplay_tools.evaluation.analysis.capabilities import Capabilities, Weights, capability_scores
+from smartplay_tools.episode.config import differs
+from smartplay_tools.evaluation.analysis.capabilities import (
+    Baselines,
+    Capabilities,
+    Weights,
+    capability_scores,
+    find_baselines,
+)
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
 from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, Sample, named_estimates
 from smartplay_tools.evaluation.analysis.pairs import completed, normalized_score, reward, sample, score
-from smartplay_tools.records.groups import grouped
-from smartplay_tools.records.rows import Row, has_reported_tokens, is_unplayed
+from smartplay_tools.records.rows import Row, grouped, has_reported_tokens, is_unplayed
 from smartplay_tools.types import EndReason
 
 COUNTS = (

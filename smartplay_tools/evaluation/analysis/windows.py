@@ -12,6 +12,11 @@ which holds by itself: with twenty cells, one is expected to miss. The K differe
 hold together in 95 of 100 sweeps: each at the level 1 - 0.05 / K (Bonferroni), by formulas, since a bootstrap of ten
 thousand has no quantile that far out. The Pareto fronts compare the means of all cells
 of a game, including different players, manuals and protocols, because these have a price too.
+
+The Pareto front of score against price.
+
+A point is dominated if another one is at most as expensive and at least as good, and better in one of the two. The
+front consists of the points that are not dominated; equal points are on it together.
 """
 
 from __future__ import annotations
@@ -24,11 +29,26 @@ from typing import Any
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, named_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, cut_share, difference_samples, pairs, samples
-from smartplay_tools.evaluation.analysis.pareto import pareto_front
-from smartplay_tools.records.groups import grouped
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import Row, grouped
 from smartplay_tools.types import STRATEGIES, Budget
-from smartplay_tools.types.json_text import canonical_text
+from smartplay_tools.types.arguments import canonical_text
+
+
+def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
+    """Return the indices of the points (price, score) that no other dominates, cheapest first.
+
+    Equal points keep their order.
+    """
+    front: list[int] = []
+    best = float("-inf")
+    last: tuple[float, float] | None = None
+    # Cheapest first and, for one price, best first: a point is on the front if it is better than all before it.
+    for index in sorted(range(len(points)), key=lambda at: (points[at][0], -points[at][1])):
+        if points[index][1] > best or points[index] == last:
+            front.append(index)
+            best, last = points[index][1], points[index]
+    return front
+
 
 WINDOW = ("history", "prompt_tokens", "slack", *STRATEGIES)
 """The fields of a budget that say how much of an episode a prompt shows, and what becomes of the rest."""

@@ -19,7 +19,7 @@ from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_est
 from smartplay_tools.evaluation.analysis.pairs import normalized_score, sample, score, tokens
 from smartplay_tools.evaluation.board.submissions.check import Checked
 from smartplay_tools.evaluation.board.submissions.metadata import Submission
-from smartplay_tools.evaluation.board.submissions.submitted_results import by_cell, normalized_scores, total_cost
+from smartplay_tools.evaluation.board.submissions.submitted_plan import by_cell, normalized_scores, total_cost
 from smartplay_tools.evaluation.costs.tariffs import Charged
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget

@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple, get_args
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.costs.caches import CacheRule
 from smartplay_tools.records.prices import Price
-from smartplay_tools.records.request_log import Prefixes, Request, RequestLog
+from smartplay_tools.records.requests import Prefixes, Request, RequestLog
 
 Place = Literal["stable", "end"]
 """Where a player marks a prompt: at the end of what is unchanged since the prompt before, or at its own end."""

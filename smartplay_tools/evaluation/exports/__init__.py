@@ -12,6 +12,6 @@ export         the formats by name, and the function above
 
 from smartplay_tools.evaluation.exports.export import FORMATS, RESULTS, Exported, export
 from smartplay_tools.evaluation.exports.published import Publication
-from smartplay_tools.evaluation.exports.selection import EpisodeSelection
+from smartplay_tools.evaluation.exports.sft import EpisodeSelection
 
 __all__ = ["FORMATS", "RESULTS", "EpisodeSelection", "Exported", "Publication", "export"]

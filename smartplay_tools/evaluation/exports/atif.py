@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.evaluation.run_folder.annotations import as_list, read_notes
+from smartplay_tools.evaluation.run_folder.folder import as_list, read_notes
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import concerns_summary
 from smartplay_tools.types import Usage
-from smartplay_tools.types.json_text import object_in
+from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import Call, Message, reasoning_of, text_of
 
 SCHEMA = "ATIF-v1.7"

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.evaluation.exports.dataset_cards import dataset_card
 from smartplay_tools.evaluation.exports.published import Publication
-from smartplay_tools.evaluation.exports.selection import EpisodeSelection
+from smartplay_tools.evaluation.exports.sft import EpisodeSelection
 from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
 

@@ -2,9 +2,36 @@
 
 report/    the replay page, one file that opens from disk
 notebook   tables and replays below a notebook's cells
-templates  the environment of the HTML templates
+
+The environment of the HTML templates: everything is escaped, and a name that is not given is an error.
 """
 
-from smartplay_tools.evaluation.pages.templates import environment
+from __future__ import annotations
 
-__all__ = ["environment"]
+from typing import TYPE_CHECKING
+
+from smartplay_tools.errors import extra_named
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+
+_environments: dict[str, Environment] = {}
+
+
+def environment(package: str, what: str) -> Environment:
+    """Return the environment of a package's folder `templates`; without Jinja, a `MissingExtraError` about `what`.
+
+    Each package has one, which remembers its compiled templates.
+    """
+    with extra_named(what, "evaluation"):
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+    if package not in _environments:
+        _environments[package] = Environment(
+            loader=PackageLoader(package),
+            undefined=StrictUndefined,
+            autoescape=True,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+    return _environments[package]

@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import EngineError, InvalidArgumentError, extra_named
 from smartplay_tools.games.specs import get_spec
-from smartplay_tools.records.groups import grouped
+from smartplay_tools.records.accounts import ShownAs, shown_turns
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.shown import ShownAs, shown_turns
+from smartplay_tools.records.rows import grouped
 from smartplay_tools.transcript.events import ViewEvent, concerns_summary
 from smartplay_tools.types.arguments import read
 

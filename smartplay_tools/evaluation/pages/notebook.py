@@ -2,6 +2,8 @@
 
 Nothing here is needed outside of a notebook, which calls an object's `_repr_html_`; only the progress imports IPython.
 The code that computes tables and replays is imported at first use, so that playing a run does not load it.
+
+The replay page of one transcript in a frame, for notebooks.
 """
 
 from __future__ import annotations
@@ -13,13 +15,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.errors import InvalidArgumentError, extra_named
+from smartplay_tools.evaluation.pages.report.page import render_report
 from smartplay_tools.records.rows import Row
 
 if TYPE_CHECKING:
     import pandas
 
-    from smartplay_tools.evaluation.pages.report.widget import ReplayWidget
-    from smartplay_tools.evaluation.run_folder.snapshot import RunSnapshot
+    from smartplay_tools.evaluation.run_folder.follower import RunSnapshot
+
 
 _DTYPES = {"string": "string", "json": "string", "int64": "Int64", "float64": "Float64", "bool": "boolean"}
 """The data frame's type for each kind of column; all of them can be missing."""
@@ -50,8 +53,6 @@ def replay_widget(
     rows: Sequence[Row], transcript: Callable[[str], Path], episode: int | str | Row, height: int
 ) -> ReplayWidget:
     """Return the replay of an episode, given by its row, its index in the rows, or its key."""
-    from smartplay_tools.evaluation.pages.report.widget import ReplayWidget
-
     if isinstance(episode, Mapping):
         key = episode["key"]
     elif isinstance(episode, str):
@@ -100,3 +101,18 @@ class _Progress:
         bar = f'<progress value="{now.finished}" max="{now.planned}" style="width: 20em"></progress>'
         latest = f"<br>latest failure: {html.escape(now.latest_error)}" if now.latest_error else ""
         return f"<div>{bar} {html.escape(now.describe())}{latest}</div>"
+
+
+class ReplayWidget:
+    """The replay of one episode. A notebook shows it; `html` is the page that `write_report` would write."""
+
+    def __init__(self, transcript: str | Path, *, height: int = 760) -> None:
+        self.transcript, self.height = Path(transcript), height
+        self.html = render_report(self.transcript, open_first=True)
+
+    def _repr_html_(self) -> str:
+        # The frame has its own origin, so that it cannot access the notebook.
+        return (
+            f'<iframe srcdoc="{html.escape(self.html)}" sandbox="allow-scripts" width="100%" height="{self.height}" '
+            'style="border: 1px solid #8886" title="Replay of an episode"></iframe>'
+        )

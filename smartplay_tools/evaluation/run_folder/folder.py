@@ -10,22 +10,170 @@
 
 Rows can always be computed again from the records. Reading works at any time, also during the run. Only
 `evaluation.runs` writes to the folder.
+
+The manifest of a run: its plan, caps and prices, written before its first episode.
+
+Playing a run and checking the run of another both derive seeds and shards here.
+
+Notes that people write about the turns of an episode, in a file beside its record, which stays as it is.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from pydantic import ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
+from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
-from smartplay_tools.evaluation.run_folder.manifest import FORMAT, Manifest
+from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, read_rows, row_fault
 from smartplay_tools.transcript.lines import parse_json
+
+FORMAT: Literal[1] = 1
+"""The version of the layout of a run's folder; folders with another version are refused."""
+
+
+def trial_seed(seed: int, game: str, trial: int) -> int:
+    """Return the seed of a trial: below 2**31, different for every trial of a game.
+
+    It follows from the seed of the run, so one number determines all its worlds.
+    """
+    start = hashlib.sha256(f"{seed} {game}".encode()).digest()[:4]
+    return (int.from_bytes(start, "big") + trial) % 2**31
+
+
+def player_seed(seed: int, repeat: int) -> int:
+    """Return the seed of a player in a world: the world's, or another one each time it is played again."""
+    if not repeat:
+        return seed
+    return int.from_bytes(hashlib.sha256(f"{seed} {repeat}".encode()).digest()[:4], "big") % 2**31
+
+
+def shard_of(digest: str, chain: int, count: int) -> int:
+    """Return the number (from 1) of the shard, of `count`, that plays a chain of the cell with this digest.
+
+    Without `carry` every trial is a chain of its own (`CellConfig.chain_of`). The shard depends only on the cell and
+    the chain, so an episode stays in its shard when a run is extended.
+    """
+    return (int(digest, 16) + chain) % count + 1
+
+
+def _price(value: Any) -> Price:
+    try:
+        return value if isinstance(value, Price) else Price.from_json(value)
+    except (KeyError, TypeError):
+        raise ValueError("it is not a price") from None
+
+
+@dataclass(frozen=True, slots=True)
+class ManifestEpisode:
+    """An episode in a manifest; `cell` is the number of its cell there. There may be a million of them."""
+
+    key: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
+    """It is part of the names of files."""
+    cell: Annotated[int, Field(ge=0)]
+    trial: Annotated[int, Field(ge=0)]
+    seed: Annotated[int, Field(ge=0, lt=2**31)]
+
+
+@dataclass(frozen=True)
+class Until:
+    """What ends a run before its planned trials: its comparisons are decided (`evaluation.analysis.stopping`)."""
+
+    margin: str
+    """What does not matter, in points or in human scores: "0.5" or "0.1h"."""
+    clip: float | None = None
+    """The largest difference that counts, for games without bounds."""
+    by: Literal["score", "wins"] = "score"
+    """How much the scores of a pair differ, or only which is higher."""
+
+
+class Manifest(BaseModel):
+    """The content of `manifest.json`. All shards of a run have the whole plan."""
+
+    model_config = ConfigDict(frozen=True)
+
+    format: Literal[1] = FORMAT
+    seed: Annotated[int, Field(ge=0)]
+    cells: tuple[CellConfig, ...]
+    episodes: tuple[ManifestEpisode, ...]
+    shard: tuple[int, int] | None
+    """The part of the run that this folder is for, as (i, n); None for the whole run."""
+    caps: Mapping[str, Any] = Field(default_factory=dict)
+    """`tokens` and `cost`, each None if there is no cap."""
+    prices: dict[str, Annotated[Price, BeforeValidator(_price), PlainSerializer(Price.to_json)]]
+    """By player."""
+    versions: dict[str, str] = Field(default_factory=dict)
+    repeats: int | None = None
+    """How often each world is played, one trial after the other; None for once."""
+    run_file: str | None = None
+    """The text of the run file, if there is one."""
+    until: Until | None = None
+    """What ends the run early; declared before its first episode."""
+    spending: dict[str, Any] | None = None
+    """What the run had used when it was last stopped (`Spending.to_json`)."""
+
+    @field_validator("episodes")
+    @classmethod
+    def _have_listed_cells(
+        cls, episodes: tuple[ManifestEpisode, ...], info: ValidationInfo
+    ) -> tuple[ManifestEpisode, ...]:
+        count = len(info.data.get("cells", ()))
+        for episode in episodes:
+            if episode.cell >= count:
+                raise ValueError(f"{episode.key} has the cell {episode.cell}, which is not listed")
+        return episodes
+
+    @property
+    def planned(self) -> tuple[ManifestEpisode, ...]:
+        """The episodes of this part of the run."""
+        if self.shard is None:
+            return self.episodes
+        number, count = self.shard
+        digests, cells = [cell.digest for cell in self.cells], self.cells
+        return tuple(
+            e for e in self.episodes if shard_of(digests[e.cell], cells[e.cell].chain_of(e.trial), count) == number
+        )
+
+    @cached_property
+    def predecessors(self) -> dict[str, str]:
+        """The key of the trial before it, by the key of every episode that takes something over (`Rules.carry`)."""
+        carrying = [cell.carry is not None for cell in self.cells]
+        if not any(carrying):
+            return {}
+        chained = [episode for episode in self.episodes if carrying[episode.cell]]
+        keys = {(episode.cell, episode.trial): episode.key for episode in chained}
+        before: dict[str, str] = {}
+        for episode in chained:
+            cell, earlier = self.cells[episode.cell], (episode.cell, episode.trial - 1)
+            if earlier in keys and cell.chain_of(episode.trial - 1) == cell.chain_of(episode.trial):
+                before[episode.key] = keys[earlier]
+        return before
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the manifest as plain data; what there is not is left out."""
+        absent = {name for name in ("repeats", "run_file", "until", "spending") if getattr(self, name) is None}
+        return self.model_dump(mode="json", exclude=absent)
+
 
 STATUS = "status.json"
 """The name of the status file."""
@@ -128,3 +276,63 @@ def records_in(source: Path) -> Iterator[Path]:
         yield from sorted(source.glob("*.jsonl"))
     else:
         raise InvalidArgumentError(f"There is no run and no record at {source}.")
+
+
+SUFFIX = ".notes.json"
+"""The end of the file's name, in place of the record's `.jsonl`."""
+
+LONGEST = 10_000
+"""Characters of a note."""
+
+
+def notes_file(record: Path) -> Path:
+    """Return the file of the notes about a record."""
+    return record.with_name(record.name.removesuffix(".jsonl") + SUFFIX)
+
+
+def record_of(notes: Path) -> Path:
+    """Return the record that the notes of a file are about."""
+    return notes.with_name(notes.name.removesuffix(SUFFIX) + ".jsonl")
+
+
+def notes_in(folder: Path) -> list[Path]:
+    """Return the files of notes in a folder, in the order of their names."""
+    with suppress(FileNotFoundError, NotADirectoryError), os.scandir(folder) as files:
+        return sorted(folder / file.name for file in files if file.name.endswith(SUFFIX) and file.name[0] != ".")
+    return []
+
+
+def read_notes(record: Path) -> dict[int, str]:
+    """Return the notes about a record by turn; a file that holds something else is an `InvalidArgumentError`."""
+    path = notes_file(record)
+    if not path.is_file():
+        return {}
+    try:
+        listed: Any = parse_json(path.read_bytes())
+        notes = {int(note["turn"]): str(note["note"]) for note in listed}
+    except (KeyError, TypeError, ValueError, RecursionError):
+        raise InvalidArgumentError(f"{path} is damaged: it is not a list of notes.") from None
+    return dict(sorted(notes.items()))
+
+
+def write_note(record: Path, turn: int, note: str) -> dict[int, str]:
+    """Write the note about a turn, in one operation, and return all notes; an empty note is deleted."""
+    if turn < 0 or len(note) > LONGEST:
+        raise InvalidArgumentError(f"A note is about a turn from 0 on, and has at most {LONGEST:,} characters.")
+    notes = read_notes(record)
+    notes.pop(turn, None)
+    if note.strip():
+        notes[turn] = note.strip()
+    path = notes_file(record)
+    if not notes:
+        path.unlink(missing_ok=True)
+        return {}
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(json.dumps(as_list(notes), indent=1) + "\n", encoding="utf-8", newline="\n")
+    part.replace(path)
+    return dict(sorted(notes.items()))
+
+
+def as_list(notes: Mapping[int, str]) -> Sequence[Mapping[str, Any]]:
+    """Return notes as they are written: a list by turn."""
+    return [{"turn": turn, "note": note} for turn, note in sorted(notes.items())]

@@ -26,10 +26,9 @@ audit          replaying every episode of a run
 
 from smartplay_tools.episode.cells import most_calls
 from smartplay_tools.evaluation.runs.agents import Agent, AgentFailedError, Held, Watch
-from smartplay_tools.evaluation.runs.audit import audit
 from smartplay_tools.evaluation.runs.estimate import Estimate, estimate
 from smartplay_tools.evaluation.runs.limits import Caps
-from smartplay_tools.evaluation.runs.merge import merge
+from smartplay_tools.evaluation.runs.merge import audit, merge
 from smartplay_tools.evaluation.runs.plan import (
     Plan,
     PlannedEpisode,

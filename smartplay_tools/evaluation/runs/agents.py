@@ -18,7 +18,7 @@ from smartplay_tools.errors import SmartPlayError
 
 if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
-    from smartplay_tools.evaluation.runs.signals import StopFlag
+    from smartplay_tools.evaluation.runs.run_progress import StopFlag
 
 LOOK_SECONDS = 0.1
 """Seconds between two checks whether an episode is over or the run stops."""

@@ -26,17 +26,17 @@ from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import DiskFullError, SmartPlayError, TranscriptError, is_disk_full
-from smartplay_tools.evaluation.run_folder.manifest import player_seed
+from smartplay_tools.evaluation.run_folder.folder import player_seed
 from smartplay_tools.evaluation.runs.agents import Agent, Held
 from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
-from smartplay_tools.evaluation.runs.signals import StopFlag
+from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.players import get_player
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
-from smartplay_tools.records.replayed_pictures import recorded_pictures
+from smartplay_tools.records.replays import recorded_pictures
 from smartplay_tools.records.resumption import resume
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import append_exception, read_transcript

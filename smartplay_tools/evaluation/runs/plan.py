@@ -19,7 +19,7 @@ from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.manifest import Manifest, ManifestEpisode, shard_of, trial_seed
+from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, shard_of, trial_seed
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials, read_players
 from smartplay_tools.evaluation.suites import Suite
 from smartplay_tools.games.specs import GameSpec, get_spec

@@ -3,27 +3,30 @@
 A run that is started again continues where it stopped. Finished episodes are kept; failed ones are retried, a few times
 in a run; those that were running when the run was stopped, killed or paused by a cap continue from their records. A run
 with more trials, games or players than before is the same run, extended.
+
+What can be sent to other processes: players and games that they can import.
+
+A worker imports what a task names. It imports a script again, as `multiprocessing` does, but it cannot import a
+notebook: what is defined there is known in the notebook's process only, and is played there.
 """
 
 from __future__ import annotations
 
+import pickle
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
-from smartplay_tools.conversation.event_loop import apart_from_event_loop
-from smartplay_tools.conversation.loop import check_observation, check_player
+from smartplay_tools.conversation.loop import apart_from_event_loop, check_observation, check_player
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.run_folder.follower import run_snapshot
-from smartplay_tools.evaluation.run_folder.manifest import Manifest
-from smartplay_tools.evaluation.run_folder.snapshot import RunSnapshot, Spending
+from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
+from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
-from smartplay_tools.evaluation.runs.notebooks import InNotebook, is_notebook
 from smartplay_tools.evaluation.runs.plan import (
     Plan,
     PlannedEpisode,
@@ -36,13 +39,12 @@ from smartplay_tools.evaluation.runs.plan import (
 )
 from smartplay_tools.evaluation.runs.players import PlayerConfig, Players, check_prices, given_prices, read_players
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
-from smartplay_tools.evaluation.runs.run_progress import Display, following, not_shown
+from smartplay_tools.evaluation.runs.run_progress import Display, InNotebook, Signals, following, is_notebook, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, Scheduler, Setup
-from smartplay_tools.evaluation.runs.sending import ELSEWHERE, is_known_only_here, why_only_here
-from smartplay_tools.evaluation.runs.signals import Signals
 from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.players import ModelPlayer, is_model
 from smartplay_tools.records.prices import Price, check_known
 from smartplay_tools.records.rows import Row
@@ -50,6 +52,38 @@ from smartplay_tools.types import AsyncPlayer, Budget, Player
 
 if TYPE_CHECKING:
     from smartplay_tools.evaluation.analysis.stopping import Comparisons, Decision
+
+
+ELSEWHERE = ("processes", "ray")
+"""Executors whose attempts are made in other processes."""
+
+
+def why_only_here(task: Task) -> str | None:
+    """Return why a task's player can be made in this process only, as a sentence; None if it can be made elsewhere."""
+    player = player_of(task.planned.cell)
+    if _is_without_file() and getattr(task.player.factory, "__module__", None) == "__main__":
+        return (
+            f"The player {player!r} is defined in this notebook, which worker processes cannot import; have it in a "
+            'module, or ask for executor="inline".'
+        )
+    try:
+        pickle.dumps(task)
+    except Exception as error:
+        return (
+            f"The player {player!r} cannot be sent to worker processes ({error}); have it in a module under its name, "
+            'or ask for executor="inline".'
+        )
+    return None
+
+
+def is_known_only_here(game: str) -> bool:
+    """Return whether a game was registered by the code of a notebook, and so in no other process."""
+    return _is_without_file() and not GAMES.is_declared(game)
+
+
+def _is_without_file() -> bool:
+    """Whether the main program is a notebook or an interactive session, and so no file that could be imported."""
+    return getattr(sys.modules["__main__"], "__file__", None) is None
 
 
 @dataclass(frozen=True)

@@ -27,9 +27,9 @@ from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_ke
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelRefusedError
-from smartplay_tools.records.chains import left_by
 from smartplay_tools.records.prices import Price, check_known
 from smartplay_tools.records.record import Record
+from smartplay_tools.records.resumption import left_by
 from smartplay_tools.records.rows import Row, row_of
 from smartplay_tools.records.spent import Spent
 

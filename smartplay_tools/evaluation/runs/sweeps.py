@@ -28,10 +28,10 @@ from smartplay_tools.evaluation.analysis.tables import write_csv, write_parquet
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, as_row, compare_windows
 from smartplay_tools.evaluation.runs import PlayerConfig, Run, make_cells, plan_episodes, player_of, run_plan
-from smartplay_tools.evaluation.runs.notebooks import InNotebook
 from smartplay_tools.evaluation.runs.plan import cell_name, check_playable
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
+from smartplay_tools.evaluation.runs.run_progress import InNotebook
 from smartplay_tools.games.specs import GameSpec, get_spec
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget

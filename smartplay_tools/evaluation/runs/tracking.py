@@ -14,10 +14,9 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.manifest import Manifest
+from smartplay_tools.evaluation.run_folder.folder import Manifest
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress
-from smartplay_tools.records.groups import grouped
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import Row, grouped
 from smartplay_tools.registry import Registry
 from smartplay_tools.types import Budget
 

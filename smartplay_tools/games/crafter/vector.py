@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from smartplay_tools.errors import InvalidArgumentError, ResetNeededError, check_choice
+from smartplay_tools.games.base import Words
 from smartplay_tools.games.crafter.environment import DRAWN_SEEDS, checked_actions, named
 from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, ACTIONS, CARRIED, LENGTH, NOOP
 from smartplay_tools.games.crafter.game import TEXTS
@@ -20,7 +21,6 @@ from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.text import CHARACTERS, LONGEST, describe
 from smartplay_tools.games.crafter.worlds import Numbers, make_worlds
 from smartplay_tools.games.seeds import check_seeds, whole
-from smartplay_tools.games.spaces import Words
 
 Mask = NDArray[np.bool_]
 

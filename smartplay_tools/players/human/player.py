@@ -5,23 +5,51 @@ prompt is drawn on the alternate screen, which cannot be scrolled back; a prompt
 pages. Without a terminal (piped input, a log) prompts are printed one after another.
 
 Input that is not an action is asked for again and never sent, because the play is measured and not the typing.
+
+What a prompt asks a person for, and the messages that answer it: for the terminal and for the browser alike.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from typing import TextIO
+from collections.abc import Callable, Sequence
+from typing import Literal, TextIO
 
 from rich.console import Console
 
 from smartplay_tools.conversation.base import BaseConversation
+from smartplay_tools.conversation.paper import CHOICE
 from smartplay_tools.errors import PlayerLeftError
-from smartplay_tools.players.human.answers import Asked, asked_for, in_words, named_action
 from smartplay_tools.players.human.screen import Screen
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types import Prompt, Reply
-from smartplay_tools.types.messages import Message
+from smartplay_tools.types.messages import Message, text_of
+
+Asked = Literal["call", "action", "words"]
+"""A tool call; the name of an action, in the paper's protocol; or free text: thoughts, or a summary."""
+
+
+def asked_for(prompt: Prompt) -> Asked:
+    """Return what a prompt asks for."""
+    if prompt.asks_for_summary:
+        return "words"
+    if prompt.tools:
+        return "call"
+    return "action" if text_of(prompt.messages[-1]) == CHOICE else "words"
+
+
+def in_words(text: str) -> Message:
+    """Return an answer in free text."""
+    return {"role": "assistant", "content": text}
+
+
+def named_action(typed: str, actions: Sequence[str]) -> str | None:
+    """Return the action that was given as a number or a name, ignoring case and a final full stop; None for none."""
+    if typed.isascii() and typed.isdigit() and 1 <= int(typed) <= len(actions):
+        return actions[int(typed) - 1]
+    named = {name.lower().removesuffix("."): name for name in actions}
+    return named.get(typed.lower().removesuffix("."))
+
 
 HELP = """\
 number or name   play that action

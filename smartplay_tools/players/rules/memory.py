@@ -14,8 +14,7 @@ from typing import Any
 
 from smartplay_tools.players.prompt_reading import Reading, call, is_carried
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, RECALL_TOOL
-from smartplay_tools.types.arguments import read
-from smartplay_tools.types.json_text import object_in
+from smartplay_tools.types.arguments import object_in, read
 from smartplay_tools.types.messages import Message, calls_of, text_of
 
 LINE = re.compile(r"^Notes: (\{.*\})$", re.MULTILINE)

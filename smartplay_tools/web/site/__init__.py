@@ -17,28 +17,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from smartplay_tools.lazy import lazy_exports
+from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
+    from smartplay_tools.web.site.app import ViewServer as ViewServer
     from smartplay_tools.web.site.browser_play import (
         BrowserGames as BrowserGames,
         BrowserPlay as BrowserPlay,
         human_cell as human_cell,
     )
     from smartplay_tools.web.site.challenge import Challenge as Challenge
-    from smartplay_tools.web.site.run_list import RunList as RunList, find_runs as find_runs
     from smartplay_tools.web.site.site_record import SiteRecord as SiteRecord
-    from smartplay_tools.web.site.site_runs import SiteRun as SiteRun
-    from smartplay_tools.web.site.site_server import ViewServer as ViewServer
+    from smartplay_tools.web.site.site_runs import RunList as RunList, SiteRun as SiteRun, find_runs as find_runs
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.web.site.run_list": "RunList find_runs",
+            "smartplay_tools.web.site.site_runs": "RunList find_runs SiteRun",
             "smartplay_tools.web.site.site_record": "SiteRecord",
-            "smartplay_tools.web.site.site_runs": "SiteRun",
-            "smartplay_tools.web.site.site_server": "ViewServer",
+            "smartplay_tools.web.site.app": "ViewServer",
             "smartplay_tools.web.site.browser_play": "BrowserGames BrowserPlay human_cell",
             "smartplay_tools.web.site.challenge": "Challenge",
         },

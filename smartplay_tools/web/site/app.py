@@ -14,6 +14,8 @@ RUN is the name of a run: the path of its folder below the one that the site was
 unless its Host and Origin are expected and, where there is a token, it carries it: as a bearer token, or in a cookie
 that the first visit sets. Nothing can be changed through the site, unless a person plays in it (`playing`) or it takes
 notes (`/api/notes/RUN/KIND/STEM`): such a request has to come from a page of the site and to show the page's key.
+
+The site on an address: this machine's own by default; any other needs a token and the names it is reached by.
 """
 
 from __future__ import annotations
@@ -34,9 +36,9 @@ from starlette.responses import JSONResponse, PlainTextResponse, RedirectRespons
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.evaluation.run_folder.annotations import as_list, write_note
-from smartplay_tools.web import Guard, Names, carries, is_from_own_page
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, extra_named
+from smartplay_tools.evaluation.run_folder.folder import as_list, write_note
+from smartplay_tools.web import Guard, Names, carries, is_from_own_page, is_loopback
 from smartplay_tools.web.site.http_answers import HEADERS, missing, page, page_now, static
 from smartplay_tools.web.site.playing import (
     CHALLENGE,
@@ -47,9 +49,8 @@ from smartplay_tools.web.site.playing import (
     play_routes,
     refused,
 )
-from smartplay_tools.web.site.run_list import RunList
-from smartplay_tools.web.site.served_pages import ServedPages
-from smartplay_tools.web.site.site_runs import COLUMNS, ViewedRun
+from smartplay_tools.web.site.site_record import ServedPages
+from smartplay_tools.web.site.site_runs import COLUMNS, RunList, ViewedRun
 
 PERIOD = 1.0
 """Seconds between two looks at the folders."""
@@ -287,3 +288,44 @@ def _now(run: ViewedRun) -> dict[str, Any]:
         return {**run.summary(), "playing": run.playing()}
     except SmartPlayError as error:
         return {"name": run.name, "error": str(error), "playing": []}
+
+
+with extra_named("The site", "view"):
+    from smartplay_tools.web import Server
+
+
+class ViewServer(Server):
+    """A server of the site; `run` serves until it is stopped, `with` serves in a thread."""
+
+    def __init__(
+        self,
+        runs: RunList | Sequence[ViewedRun],
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        token: str | None = None,
+        hosts: Sequence[str] = (),
+        play: PlayedGames | None = None,
+        plugins: bool = False,
+        annotate: bool = False,
+    ) -> None:
+        is_open = not is_loopback(host)
+        if is_open and not hosts:
+            raise InvalidArgumentError(
+                f"Other machines can reach {host}: give the host names under which it is reached."
+            )
+        if is_open and token is None:
+            token = secrets.token_urlsafe(24)
+        app = view_app(
+            runs,
+            token=token,
+            hosts=hosts,
+            play=play,
+            plugins=plugins,
+            annotate=annotate,
+            is_stopping=lambda: self.is_stopping,
+        )
+        super().__init__(app, host, port)
+        self.url = f"{self.address(hosts[0]) if is_open else self.url}/"
+        self.entry = self.url if token is None else f"{self.url}?token={token}"
+        """The address that a browser opens first; the token is kept in a cookie from then on."""

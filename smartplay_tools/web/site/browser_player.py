@@ -15,8 +15,8 @@ from typing import Any
 
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError
-from smartplay_tools.players.human.answers import Asked, asked_for, in_words, named_action
-from smartplay_tools.players.human.budget_bars import budget_bars
+from smartplay_tools.players.human.player import Asked, asked_for, in_words, named_action
+from smartplay_tools.players.human.screen import budget_bars
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types import Prompt, Reply
 from smartplay_tools.types.arguments import as_text

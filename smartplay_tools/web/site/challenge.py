@@ -18,11 +18,11 @@ from pydantic import ValidationError
 
 from smartplay_tools.episode.config import CellConfig, Rules
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
-from smartplay_tools.evaluation.run_folder.manifest import trial_seed
+from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.types import Budget
-from smartplay_tools.types.json_text import value_in
+from smartplay_tools.types.arguments import value_in
 
 LATEST_TRIAL = 9_999
 

@@ -9,7 +9,7 @@ from typing import Any
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
-from smartplay_tools.evaluation.pages import templates
+from smartplay_tools.evaluation.pages import environment as template_environment
 
 STATIC = {
     **dict.fromkeys(
@@ -43,7 +43,7 @@ def missing(text: str) -> Response:
 
 def page(template: str, **values: Any) -> Callable[[Request], Awaitable[Response]]:
     """Return a route that answers with a page."""
-    made = templates.environment(__package__, "The site").get_template(template).render(values)
+    made = template_environment(__package__, "The site").get_template(template).render(values)
 
     async def answer(request: Request) -> Response:
         return _text(made, "text/html")
@@ -53,7 +53,7 @@ def page(template: str, **values: Any) -> Callable[[Request], Awaitable[Response
 
 def page_now(template: str, **values: Any) -> Response:
     """Answer with a page."""
-    return _text(templates.environment(__package__, "The site").get_template(template).render(values), "text/html")
+    return _text(template_environment(__package__, "The site").get_template(template).render(values), "text/html")
 
 
 async def static(request: Request) -> Response:

@@ -29,7 +29,7 @@ from smartplay_tools.evaluation.quantities import typeset
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.types.json_text import object_in
+from smartplay_tools.types.arguments import object_in
 from smartplay_tools.web.site.browser_player import BrowserPlayer, PassedError
 from smartplay_tools.web.site.http_answers import HEADERS, missing, page_now
 

@@ -1,17 +1,26 @@
-"""What the site shows of a single record, finished or growing: a run of one episode."""
+"""What the site shows of a single record, finished or growing: a run of one episode.
+
+The replay, comparison and report pages of the site. A report is kept until the folder of its run has changed.
+"""
 
 from __future__ import annotations
 
 import threading
+from collections import OrderedDict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.annotations import read_notes
+from smartplay_tools.evaluation.pages.report import render_report
+from smartplay_tools.evaluation.pages.report.page import pack_episode, render_episode, render_side_by_side
+from smartplay_tools.evaluation.quantities import duration, short
+from smartplay_tools.evaluation.run_folder.folder import read_notes
 from smartplay_tools.evaluation.run_folder.follower import Result
 from smartplay_tools.records.record import Record
 from smartplay_tools.types import Budget
-from smartplay_tools.web.site.site_runs import RECORD, figures, live_figures
+from smartplay_tools.web.site.site_runs import RECORD, ViewedRun, figures, live_figures
 
 KEY = "0" * 16
 """The key in addresses: a record by itself has no plan that gives it another."""
@@ -94,3 +103,104 @@ class SiteRecord:
         if not RECORD.fullmatch(name) or name not in (PLAYING, FINISHED) or not self.path.is_file():
             raise InvalidArgumentError("There is no such record.")
         return self.path
+
+
+EPISODES = 50
+"""The episodes of a run that a report page holds; the site opens the others."""
+
+KEPT = 8
+"""Reports that are kept."""
+
+
+class ServedPages:
+    """Makes the pages; a record is named as in an address: `KIND/STEM`."""
+
+    def __init__(self, *, plugins: bool, key: str | None = None) -> None:
+        """`key` is the key that a request to write a note must carry; None if nobody may write one."""
+        self._plugins, self._key = plugins, key
+        self._reports: OrderedDict[tuple[str, ...], tuple[Any, str]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def episode(self, run: ViewedRun, record: str) -> str:
+        """Return the page of an episode; one that is being played asks for its new turns."""
+        path, key = run.record(record), record.partition("/")[2]
+        version, is_playing = self.version(run, record)
+        before, after = _neighbours(run, record)
+        site = {"home": f"/#run={quote(run.name)}", "previous": before, "next": after, "playing": is_playing}
+        if self._key is not None:
+            site |= {"notes": f"/api/notes/{address(run, record)}", "key": self._key}
+        if is_playing:
+            site |= {"updates": f"/api/episode/{address(run, record)}", "version": version}
+        return render_episode(path, key, run.name, site, plugins=self._plugins)
+
+    def version(self, run: ViewedRun, record: str) -> tuple[str, bool]:
+        """Return what changes when an episode's page does, and whether the episode is being played."""
+        path = run.record(record)
+        return f"{path.parent.name}-{path.stat().st_size}", run.is_playing(path)
+
+    def news(self, run: ViewedRun, record: str, *, is_new: bool) -> dict[str, Any]:
+        """Return what an open page needs: the episode, if it is new, and the figures of its run in words."""
+        data = None
+        if is_new:
+            data = pack_episode(run.record(record), record.partition("/")[2], plugins=self._plugins)
+        return {"data": data, "figures": _figures(run.summary())}
+
+    def side_by_side(self, records: Sequence[tuple[ViewedRun, str]]) -> str:
+        """Return the page of several episodes."""
+        first = records[0][0]
+        named = [(run.name, run.record(record)) for run, record in records]
+        return render_side_by_side(named, {"home": f"/#run={quote(first.name)}"}, plugins=self._plugins)
+
+    def has_report(self, runs: Sequence[ViewedRun]) -> bool:
+        """Return whether the report of runs is there, and not older than their folders."""
+        kept = self._reports.get(tuple(run.name for run in runs))
+        return kept is not None and kept[0] == [run.version() for run in runs]
+
+    def report(self, runs: Sequence[ViewedRun]) -> str:
+        """Return the report page of a run, or the comparison of several."""
+        names, versions = tuple(run.name for run in runs), [run.version() for run in runs]
+        kept = self._reports.get(names)
+        if kept is not None and kept[0] == versions:
+            return kept[1]
+        made = render_report([run.path for run in runs], episodes=str(EPISODES * len(runs)), plugins=self._plugins)
+        with self._lock:
+            self._reports[names] = versions, made
+            self._reports.move_to_end(names)
+            while len(self._reports) > KEPT:
+                self._reports.popitem(last=False)
+        return made
+
+
+def address(run: ViewedRun, record: str) -> str:
+    """Return what names a record in addresses."""
+    return f"{quote(run.name)}/{record}"
+
+
+def _neighbours(run: ViewedRun, record: str) -> tuple[str | None, str | None]:
+    """The addresses of the episodes before and after one in the plan."""
+    listed = [row[0] for row in run.episodes() if row[0]]
+    if record not in listed:
+        return None, None
+    at = listed.index(record)
+    before, after = listed[max(0, at - 1) : at], listed[at + 1 : at + 2]
+    return _address_of(run, before), _address_of(run, after)
+
+
+def _address_of(run: ViewedRun, records: Sequence[str]) -> str | None:
+    return f"/episode/{address(run, records[0])}" if records else None
+
+
+def _figures(run: dict[str, Any]) -> str:
+    """The figures of a run that is being played, in words: tokens and money against its caps, and the time left."""
+    if "error" in run:
+        return "being played"
+    caps = run["caps"] or {}
+    cap_tokens, cap_cost = caps.get("tokens"), caps.get("cost")
+    words = ["being played", f"run: {run['finished']} of {run['planned']} episodes"]
+    words.append(f"{short(run['tokens'])}{'' if cap_tokens is None else f' of {short(cap_tokens)}'} tokens")
+    if run["cost"] or cap_cost is not None:
+        cost = "unknown" if run["cost"] is None else f"${run['cost']:.2f}"
+        words.append(f"{cost}{'' if cap_cost is None else f' of ${cap_cost:.2f}'}")
+    if run["seconds_left"] is not None:
+        words.append(f"about {duration(run['seconds_left'])} left")
+    return ", ".join(words)

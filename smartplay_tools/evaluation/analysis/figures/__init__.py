@@ -1,9 +1,9 @@
 """Figures of a run. They need the extra `evaluation`; `save_figure` writes PNG, SVG and PDF."""
 
-from smartplay_tools.evaluation.analysis.figures.areas import areas_under_curves
 from smartplay_tools.evaluation.analysis.figures.capability_dots import capability_dots
 from smartplay_tools.evaluation.analysis.figures.carried_scores import score_against_trial
 from smartplay_tools.evaluation.analysis.figures.curves import (
+    areas_under_curves,
     effects_of_slack,
     score_against_history,
     score_against_prompt_tokens,
@@ -12,9 +12,8 @@ from smartplay_tools.evaluation.analysis.figures.frontier import frontier
 from smartplay_tools.evaluation.analysis.figures.prompt_rows import prompt_rows
 from smartplay_tools.evaluation.analysis.figures.run import run_figures, write_figures
 from smartplay_tools.evaluation.analysis.figures.step_scores import score_over_steps
-from smartplay_tools.evaluation.analysis.figures.strategy_costs import effects_of_strategies
+from smartplay_tools.evaluation.analysis.figures.strategy_costs import effects_of_strategies, tokens_by_part
 from smartplay_tools.evaluation.analysis.figures.style import save_figure
-from smartplay_tools.evaluation.analysis.figures.token_parts import tokens_by_part
 
 __all__ = [
     "areas_under_curves",

@@ -18,8 +18,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, sample
-from smartplay_tools.records.groups import grouped
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import Row, grouped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

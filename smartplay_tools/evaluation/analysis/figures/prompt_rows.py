@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.figures.style import GREY, figure
+from smartplay_tools.records.accounts import ShownAs, shown_turns
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.shown import ShownAs, shown_turns
 from smartplay_tools.transcript.events import ViewEvent, concerns_summary
 
 if TYPE_CHECKING:

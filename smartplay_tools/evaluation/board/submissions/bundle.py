@@ -11,6 +11,8 @@
 A bundle comes from a stranger, so nothing in it is trusted when it is unpacked. A name decides where a file goes only
 if it is exactly one of those above; sizes are counted while they are unpacked, not read from the file; links, encrypted
 files, doubled names and other compressions are refused. What is refused is a `BundleError` with one sentence.
+
+Findings: what the check of a submission has to say, one sentence each.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
 
@@ -211,3 +214,47 @@ def _copy(name: str, source: Iterable[bytes], target: Path, most: int, limits: L
                 raise BundleError(f"{name} in the bundle has a line of more than {limits.most_line(name):,} bytes.")
             file.write(chunk)
     return size
+
+
+LONGEST_TEXT = 500
+"""Characters of a finding; texts in it can come from the bundle."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something found in a submission."""
+
+    level: Literal["error", "remark"]
+    """An error means that the submission is not verified; a remark is something that a reader should know."""
+    kind: str
+    """What it is about, in a word: bundle, metadata, plan, seed, suite, coverage, record, row, budget, prompts,
+    privileged, engine, end, attempts, results."""
+    text: str
+    key: str | None = None
+    """The episode, if it is about one."""
+
+
+def error(kind: str, text: str, key: str | None = None) -> Finding:
+    """Return an error."""
+    return Finding("error", kind, printable(text), key)
+
+
+def remark(kind: str, text: str, key: str | None = None) -> Finding:
+    """Return a remark."""
+    return Finding("remark", kind, printable(text), key)
+
+
+def printable(text: str, longest: int = LONGEST_TEXT) -> str:
+    """Return a text as one line without control characters, which a terminal would obey, and cut if it is long."""
+    shown = "".join(
+        char if char.isprintable() else " " if char.isspace() else "\N{REPLACEMENT CHARACTER}" for char in text
+    )
+    shown = " ".join(shown.split())
+    return shown if len(shown) <= longest else shown[: longest - 1] + "\N{HORIZONTAL ELLIPSIS}"
+
+
+def some(names: Iterable[object], most: int = 5) -> str:
+    """Return names with commas between them, and how many more there are."""
+    listed = list(names)
+    more = f" and {len(listed) - most} more" if len(listed) > most else ""
+    return ", ".join(map(str, listed[:most])) + more

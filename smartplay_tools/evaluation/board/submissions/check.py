@@ -4,6 +4,10 @@ Every record is replayed, every row computed anew, every prompt rebuilt to its s
 its seeds have to follow from one; a suite that is named has to be covered; what the metadata says of results has to be
 what the records say. A bundle that cannot even be read has a report like any other. What no check can prove stands in
 every report.
+
+The check of records under limits of time and memory: one that crosses them is given up, and the others are checked.
+
+A record from a stranger can make a game slow or large.
 """
 
 from __future__ import annotations
@@ -11,34 +15,93 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
+import sys
+import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from smartplay_tools.errors import InvalidArgumentError, file_named
+from smartplay_tools.errors import InvalidArgumentError, file_named, in_one_line
 from smartplay_tools.evaluation.board.submissions import rollout_cards as card
-from smartplay_tools.evaluation.board.submissions.bundle import BundleError, Limits, unpacked
-from smartplay_tools.evaluation.board.submissions.findings import Finding, error, remark, some
+from smartplay_tools.evaluation.board.submissions.bundle import (
+    BundleError,
+    Finding,
+    Limits,
+    error,
+    remark,
+    some,
+    unpacked,
+)
 from smartplay_tools.evaluation.board.submissions.issued_seeds import IssuedSeed, read_seeds
-from smartplay_tools.evaluation.board.submissions.limited_workers import run_limited
 from smartplay_tools.evaluation.board.submissions.metadata import Submission, read_submission
 from smartplay_tools.evaluation.board.submissions.records import CheckedRecord, RecordJob, check_record
 from smartplay_tools.evaluation.board.submissions.submitted_plan import (
     Allowed,
     SubmittedPlan,
+    cell_results,
     check_plan,
     check_suite,
     read_plan,
 )
-from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
-from smartplay_tools.evaluation.processes import Lost
-from smartplay_tools.records.groups import grouped
-from smartplay_tools.records.rows import Row
-from smartplay_tools.types.json_text import object_in
+from smartplay_tools.evaluation.processes import Lost, ProcessPool
+from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.types.arguments import object_in
+
+J = TypeVar("J")
+A = TypeVar("A")
+
+ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "RUST_BACKTRACE": "0"}
+"""Keeps numerical libraries from reserving memory for each processor, and pydantic's parser, which is written in Rust,
+from printing a backtrace where it has run out of memory: that never ends."""
+
+
+def run_limited(
+    function: Callable[[J], A], jobs: Sequence[J], workers: int, limits: Limits
+) -> Iterator[tuple[J, A | Lost]]:
+    """Yield every job with its answer, in the order of completion; `function` is imported by the workers.
+
+    With 0 workers the jobs are done here, without limits.
+    """
+    if workers == 0:
+        yield from ((job, function(job)) for job in jobs)
+        return
+    waiting, deadline = list(reversed(jobs)), time.monotonic() + limits.total_seconds
+
+    def take() -> J | None:
+        return waiting.pop() if waiting and time.monotonic() < deadline else None
+
+    begin = partial(_limit, limits.memory_bytes)
+    with ProcessPool(partial(_guarded, function), workers, begin=begin, seconds=limits.seconds) as pool:
+        yield from pool.run(take)
+    late = Lost(f"all records together took more than {limits.total_seconds:g} seconds to check")
+    yield from ((job, late) for job in reversed(waiting))
+
+
+def _guarded(function: Callable[[J], A], job: J) -> A | Lost:
+    try:
+        return function(job)
+    except MemoryError:
+        return Lost("it needs more memory than is allowed to check")
+    except Exception as error:
+        return Lost(f"{type(error).__name__}: {in_one_line(error)[:200]}")
+
+
+def _limit(memory: int) -> None:
+    os.environ.update(ENVIRONMENT)
+    if sys.platform == "win32":  # it has no such limit
+        return
+    import resource
+
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    if hard == resource.RLIM_INFINITY or hard > memory:
+        resource.setrlimit(resource.RLIMIT_AS, (memory, hard))
+
 
 NOT_PROVED = (
     "Who wrote the replies: that the named model did is the submitter's word.",

@@ -7,9 +7,9 @@ from dataclasses import asdict
 from importlib import metadata
 from typing import Any
 
+from smartplay_tools.evaluation.board.submissions.bundle import Finding, printable
 from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked
-from smartplay_tools.evaluation.board.submissions.findings import Finding, printable
-from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
+from smartplay_tools.evaluation.board.submissions.submitted_plan import cell_results
 
 FORMAT = 1
 """The version of the report in JSON."""

@@ -15,10 +15,8 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.board.submissions import rollout_cards as card
 from smartplay_tools.evaluation.board.submissions.bundle import write_bundle
 from smartplay_tools.evaluation.board.submissions.metadata import Submission, read_submission
-from smartplay_tools.evaluation.board.submissions.submitted_plan import check_suite, read_plan
-from smartplay_tools.evaluation.board.submissions.submitted_results import cell_results
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.run_folder.manifest import Manifest
+from smartplay_tools.evaluation.board.submissions.submitted_plan import cell_results, check_suite, read_plan
+from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.records.rows import Row
 
 

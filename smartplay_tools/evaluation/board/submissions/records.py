@@ -19,18 +19,18 @@ from pydantic import Field, TypeAdapter
 
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import SmartPlayError, in_one_line
-from smartplay_tools.evaluation.board.submissions.findings import Finding, error, remark, some
+from smartplay_tools.evaluation.board.submissions.bundle import Finding, error, remark, some
 from smartplay_tools.evaluation.board.submissions.metadata import Name
-from smartplay_tools.records.chains import chain_fault
 from smartplay_tools.records.driver import EXTERNAL_ENDS
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import EXCEPTION, INTERRUPTED, Record
 from smartplay_tools.records.replays import replay_record
+from smartplay_tools.records.resumption import chain_fault
 from smartplay_tools.records.rows import LATER, Row, row_of
 from smartplay_tools.transcript.file import broken_links
 from smartplay_tools.transcript.hashing import event_line
 from smartplay_tools.types import EndReason, EpisodeResult, Usage
-from smartplay_tools.types.json_text import canonical_text
+from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.messages import Message, calls_of
 
 SHOWN_DIFFERENCES = 3

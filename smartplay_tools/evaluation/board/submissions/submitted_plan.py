@@ -4,14 +4,19 @@ A config from a stranger decides what a replay imports, reads and allocates. So 
 found to be of a kind that is safe: a setting of the benchmark with the benchmark's numbers, an engine inside this
 process, a tokenizer that ships with the package, and options that are plain choices. The person who checks has to allow
 anything else: a game of an installed package, an engine that is a program of its own, another tokenizer.
+
+Results of a submission: the mean of every game under every budget, from rows.
 """
 
 from __future__ import annotations
 
+import json
+import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from statistics import fmean
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, FailFast, Field, ValidationError, field_validator
@@ -21,11 +26,12 @@ from smartplay_tools.context.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.context.tokens.tokenizers import split_rule
 from smartplay_tools.episode.config import CellConfig, EpisodeConfig, Setting
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
-from smartplay_tools.evaluation.board.submissions.findings import Finding, error, some
-from smartplay_tools.evaluation.run_folder.manifest import Manifest, ManifestEpisode, trial_seed
+from smartplay_tools.evaluation.board.submissions.bundle import Finding, error, some
+from smartplay_tools.evaluation.board.submissions.metadata import CellResult
+from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, trial_seed
 from smartplay_tools.evaluation.suites import SUITES, Suite
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.groups import grouped
+from smartplay_tools.records.rows import Row, grouped
 from smartplay_tools.transcript.hashing import canonical_json
 
 ENGINES_HERE = (None, "fast", "crafter", "voxel")
@@ -219,3 +225,40 @@ def _check_fixed(plan: SubmittedPlan, suite: Suite) -> Iterator[Finding]:
             "suite",
             f"{len(others)} cells of the run differ from {suite.name} in rules, budget or engine: {some(others)}.",
         )
+
+
+DIGITS = 6
+
+
+def by_cell(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
+    """Return rows by their game and by what was asked for in their budget, as JSON."""
+    return grouped(rows, lambda row: (row["game"], json.dumps(row["asked"], sort_keys=True)))
+
+
+def cell_results(rows: Iterable[Row]) -> list[CellResult]:
+    """Return a result for every game and budget that was asked for, in the order of the rows."""
+    return [_result(game, members) for (game, _), members in by_cell(rows).items()]
+
+
+def normalized_scores(rows: Iterable[Row]) -> list[float]:
+    """Return the normalised scores of a cell; none if an episode has none."""
+    scores = [row["normalized_score"] for row in rows]
+    return [] if None in scores else scores
+
+
+def total_cost(rows: Iterable[Row]) -> float | None:
+    """Return the cost of all episodes in US dollars; None where it is not known."""
+    costs = [row["cost"] for row in rows]
+    return None if None in costs else math.fsum(costs)
+
+
+def _result(game: str, rows: list[Row]) -> CellResult:
+    normalized, cost = normalized_scores(rows), total_cost(rows)
+    return CellResult(
+        game=game,
+        budget=rows[0]["asked"],
+        episodes=len(rows),
+        score=round(fmean(row["score"] for row in rows), DIGITS),
+        normalized_score=round(fmean(normalized), DIGITS) if normalized else None,
+        cost=None if cost is None else round(cost, DIGITS),
+    )

@@ -17,21 +17,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from smartplay_tools.lazy import lazy_exports
+from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
+    from smartplay_tools.evaluation.pages.notebook import ReplayWidget as ReplayWidget
     from smartplay_tools.evaluation.pages.report.page import (
         render_report as render_report,
         write_excerpt as write_excerpt,
         write_report as write_report,
     )
-    from smartplay_tools.evaluation.pages.report.widget import ReplayWidget as ReplayWidget
 
 if not TYPE_CHECKING:  # a process that reads records needs neither templates nor tables
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
             "smartplay_tools.evaluation.pages.report.page": "render_report write_excerpt write_report",
-            "smartplay_tools.evaluation.pages.report.widget": "ReplayWidget",
+            "smartplay_tools.evaluation.pages.notebook": "ReplayWidget",
         },
     )

@@ -16,17 +16,16 @@ from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError, in_one_line
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
-from smartplay_tools.evaluation.pages.report.episodes import episode_data
-from smartplay_tools.evaluation.pages.report.excerpts import excerpt
+from smartplay_tools.evaluation.pages.report.episodes import episode_data, excerpt
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.pages.report.summary_tables import rules
-from smartplay_tools.evaluation.parallel import parallel_map, worth
-from smartplay_tools.evaluation.run_folder.annotations import as_list, read_notes
+from smartplay_tools.evaluation.processes import parallel_map, worth
+from smartplay_tools.evaluation.run_folder.folder import as_list, read_notes
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
 from smartplay_tools.types import EpisodeResult
-from smartplay_tools.types.json_text import encoder
+from smartplay_tools.types.arguments import encoder
 
 WORTH_A_PROCESS = 8_000_000
 """Bytes of records for which another process is started: fewer are read before it has imported what it needs."""

@@ -2,6 +2,16 @@
 
 A content security policy in the head of the file makes it safe: it allows only the styles and scripts of this package,
 by their hashes, and pictures from the file itself; no network, no inline handlers and no forms.
+
+Replay pages for a site that serves them: one episode that may still be played, and several side by side.
+
+Such a page knows the site (`site`): where the list is, which episodes are its neighbours, and where new turns come
+from. It may ask this server, and no other.
+
+Pairs: which episodes of several runs a page shows side by side.
+
+Episodes of the same game, seed and trial met the same world. Where a run has several of them, that of the same player
+under the same rules is the counterpart, else that of the same player, else that under the same rules, else the first.
 """
 
 from __future__ import annotations
@@ -14,6 +24,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata, resources
 from pathlib import Path
+from string import ascii_uppercase
 from typing import Any, Literal
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -26,28 +37,48 @@ from smartplay_tools.evaluation.analysis.summary import RunSummary
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records
-from smartplay_tools.evaluation.pages import templates
-from smartplay_tools.evaluation.pages.report.choice import choose
+from smartplay_tools.evaluation.pages import environment as template_environment
+from smartplay_tools.evaluation.pages.report.drawings import sheet
 from smartplay_tools.evaluation.pages.report.episode_reading import pack, reading
 from smartplay_tools.evaluation.pages.report.episodes import WORDS
-from smartplay_tools.evaluation.pages.report.figure_images import figures
-from smartplay_tools.evaluation.pages.report.side_by_side import pairs_of
-from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, find_runs
+from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, choose, find_runs
 from smartplay_tools.evaluation.pages.report.summary_tables import (
     failed_row,
+    figures,
     interval,
     lines,
+    rules,
     summarize_rows,
     totals,
 )
-from smartplay_tools.evaluation.pages.report.texture_sheet import sheet
 from smartplay_tools.evaluation.quantities import typeset
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.prices import Price
-from smartplay_tools.records.rows import Row, unplayed
+from smartplay_tools.records.rows import Row, grouped, unplayed
 from smartplay_tools.types import MISTAKES, Budget
+
+Episode = Mapping[str, Any]
+
+
+def pairs_of(episodes: Sequence[Episode]) -> Iterator[tuple[Episode, Episode]]:
+    """Yield every finished episode of the later runs with its counterpart in the first run."""
+    first = episodes[0]["run"] if episodes else ""
+    finished = [episode for episode in episodes if episode["status"] == "finished"]
+    of_first = grouped((episode for episode in finished if episode["run"] == first), _world)
+    for episode in finished:
+        if episode["run"] != first and (candidates := of_first.get(_world(episode))):
+            yield max(candidates, key=lambda other: _likeness(other, episode)), episode
+
+
+def _world(episode: Episode) -> tuple[Any, ...]:
+    return episode["game"], episode["seed"], episode["trial"]
+
+
+def _likeness(one: Episode, other: Episode) -> tuple[bool, bool]:
+    return one["player"] == other["player"], rules(one) == rules(other)
+
 
 SCRIPTS = (
     *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "worlds.js", "drawings.js"),
@@ -89,7 +120,7 @@ def write_report(
     is replaced: a page can be made again, a record cannot. Games of installed packages, which records name, are
     imported for the drawings and figures only with `plugins`. Records are read by up to `workers` processes, where
     there are so many that it saves time; a script that asks for several needs `if __name__ == "__main__":`. With
-    `tariffs` (`smartplay_tools.records.tariffs_of`) a table says what the episodes cost under each.
+    `tariffs` (`smartplay_tools.evaluation.costs.tariffs_of`) a table says what the episodes cost under each.
     """
     file = _html_file(out)
     page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers, tariffs=tariffs)
@@ -161,7 +192,7 @@ def render_runs(
 
     `site` is what the page knows of the site that serves it (`served`).
     """
-    environment = templates.environment(__package__, "The replay page")
+    environment = template_environment(__package__, "The replay page")
     environment.filters |= {
         "number": number,
         "interval": interval,
@@ -324,3 +355,27 @@ def number(value: float | None, digits: int = 2) -> str:
         return "\N{EN DASH}"
     text = f"{value:,.{digits}f}"
     return (text.rstrip("0").rstrip(".") if "." in text else text).replace("-", "\N{MINUS SIGN}")
+
+
+def render_episode(record: Path, key: str, title: str, site: Mapping[str, Any], *, plugins: bool = False) -> str:
+    """Return the page of one episode, which is called `key` in it; the page is called `title`."""
+    run = ShownRun(record, "", Sources([Source(key, record)]))
+    with importing_packages(plugins):
+        return render_runs([run], title, plugins=plugins, opened="first", site=site)
+
+
+def pack_episode(record: Path, key: str, *, plugins: bool = False) -> str:
+    """Return what such a page unpacks of an episode, as far as its record goes."""
+    with reading([Source(key, record)], "", plugins=plugins) as read:
+        return read()[0].packed
+
+
+def render_side_by_side(records: Sequence[tuple[str, Path]], site: Mapping[str, Any], *, plugins: bool = False) -> str:
+    """Return the page of several episodes side by side, each with the name of its run."""
+    several = len({name for name, _ in records}) > 1
+    runs = [
+        ShownRun(record, name if several else "", Sources([Source(f"{letter}.{record.stem}", record)]))
+        for letter, (name, record) in zip(ascii_uppercase, records, strict=False)
+    ]
+    with importing_packages(plugins):
+        return render_runs(runs, "Side by side", plugins=plugins, opened="compared", site=site)

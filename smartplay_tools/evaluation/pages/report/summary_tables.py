@@ -1,18 +1,30 @@
-"""The summary of a run for the page: the statistics of `analysis`, formatted as tables."""
+"""The summary of a run for the page: the statistics of `analysis`, formatted as tables.
+
+The figures of a run, as images in the page.
+
+They are images, not markup, because an SVG in an `img` element cannot run scripts.
+"""
 
 from __future__ import annotations
 
+import base64
 import functools
 import json
+import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.episode.config import Rules
-from smartplay_tools.evaluation.analysis.grouping import differing
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.evaluation.analysis.figures import write_figures
+from smartplay_tools.evaluation.analysis.grouping import by_cell, differing
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary, summarize
+from smartplay_tools.evaluation.pages.report.sources import ShownRun
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.games.paper_tables import HUMAN_SCORES, PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.rows import Row
@@ -121,3 +133,35 @@ def totals(summary: RunSummary) -> dict[str, Any]:
         "reply": sum(cell.tokens.reply for cell in summary.cells),
         "cost": None if None in costs else sum(cost or 0.0 for cost in costs),
     }
+
+
+FOLDER = "figures"
+"""The folder of a run's figures, as SVG."""
+
+
+def figures(runs: Sequence[ShownRun]) -> Iterator[dict[str, str]]:
+    """Yield name and image of the figures of runs: those in a run's folder, or else those that can be drawn now.
+
+    Several runs share their figures, so that what is to be compared stands in one. There are none without a run,
+    without the extra `evaluation`, or for games that are not known here.
+    """
+    runs = [run for run in runs if run.sources.manifest]
+    drawn_before = sorted((runs[0].path / FOLDER).glob("*.svg")) if len(runs) == 1 else []
+    with tempfile.TemporaryDirectory() as folder:
+        for file in drawn_before or _draw(runs, Path(folder)):
+            image = base64.b64encode(file.read_bytes()).decode("ascii")
+            yield {"name": file.stem.replace("-", " "), "image": f"data:image/svg+xml;base64,{image}"}
+
+
+def _draw(runs: Sequence[ShownRun], folder: Path) -> list[Path]:
+    rows = [row for run in runs for row in run.sources.rows]
+    records = {row["key"]: RunFolder(run.path).transcript for run in runs for row in run.sources.rows}
+    try:
+        if len(runs) > 1 and len(by_cell(rows)) < sum(len(by_cell(run.sources.rows)) for run in runs):
+            # Two runs have played the same: they are told apart by their letters.
+            rows = [{**row, "player": f"{run.letter} {row['player']}"} for run in runs for row in run.sources.rows]
+            records = {}
+        transcript = (lambda key: records[key](key)) if records else None
+        return write_figures(rows, folder, transcript=transcript, formats=["svg"])
+    except SmartPlayError:
+        return []

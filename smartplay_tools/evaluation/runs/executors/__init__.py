@@ -7,18 +7,21 @@
 
 All have the same interface: an executor takes tasks while it has free workers, and yields outcomes in the order of
 completion. The record of a task is complete when its outcome is yielded, and it alone determines the result.
+
+The inline executor: one attempt after another, in this process.
 """
 
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
-from smartplay_tools.evaluation.runs.attempt import Task, Times
-from smartplay_tools.evaluation.runs.limits import RunLimits
-from smartplay_tools.evaluation.runs.signals import StopFlag
+from smartplay_tools.evaluation.runs.attempt import Task, Times, play_attempt
+from smartplay_tools.evaluation.runs.limits import Caps, RunLimits, SharedLimits
+from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.registry import Registry
 
 
@@ -59,7 +62,7 @@ EXECUTORS = Registry(
     "executor",
     {
         "async": "smartplay_tools.evaluation.runs.executors.asynchronous:AsyncExecutor",
-        "inline": "smartplay_tools.evaluation.runs.executors.inline:InlineExecutor",
+        "inline": "smartplay_tools.evaluation.runs.executors:InlineExecutor",
         "processes": "smartplay_tools.evaluation.runs.executors.processes:ProcessExecutor",
         "ray": "smartplay_tools.evaluation.runs.executors.ray:RayExecutor",
     },
@@ -73,3 +76,21 @@ WAITING_AT_ONCE = 64
 def default_workers(name: str) -> int:
     """Return the default number of concurrent attempts of an executor: for processes, one for every processor."""
     return {"inline": 1, "async": WAITING_AT_ONCE}.get(name) or os.cpu_count() or 1
+
+
+class InlineExecutor:
+    """Plays on the calling thread."""
+
+    records_grow_here: ClassVar[bool] = True
+
+    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
+        self.stop = threading.Event()
+        self.limits = SharedLimits(caps, spent) if caps else None
+
+    def close(self) -> None:
+        """Do nothing: all resources are released at the end of `run`."""
+
+    def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
+        """Play the tasks in their order."""
+        while (task := take()) is not None:
+            yield EndedAttempt(task, play_attempt(task, self.limits, self.stop))

@@ -14,11 +14,11 @@ from typing import Any, ClassVar, NoReturn
 import numpy as np
 
 from smartplay_tools.errors import EngineError
+from smartplay_tools.games.minecraft.engines import Goal, Stride
 from smartplay_tools.games.minecraft.luanti.install import find_installation
 from smartplay_tools.games.minecraft.luanti.node_names import display_name
 from smartplay_tools.games.minecraft.luanti.server import LuantiServer
 from smartplay_tools.games.minecraft.observation import NEAR, RAY_RANGES, Observation, TextMode, heading, rays
-from smartplay_tools.games.minecraft.tasks import Goal, Stride
 
 WORLDS = 10
 """The number of worlds that are tried before an error is raised."""

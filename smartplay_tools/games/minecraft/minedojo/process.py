@@ -20,7 +20,7 @@ from typing import IO, Any, cast
 
 from smartplay_tools.errors import EngineError, InvalidArgumentError
 from smartplay_tools.games.minecraft.minedojo.worker import FAMILY, end_family
-from smartplay_tools.types.json_text import object_in
+from smartplay_tools.types.arguments import object_in
 
 CLOSE_SECONDS = 20.0
 """Seconds that an orderly close may take: MineDojo gives its client a few seconds."""

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from smartplay_tools.games.minecraft.engines import Goal, Stride
 from smartplay_tools.games.minecraft.observation import (
     NEAR,
     RAY_RANGES,
@@ -19,7 +20,6 @@ from smartplay_tools.games.minecraft.observation import (
     heading,
     rays,
 )
-from smartplay_tools.games.minecraft.tasks import Goal, Stride
 from smartplay_tools.games.minecraft.voxel import animals, blocks
 from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_boxes
 from smartplay_tools.games.minecraft.voxel.start import make_world

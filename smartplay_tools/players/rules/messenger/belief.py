@@ -28,12 +28,12 @@ from smartplay_tools.players.rules.messenger.board import (
     BoardTables,
     Floats,
     Ints,
+    SeenEntities,
     Truths,
     board,
     sight_code,
 )
 from smartplay_tools.players.rules.messenger.casts import Cast, Part
-from smartplay_tools.players.rules.messenger.sight import SeenEntities
 
 CASES = 100
 """The number of cases that are drawn. Twice as many take twice the time and do not improve the score."""

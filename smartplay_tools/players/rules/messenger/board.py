@@ -4,11 +4,15 @@ The rule player considers thousands of places at every step, so everything that 
 precomputed. There are two numberings. A *cell* is one of the 100 on which we can be. A *spot* is a place as one number,
 64 for a half cell to the east and 1 for one to the south, so that the difference of two spots identifies their offset
 and can be used as an index.
+
+The parser of MESSENGER's observations.
 """
 
 from __future__ import annotations
 
 import functools
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -165,3 +169,25 @@ def offsets() -> Offsets:
         next_spot=np.array([np.where(np.roll(on_board, -move), number + move, number) for move in moves]).ravel(),
         on_board=on_board,
     )
+
+
+@dataclass(frozen=True)
+class SeenEntities:
+    """The content of an observation."""
+
+    action: str | None
+    """The action before it; None at the start."""
+    has_message: bool
+    things: Mapping[str, tuple[int, str]]
+    """Name -> distance in cells, direction."""
+
+    @classmethod
+    def of(cls, text: str) -> SeenEntities:
+        """Parse an observation."""
+        action = re.search(r"^You took action (.+)\.$", text, flags=re.MULTILINE)
+        things = re.findall(r"^- (\w+) (\d+) steps (?:to your |with )([\w-]+)$", text, flags=re.MULTILINE)
+        return cls(
+            action[1] if action else None,
+            "already have the message" in text,
+            {name: (int(distance), direction) for name, distance, direction in things},
+        )
