@@ -117,7 +117,7 @@ def test_without_any_seed_worlds_differ() -> None:
     ("options", "sentence"),
     [
         ({"observation": "pixels"}, r"^observation must be one of .*, not 'pixels'\.$"),
-        ({"engine": "compiled"}, r"^engine must be 'fast', not 'compiled': .* train on Craftax \(docs/rl\.md\)\.$"),
+        ({"engine": "compiled"}, r"^engine must be 'fast', not 'compiled': to train over .* steps, see docs/rl\.md\.$"),
         ({"render_mode": "ansi"}, r"^render_mode must be 'rgb_array' or None, not 'ansi'\.$"),
         ({"picture_size": 10}, r"^picture_size must be 64 or more, not 10\.$"),
     ],

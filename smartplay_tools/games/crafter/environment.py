@@ -62,7 +62,7 @@ class CrafterEnv(gymnasium.Env[NDArray[Any], Any]):
             raise InvalidArgumentError(f"observation must be one of {OBSERVATIONS}, not {observation!r}.")
         if engine != "fast":
             raise InvalidArgumentError(
-                f"engine must be 'fast', not {engine!r}: for millions of steps a second, train on Craftax (docs/rl.md)."
+                f"engine must be 'fast', not {engine!r}: to train over many millions of steps, see docs/rl.md."
             )
         if render_mode not in (None, "rgb_array"):
             raise InvalidArgumentError(f"render_mode must be 'rgb_array' or None, not {render_mode!r}.")
