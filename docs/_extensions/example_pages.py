@@ -27,7 +27,6 @@ TITLES = {
     "15_evaluate_agents": "Evaluate agents of LangChain and of OpenAI's Agents SDK",
     "16_evaluate_pydantic_ai": "Evaluate an agent of Pydantic AI",
     "20_train_a_tiny_agent": "Train a tiny agent on a laptop",
-    "ppo_crafter": "Train on Crafter with PPO",
     "tiny_agent": "The tiny agent of the program above",
 }
 """What people would call the examples."""

@@ -64,6 +64,16 @@ def read_text(package: str, name: str) -> str:
     return resources.files(package).joinpath(name).read_text(encoding="utf-8").removesuffix("\n")
 
 
+def check_action(action: Any, actions: Sequence[str], game: str) -> int:
+    """Return an action as an int; raise `InvalidArgumentError` unless it is the index of one of the actions."""
+    index = action if type(action) is int else whole(action)
+    if index is None or not 0 <= index < len(actions):
+        raise InvalidArgumentError(
+            f"An action of {game} is a whole number from 0 to {len(actions) - 1}, not {action!r}."
+        )
+    return index
+
+
 def with_action_list(manual: str, actions: Sequence[str]) -> str:
     """Append the numbered list of actions with which every manual except Crafter's ends."""
     lines = [f"{number}. {action}" for number, action in enumerate(actions, start=1)]
@@ -254,12 +264,7 @@ class TextGame(gymnasium.Env[str, Any]):
             raise ResetNeededError(
                 f"{type(self).__name__} takes no step before its reset, nor after its end: call reset()."
             )
-        index = action if type(action) is int else whole(action)
-        if index is None or not 0 <= index < len(self.actions):
-            raise InvalidArgumentError(
-                f"An action of {type(self).__name__} is a whole number from 0 to {len(self.actions) - 1}, "
-                f"not {action!r}."
-            )
+        index = check_action(action, self.actions, type(self).__name__)
         if self.history != 0:
             self._past.append((self._steps, self.observation))
         self.observation, reward, terminated, truncated = self._step(index)

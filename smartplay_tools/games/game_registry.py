@@ -144,7 +144,6 @@ def _register_with_gymnasium(spec: GameSpec) -> None:
     _tell_gymnasium(
         spec.id,
         spec.gymnasium_entry_point or spec.entry_point,
-        vector_entry_point=spec.vector_entry_point,
         kwargs=keywords,
         max_episode_steps=spec.rollout,
     )

@@ -48,8 +48,7 @@ class GameSpec:
     and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
 
     `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
-    `gymnasium_entry_point` and `vector_entry_point` ("module:name") say what `gymnasium.make` and `make_vec` give
-    if that is more than the text game.
+    `gymnasium_entry_point` ("module:name") says what `gymnasium.make` gives if that is more than the text game.
     """
 
     id: str
@@ -66,7 +65,6 @@ class GameSpec:
     challenges: Mapping[str, int] = field(default_factory=dict)
     action_count: int | None = None
     gymnasium_entry_point: str | None = None
-    vector_entry_point: str | None = None
 
     def load(self) -> type[TextGame]:
         """Import and return the game's class."""
@@ -112,7 +110,6 @@ _FAMILIES: Mapping[str, Mapping[str, Any]] = {
         "entry_point": f"{_GAMES}.crafter.game:Crafter",
         "action_count": 17,
         "gymnasium_entry_point": f"{_GAMES}.crafter.environment:make",
-        "vector_entry_point": f"{_GAMES}.crafter.vector:CrafterVectorEnv",
     },
     "minecraft": {"entry_point": f"{_GAMES}.minecraft.game:Minecraft", "action_count": 4, "two_valued": True},
 }

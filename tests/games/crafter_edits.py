@@ -1,4 +1,4 @@
-"""Crafter's engines beside PyPI `crafter`, in one world that is edited while it runs, in both alike.
+"""Crafter's fast engine beside PyPI `crafter`, in one world that is edited while it runs, in both alike.
 
 What play hardly ever meets - borders, ores, stations, ripe plants, arrows - is met often this way.
 """
@@ -6,8 +6,8 @@ What play hardly ever meets - borders, ores, stations, ripe plants, arrows - is 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 from crafter import objects
@@ -17,37 +17,13 @@ from smartplay_tools.games.crafter.fast import FastEngine
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.reference import ReferenceEngine
 from smartplay_tools.games.crafter.text import describe
-from smartplay_tools.games.crafter.views import Scene, Sight
-from smartplay_tools.games.crafter.world import (
-    CHUNK_OF,
-    DIRECTIONS,
-    DISTANCE,
-    NEAR,
-    Thing,
-    place,
-    position,
-)
+from smartplay_tools.games.crafter.world import DIRECTIONS, Thing, place, position
 
 ACTION = {name: number for number, name in enumerate(facts.ACTIONS)}
 CREATURES = (facts.COW, facts.ZOMBIE, facts.SKELETON)
 
 
-# --- The engines, each with the same edits ----------------------------------------------------------------------------
-
-
-class Edited(Protocol):
-    """A world that can be edited. The callers edit free cells inside the map only."""
-
-    def __init__(self, seed: int, episode: int) -> None: ...
-    def give(self, amounts: dict[str, int]) -> None: ...
-    def set_ground(self, x: int, y: int, material: int) -> None: ...
-    def move_player(self, x: int, y: int) -> None: ...
-    def add(self, kind: int, x: int, y: int, clock: int, heading: int) -> None: ...
-    def step(self, action: int) -> float: ...
-    def sight(self) -> Sight: ...
-    def scene(self) -> Scene: ...
-    def state(self) -> Any: ...
-    def fingerprint(self) -> bytes: ...
+# --- The engines, each with the same edits of free cells inside the map -----------------------------------------------
 
 
 class Package(ReferenceEngine):
@@ -111,99 +87,15 @@ class Fast(FastEngine):
         self.world.add(thing)
 
 
-class Compiled:
-    """The engine that numba compiles, with one world; edits write its arrays."""
-
-    Worlds: type | None = None
-
-    def __init__(self, seed: int, episode: int) -> None:
-        from smartplay_tools.games.crafter.compiled.worlds import CompiledWorlds
-
-        self.worlds = (self.Worlds or CompiledWorlds)(1)
-        self._every = np.zeros(1, np.intp)
-        self.worlds._make_room(2048)
-        self.worlds.begin(self._every, [seed], [episode])
-        self._world = self.worlds._records[0]
-        self._things, self._near = self.worlds._things[0], self.worlds._near[0]
-
-    def give(self, amounts: dict[str, int]) -> None:
-        carried = [*facts.VITALS, *facts.ITEMS]
-        for item, amount in amounts.items():
-            self._world["inventory"][carried.index(item)] = amount
-
-    def set_ground(self, x: int, y: int, material: int) -> None:
-        world, at = self._world, place(x, y)
-        for counted, kind in (("grass", facts.GRASS), ("paths", facts.PATH)):
-            world[counted][CHUNK_OF[at]] += int(material == kind) - int(world["ground"][at] == kind)
-        world["ground"][at] = material
-        if world["surface"][at] < facts.PLAYER:
-            world["surface"][at] = material
-
-    def move_player(self, x: int, y: int) -> None:
-        world, here, there = self._world, self._world["at"], place(x, y)
-        world["surface"][here] = world["ground"][here]
-        world["surface"][there] = facts.PLAYER
-        world["at"] = there
-        self._visit(there)
-        close = [
-            number
-            for number, thing in enumerate(self._things[: world["thing_count"]])
-            if not thing["removed"] and DISTANCE[int(thing["at"]) - there] < NEAR
-        ]
-        self._near[: len(close)] = close
-        world["near_count"] = len(close)
-
-    def add(self, kind: int, x: int, y: int, clock: int, heading: int) -> None:
-        world, at = self._world, place(x, y)
-        facing = DIRECTIONS[heading] if kind == facts.ARROW else 0
-        number = int(world["thing_count"])
-        self._things[number] = (at, facing, clock, kind, facts.HEALTH[kind], world["entries"], 0)
-        self._near[world["near_count"]] = number
-        world["surface"][at] = kind
-        world["counts"][kind, self._visit(at)] += 1
-        for count in ("thing_count", "near_count", "entries"):
-            world[count] += 1
-
-    def _visit(self, at: int) -> int:
-        world, chunk = self._world, CHUNK_OF[at]
-        if not world["visited"][chunk]:
-            world["visited"][chunk] = 1
-            world["visits"][world["chunk_count"]] = chunk
-            world["chunk_count"] += 1
-        return chunk
-
-    def step(self, action: int) -> float:
-        self.worlds.step(self._every, np.array([action]))
-        return float(self.worlds.rewards[0])
-
-    def picture(self) -> np.ndarray:
-        out = np.zeros((1, 64, 64, 3), np.uint8)
-        self.worlds.observe("image", self._every, out)
-        return out[0]
-
-    def sight(self) -> Sight:
-        return self.worlds.sight(0)
-
-    def scene(self) -> Scene:
-        return self.worlds.scene(0)
-
-    def state(self) -> Any:
-        return self.worlds.state(0)
-
-    def fingerprint(self) -> bytes:
-        return self.worlds.fingerprint(0)
-
-
 # --- All in the same world --------------------------------------------------------------------------------------------
 
 
 class Pair:
-    """A world in some of our engines and in the package."""
+    """A world in the fast engine and in the package."""
 
-    def __init__(self, engines: Sequence[type[Edited]], seed: int, episode: int = 1) -> None:
-        self.all_ours, self.package = [engine(seed, episode) for engine in engines], Package(seed, episode)
-        self.ours = self.all_ours[0]
-        self.everywhere: list[Edited] = [*self.all_ours, self.package]
+    def __init__(self, seed: int, episode: int = 1) -> None:
+        self.ours, self.package = Fast(seed, episode), Package(seed, episode)
+        self.both = (self.ours, self.package)
         self.steps = 0
 
     @property
@@ -215,51 +107,43 @@ class Pair:
         return inside and self.ours.sight().surface[place(x, y)] < facts.PLAYER
 
     def give(self, **amounts: int) -> None:
-        for engine in self.everywhere:
+        for engine in self.both:
             engine.give(amounts)
 
     def material(self, x: int, y: int, material: int) -> None:
         if 0 <= x < facts.AREA and 0 <= y < facts.AREA:
-            for engine in self.everywhere:
+            for engine in self.both:
                 engine.set_ground(x, y, material)
 
     def teleport(self, x: int, y: int) -> None:
         if self._is_free(x, y):
             self.material(x, y, facts.GRASS)
-            for engine in self.everywhere:
+            for engine in self.both:
                 engine.move_player(x, y)
 
     def thing(self, kind: int, x: int, y: int, *, clock: int = 0, heading: int = 0) -> None:
         if self._is_free(x, y):
-            for engine in self.everywhere:
+            for engine in self.both:
                 engine.add(kind, x, y, clock, heading)
 
     def step(self, action: int) -> bool:
-        """Step all and compare everything that is visible; return whether the player is dead."""
-        reward, package = self.package.step(action), self.package.sight()
-        dead, text = self.package.health <= 0, plain_description(self.package.env, action)
-        for engine in self.all_ours:
-            name = type(engine).__name__
-            assert engine.step(action) == reward, f"{name}: reward"
-            ours = engine.sight()
-            assert bytes(ours.surface) == package.surface, f"{name}: map"
-            assert (ours.at, ours.facing, ours.sleeping) == (package.at, package.facing, package.sleeping), name
-            assert ours.inventory == package.inventory, name
-            assert describe(ours, action, dead=dead) == text, name
+        """Step both and compare everything that is visible; return whether the player is dead."""
+        assert self.ours.step(action) == self.package.step(action)
+        ours, package = self.ours.sight(), self.package.sight()
+        assert bytes(ours.surface) == package.surface
+        assert (ours.at, ours.facing, ours.sleeping) == (package.at, package.facing, package.sleeping)
+        assert ours.inventory == package.inventory
+        dead = self.package.health <= 0
+        assert describe(ours, action, dead=dead) == plain_description(self.package.env, action)
         self.steps += 1
         if self.steps % 10 == 0 or dead:
             self.compare_everything()
         return dead
 
     def compare_everything(self) -> None:
-        state, stream, picture = canonical(self.package.state()), self.package.fingerprint(), self.package.drawn()
-        for engine in self.all_ours:
-            name = type(engine).__name__
-            assert canonical(engine.state()) == state, f"{name}: state"
-            assert engine.fingerprint() == stream, f"{name}: random stream"
-            assert np.array_equal(draw(engine.scene()), picture), f"{name}: picture"
-            if isinstance(engine, Compiled):
-                assert np.array_equal(engine.picture(), picture), f"{name}: compiled picture"
+        assert canonical(self.ours.state()) == canonical(self.package.state())
+        assert self.ours.fingerprint() == self.package.fingerprint(), "the random streams"
+        assert np.array_equal(draw(self.ours.scene()), self.package.drawn())
 
 
 def canonical(state: object) -> str:
@@ -404,10 +288,10 @@ EVERYTHING = frozenset({*facts.ACTIONS, *facts.ACHIEVEMENTS, "death", "lava", "a
 """What a comparison of the rules has to meet."""
 
 
-def play(engines: Sequence[type[Edited]], policies: Iterable[Policy], seed: int, steps: int) -> set[str]:
+def play(policies: Iterable[Policy], seed: int, steps: int) -> set[str]:
     """Run policies, each for some steps; after a death the next episode begins. Returns what was met."""
     rng = np.random.default_rng([seed, steps])
-    pair, episode, met = Pair(engines, seed), 1, set[str]()
+    pair, episode, met = Pair(seed), 1, set[str]()
     pair.compare_everything()
     for policy in policies:
         for _ in range(steps):
@@ -416,7 +300,7 @@ def play(engines: Sequence[type[Edited]], policies: Iterable[Policy], seed: int,
             met |= {facts.ACTIONS[action], *seen(pair.package)}
             if dead:
                 episode += 1
-                pair = Pair(engines, seed, episode)
+                pair = Pair(seed, episode)
         pair.compare_everything()
     return met
 

@@ -8,12 +8,14 @@ import sys
 
 import numpy as np
 import pytest
-from crafter import constants
+from crafter import constants, engine
 from gymnasium.utils.env_checker import check_env
 
 from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.game import Crafter
 from smartplay_tools.games.crafter.noise import Points
+from smartplay_tools.games.crafter.pictures import draw
+from smartplay_tools.games.crafter.reference import ReferenceEngine
 from smartplay_tools.games.crafter.stream import Stream, world_seed
 from smartplay_tools.games.crafter.world import place
 from smartplay_tools.games.specs import GAMES
@@ -330,6 +332,36 @@ def test_looking_at_pictures_changes_nothing(engine: str) -> None:
             assert watched.state_hash() == blind.state_hash()
     if engine == "crafter":
         assert np.array_equal(watched.render(), watched._world.picture)
+
+
+class Stage:
+    """The parts of a PyPI `crafter` world that its view uses, with the engine's own noise."""
+
+    area = (facts.AREA, facts.AREA)
+
+    def __init__(self, package: ReferenceEngine) -> None:
+        self.world = package.env._world
+        self.objects = self.world.objects
+        self.daylight = self.world.daylight
+        self.random = np.random.RandomState()
+
+    def __getitem__(self, at: object) -> object:
+        return self.world[at]
+
+
+@pytest.mark.parametrize("size", [65, 128, 576])
+def test_larger_pictures_are_the_packages_too(size: int) -> None:
+    package = ReferenceEngine(3, 1)
+    for step in range(60):
+        package.step([0, 1, 5, 3][step % 4])
+    unit = np.array([size // 9] * 2)
+    textures = engine.Textures(constants.root / "assets")
+    view = engine.LocalView(Stage(package), textures, [9, 7])(package.env._player, unit)
+    carried = engine.ItemView(textures, [9, 2])(package.env._player.inventory, unit)
+    drawn = draw(package.scene(), size)
+    border = (size - size // 9 * 9) // 2
+    expected = np.concatenate([view, carried], 1).astype(np.uint8).transpose(1, 0, 2)
+    assert np.array_equal(drawn[border : border + len(expected), border : border + len(expected)], expected)
 
 
 def test_larger_pictures_show_the_same() -> None:

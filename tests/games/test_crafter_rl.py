@@ -1,57 +1,44 @@
-"""Crafter for reinforcement learning: spaces, infos, vectors, and the comparison with PyPI `crafter`."""
+"""Crafter without text as a Gymnasium environment: spaces, infos, and the comparison with PyPI `crafter`."""
 
 import copy
 import pickle
-import sys
 
 import crafter
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
 
 import smartplay_tools  # noqa: F401 - it registers the environments
 from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
 from smartplay_tools.games.crafter import facts
-from smartplay_tools.games.crafter.worlds import SLOW
-from tests.games.marks import COMPILED
 
 ID = "smartplay/Crafter-v0"
 SEEN = ("image", "semantic", "symbolic")
-ENGINES = (pytest.param("compiled", marks=COMPILED), "fast")
 
 
-@pytest.fixture(params=ENGINES)
-def engine(request: pytest.FixtureRequest) -> str:
-    if request.param == "compiled":
-        pytest.importorskip("numba", reason="the compiled engine is the extra rl")
-    return request.param
-
-
-def actions(count: int, steps: int, seed: int = 0) -> np.ndarray:
-    return np.random.default_rng(seed).integers(17, size=(steps, count))
-
-
-# --- One world --------------------------------------------------------------------------------------------------------
+def random_actions(steps: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(17, size=steps)
 
 
 @pytest.mark.parametrize("observation", SEEN)
-def test_the_environment_checkers_are_content(engine: str, observation: str) -> None:
-    env = gymnasium.make(ID, observation=observation, engine=engine, render_mode="rgb_array")
-    check_env(env.unwrapped)
-    pytest.importorskip("stable_baselines3.common.env_checker").check_env(env)
+def test_the_environment_checker_is_content(observation: str) -> None:
+    check_env(gymnasium.make(ID, observation=observation, render_mode="rgb_array").unwrapped)
 
 
-def test_the_picture_the_rewards_and_the_infos_are_the_packages(engine: str) -> None:
-    theirs, ours = crafter.Env(seed=4), gymnasium.make(ID, observation="image", engine=engine, opening_noop=False)
+@pytest.mark.parametrize("observation", SEEN)
+def test_the_checker_of_stable_baselines3_is_content(observation: str) -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(gymnasium.make(ID, observation=observation, render_mode="rgb_array"))
+
+
+def test_the_picture_the_rewards_and_the_infos_are_the_packages() -> None:
+    theirs, ours = crafter.Env(seed=4), gymnasium.make(ID, observation="image", opening_noop=False)
     picture, _ = ours.reset(seed=4)
     assert np.array_equal(picture, theirs.reset())
     assert ours.observation_space.shape == theirs.observation_space.shape
-    rng = np.random.default_rng(4)
     # Its chunks are sets, so its creatures differ as soon as one disappears; the comparison stops before that.
-    for _ in range(9):
-        action = int(rng.integers(17))
+    for action in random_actions(9, seed=4).tolist():
         picture, reward, terminated, truncated, info = ours.step(action)
         seen, expected, over, facts = theirs.step(action)
         assert np.array_equal(picture, seen)
@@ -64,11 +51,11 @@ def test_the_picture_the_rewards_and_the_infos_are_the_packages(engine: str) -> 
 
 
 @pytest.mark.parametrize("observation", SEEN)
-def test_what_is_shown_changes_nothing_else(engine: str, observation: str) -> None:
-    game, env = gymnasium.make(ID), gymnasium.make(ID, observation=observation, engine=engine)
+def test_what_is_shown_changes_nothing_else(observation: str) -> None:
+    game, env = gymnasium.make(ID), gymnasium.make(ID, observation=observation)
     game.reset(seed=6)
     env.reset(seed=6)
-    for action in actions(1, 300)[:, 0]:
+    for action in random_actions(300):
         _, reward, terminated, truncated, _ = game.step(action)
         assert env.step(action)[1:4] == (reward, terminated, truncated)
         if terminated:
@@ -77,10 +64,10 @@ def test_what_is_shown_changes_nothing_else(engine: str, observation: str) -> No
     assert env.unwrapped.fingerprint() == game.unwrapped._world.fingerprint()
 
 
-def test_the_ids_are_those_around_the_player(engine: str) -> None:
-    env = gymnasium.make(ID, observation="semantic", engine=engine)
+def test_the_ids_are_those_around_the_player() -> None:
+    env = gymnasium.make(ID, observation="semantic")
     env.reset(seed=2)
-    for action in actions(1, 100)[:, 0]:
+    for action in random_actions(100):
         seen, *_, info = env.step(action)
         x, y = info["player_pos"]
         whole = np.pad(info["semantic"], 4)
@@ -89,15 +76,14 @@ def test_the_ids_are_those_around_the_player(engine: str) -> None:
         assert seen[31] == facts.PLAYER
 
 
-def test_the_numbers_are_laid_out_as_in_craftax_classic(engine: str) -> None:
-    env = gymnasium.make(ID, observation="symbolic", engine=engine)
-    ids = gymnasium.make(ID, observation="semantic", engine=engine)
+def test_the_numbers_are_laid_out_as_in_craftax_classic() -> None:
+    env, ids = gymnasium.make(ID, observation="symbolic"), gymnasium.make(ID, observation="semantic")
     env.reset(seed=2)
     ids.reset(seed=2)
     blocks = {"grass": 2, "water": 3, "stone": 4, "tree": 5, "path": 7, "sand": 13}
     mobs = {"zombie": 17, "cow": 18, "skeleton": 19, "arrow": 20}
     order = ("wood", "stone", "coal", "iron", "diamond", "sapling", *facts.ITEMS[6:], *facts.VITALS)
-    for action in actions(1, 150)[:, 0]:
+    for action in random_actions(150):
         numbers, *_, info = env.step(action)
         seen = ids.step(action)[0]
         cells = numbers[:1323].reshape(7, 9, 21)
@@ -112,197 +98,108 @@ def test_the_numbers_are_laid_out_as_in_craftax_classic(engine: str) -> None:
         assert numbers[1344] == seen[80]
 
 
-def test_wrong_options_are_one_sentence() -> None:
-    with pytest.raises(InvalidArgumentError, match=r"^observation must be one of .*, not 'pixels'\.$"):
-        gymnasium.make(ID, observation="pixels")
-    with pytest.raises(InvalidArgumentError, match=r"^engine must be one of .*, not 'slow'\.$"):
-        gymnasium.make(ID, observation="image", engine="slow")
-    with pytest.raises(InvalidArgumentError, match=r"^observation must be one of"):
-        gymnasium.make_vec(ID, num_envs=2, observation="pixels")
-    vector = gymnasium.make_vec(ID, num_envs=2, observation="semantic", engine="fast")
-    vector.reset(seed=0)
-    with pytest.raises(InvalidArgumentError, match="from 0 to 16"):
-        vector.step(np.array([0, 17]))
-    with pytest.raises(InvalidArgumentError, match="2 integers"):
-        vector.step(np.array([0]))
+def test_a_reset_without_a_seed_begins_the_next_episode_of_the_seed() -> None:
+    env, again = (gymnasium.make(ID, observation="semantic") for _ in range(2))
+    first = env.reset(seed=7)[0]
+    assert np.array_equal(again.reset(seed=np.int64(7))[0], first)
+    second = env.reset()[0]
+    assert np.array_equal(again.reset()[0], second)
+    assert not np.array_equal(first, second)
+    assert np.array_equal(env.reset(seed=7)[0], first)
 
 
-def test_without_numba_it_says_how_slow_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "numba", None)
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.warns(UserWarning, match="numba is not installed") as warned:
-        vector = gymnasium.make_vec(ID, num_envs=2, observation="symbolic")
-    assert str(warned[0].message) == SLOW
-    assert vector.reset(seed=0)[0].shape == (2, 1345)
-
-
-# --- Many worlds ------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-@pytest.mark.parametrize("observation", ["text", *(pytest.param(seen, marks=pytest.mark.slow) for seen in SEEN)])
-def test_a_vector_is_single_worlds_side_by_side(engine: str, observation: str, mode: AutoresetMode) -> None:
-    """Observations, rewards, ends and infos are those of Gymnasium's own vector of single worlds."""
-    options = {} if observation == "text" else {"engine": engine}
-    theirs = gymnasium.make_vec(
-        ID,
-        num_envs=3,
-        vectorization_mode="sync",
-        vector_kwargs={"autoreset_mode": mode},
-        observation=observation,
-        **options,
-    )
-    ours = gymnasium.make_vec(
-        ID, num_envs=3, observation=observation, engine=engine, autoreset_mode=mode, semantic=True
-    )
-    assert ours.observation_space == theirs.observation_space
-    assert ours.metadata["autoreset_mode"] == mode
-    compare_vectors(theirs.reset(seed=30), ours.reset(seed=30), observation)
-    ends = 0
-    for step, row in enumerate(actions(3, 260, seed=3)):
-        # Players who sleep in the open die soon.
-        row = np.where(np.arange(3) == step % 5, row, facts.SLEEP)
-        expected, actual = theirs.step(row), ours.step(row)
-        compare_vectors((expected[0], expected[4]), (actual[0], actual[4]), observation)
-        for one, other in zip(expected[1:4], actual[1:4], strict=True):
-            assert np.array_equal(one, other)
-        over = expected[2] | expected[3]
-        ends += int(over.sum())
-        if over.any() and mode == AutoresetMode.DISABLED:
-            compare_vectors(
-                theirs.reset(options={"reset_mask": over.copy()}),
-                ours.reset(options={"reset_mask": over.copy()}),
-                observation,
-            )
-    assert ends > 0
-
-
-def compare_vectors(expected: tuple, actual: tuple, observation: str) -> None:
-    if observation == "text":
-        assert actual[0] == expected[0]
-    else:
-        assert np.array_equal(actual[0], expected[0])
-        compare_infos(expected[1], actual[1])
-
-
-def compare_infos(expected: dict, actual: dict) -> None:
-    assert actual.keys() == expected.keys()
-    for key, value in expected.items():
-        if isinstance(value, dict):
-            compare_infos(value, actual[key])
-        elif key == "final_obs":
-            for one, other in zip(value, actual[key], strict=True):
-                assert (one is None) == (other is None)
-                assert one is None or np.array_equal(one, other)
-        else:
-            mask = expected.get(f"_{key}", np.ones(len(value), np.bool_))
-            assert np.array_equal(value[mask], actual[key][mask]), key
-
-
-def test_each_world_has_its_seed(engine: str) -> None:
-    vector = gymnasium.make_vec(ID, num_envs=3, observation="semantic", engine=engine)
-    first = vector.reset(seed=[7, 8, 7])[0]
-    assert np.array_equal(first[0], first[2])
-    assert not np.array_equal(first[0], first[1])
-    assert np.array_equal(vector.reset(seed=6)[0][1:], first[:2])
-    again = vector.reset()[0]
-    assert not np.array_equal(again[1], first[0])
-
-
-def test_seeds_of_numpy_are_seeds(engine: str) -> None:
-    vector = gymnasium.make_vec(ID, num_envs=3, observation="semantic", engine=engine)
-    expected = vector.reset(seed=[5, 6, 7])[0]
-    for seed in (5, np.int64(5), np.arange(5, 8), [np.int64(5), np.uint8(6), 7], (5, 6, 7)):
-        assert np.array_equal(vector.reset(seed=seed)[0], expected)
-    vector.reset()
-    single = gymnasium.make(ID, observation="semantic", engine=engine).unwrapped
-    assert np.array_equal(single.reset(seed=np.int64(5))[0], expected[0])
+def test_without_any_seed_worlds_differ() -> None:
+    one, other = (gymnasium.make(ID, observation="symbolic").reset()[0] for _ in range(2))
+    assert not np.array_equal(one, other)
 
 
 @pytest.mark.parametrize(
-    "seed", [-1, True, 1.5, "abc", {1, 2, 3}, [-1, 2, 3], [1, True, 3], [1.5, 2, 3], ["a", "b", "c"], [1, 2]]
+    ("options", "sentence"),
+    [
+        ({"observation": "pixels"}, r"^observation must be one of .*, not 'pixels'\.$"),
+        ({"engine": "compiled"}, r"^engine must be 'fast', not 'compiled': to train over .* steps, see docs/rl\.md\.$"),
+        ({"render_mode": "ansi"}, r"^render_mode must be 'rgb_array' or None, not 'ansi'\.$"),
+        ({"picture_size": 10}, r"^picture_size must be 64 or more, not 10\.$"),
+    ],
 )
-def test_what_is_not_a_seed_is_refused_and_changes_nothing(engine: str, seed: object) -> None:
-    vector = gymnasium.make_vec(ID, num_envs=3, observation="semantic", engine=engine)
-    vector.reset(seed=1)
-    states = [vector.fingerprint(number) for number in range(3)]
+def test_wrong_options_are_one_sentence(options: dict, sentence: str) -> None:
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(InvalidArgumentError, match=sentence):
+            make(ID, **{"observation": "image", **options}).close()
+
+
+@pytest.mark.parametrize("seed", [-1, True, 1.5, "abc"])
+def test_what_is_not_a_seed_is_refused_and_changes_nothing(seed: object) -> None:
+    env = gymnasium.make(ID, observation="semantic").unwrapped
+    env.reset(seed=1)
+    before = env.fingerprint()
     with pytest.raises(InvalidArgumentError, match=r"^seed must be a "):
-        vector.reset(seed=seed)
-    assert [vector.fingerprint(number) for number in range(3)] == states
-    vector.reset()
-    if not isinstance(seed, list):
-        with pytest.raises(InvalidArgumentError, match=r"^seed must be a "):
-            gymnasium.make(ID, observation="semantic", engine=engine).unwrapped.reset(seed=seed)
+        env.reset(seed=seed)
+    assert env.fingerprint() == before
 
 
-def test_nothing_before_the_reset(engine: str) -> None:
-    vector = gymnasium.make_vec(ID, num_envs=2, observation="semantic", engine=engine, render_mode="rgb_array")
-    for early in (lambda: vector.step(np.zeros(2, np.int64)), vector.render):
-        with pytest.raises(ResetNeededError, match=r"Worlds \[0, 1\] have not begun: call reset\(\).$"):
-            early()
-    with pytest.raises(ResetNeededError, match=r"Worlds \[1\] have not begun: call reset\(\) without a reset_mask"):
-        vector.reset(options={"reset_mask": np.array([True, False])})
+@pytest.mark.parametrize("action", [-1, 17, True, 1.0, "noop", [1], np.array([1])])
+def test_what_is_not_an_action_is_refused_and_changes_nothing(action: object) -> None:
+    env = gymnasium.make(ID, observation="semantic").unwrapped
+    env.reset(seed=1)
+    before = env.fingerprint()
+    with pytest.raises(InvalidArgumentError, match=r"^An action of CrafterEnv is a whole number from 0 to 16, not "):
+        env.step(action)
+    assert env.fingerprint() == before
+
+
+def test_no_step_before_the_reset_and_after_the_end() -> None:
+    env = gymnasium.make(ID, observation="semantic").unwrapped
     with pytest.raises(ResetNeededError, match="before its reset"):
-        gymnasium.make(ID, observation="semantic", engine=engine).unwrapped.step(0)
-
-
-def test_no_step_after_the_end(engine: str) -> None:
-    vector = gymnasium.make_vec(
-        ID, num_envs=1, observation="semantic", engine=engine, autoreset_mode=AutoresetMode.DISABLED
-    )
-    single = gymnasium.make(ID, observation="semantic", engine=engine).unwrapped
-    vector.reset(seed=30)
-    single.reset(seed=30)
-    while not single.step(facts.SLEEP)[2]:
-        vector.step(np.array([facts.SLEEP]))
-    vector.step(np.array([facts.SLEEP]))
+        env.step(0)
+    env.reset(seed=30)
+    # Players who sleep in the open die soon.
+    while not env.step(facts.SLEEP)[2]:
+        pass
     with pytest.raises(ResetNeededError, match="after its end"):
-        single.step(0)
-    with pytest.raises(ResetNeededError, match=r"worlds \[0\] have ended"):
-        vector.step(np.array([0]))
+        env.step(0)
 
 
-def test_without_any_seed_worlds_differ(engine: str) -> None:
-    one, other = (gymnasium.make_vec(ID, num_envs=2, observation="symbolic", engine=engine) for _ in range(2))
-    assert not np.array_equal(one.reset()[0], other.reset()[0])
+def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
+    env = gymnasium.make(ID, observation="semantic").unwrapped
+    env.reset(seed=6)
+    steps, terminated, truncated = 0, False, False
+    while not (terminated or truncated):
+        env._world.player.inventory.update(health=9, food=9, drink=9)
+        _, _, terminated, truncated, _ = env.step(steps % 5)
+        steps += 1
+    assert (steps, terminated, truncated) == (9_999, False, True)
 
 
-def test_an_episode_is_cut_off(engine: str) -> None:
-    vector = gymnasium.make_vec(ID, num_envs=2, observation="semantic", engine=engine, max_episode_steps=5)
-    vector.reset(seed=0)
-    ends = [vector.step(np.zeros(2, np.int64))[3].tolist() for _ in range(11)]
-    assert [index for index, end in enumerate(ends) if end == [True, True]] == [4, 10]
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda vector: pickle.loads(pickle.dumps(vector))])
-def test_a_copy_continues_identically(engine: str, copied: object) -> None:
-    vector = gymnasium.make_vec(ID, num_envs=3, observation="image", engine=engine, threads=2)
-    vector.reset(seed=1)
-    for row in actions(3, 30):
-        vector.step(row)
-    twin = copied(vector)
-    for row in actions(3, 30, seed=1):
-        for one, other in zip(vector.step(row)[:4], twin.step(row)[:4], strict=True):
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_continues_identically(copied: object) -> None:
+    env = gymnasium.make(ID, observation="image").unwrapped
+    env.reset(seed=1)
+    for action in random_actions(30):
+        env.step(action)
+    twin = copied(env)
+    for action in random_actions(30, seed=1):
+        for one, other in zip(env.step(action)[:4], twin.step(action)[:4], strict=True):
             assert np.array_equal(one, other)
-    assert [twin.fingerprint(n) for n in range(3)] == [vector.fingerprint(n) for n in range(3)]
+    assert (twin.state(), twin.fingerprint()) == (env.state(), env.fingerprint())
+
+
+@pytest.mark.parametrize("observation", ["text", *SEEN])
+def test_a_vector_is_gymnasiums_own_of_single_worlds(observation: str) -> None:
+    vector = gymnasium.make_vec(ID, num_envs=2, observation=observation)
+    singles = [gymnasium.make(ID, observation=observation) for _ in range(2)]
+    expected = [env.reset(seed=30 + number)[0] for number, env in enumerate(singles)]
+    assert_equal(vector.reset(seed=30)[0], expected)
+    for row in random_actions(40).reshape(20, 2):
+        seen, rewards, *_ = vector.step(row)
+        steps = [env.step(action) for env, action in zip(singles, row, strict=True)]
+        assert_equal(seen, [step[0] for step in steps])
+        assert rewards.tolist() == [step[1] for step in steps]
     vector.close()
 
 
-def test_returned_arrays_are_ones_own_unless_asked(engine: str) -> None:
-    for own in (True, False):
-        vector = gymnasium.make_vec(ID, num_envs=2, observation="symbolic", engine=engine, copy=own)
-        first = vector.reset(seed=1)[0]
-        kept = first.copy()
-        for row in actions(2, 5):
-            vector.step(row)
-        assert np.array_equal(first, kept) == own
-
-
-def test_pictures_of_all_worlds() -> None:
-    vector = gymnasium.make_vec(ID, num_envs=2, observation="symbolic", engine="fast", render_mode="rgb_array")
-    images = gymnasium.make_vec(ID, num_envs=2, observation="image", engine="fast")
-    vector.reset(seed=1)
-    assert np.array_equal(np.stack(vector.render()), images.reset(seed=1)[0])
+def assert_equal(batch: object, singles: list) -> None:
+    assert all(np.array_equal(one, other) for one, other in zip(batch, singles, strict=True))
 
 
 @pytest.mark.parametrize("game", [ID, "smartplay/Hanoi3Disk-v0"])

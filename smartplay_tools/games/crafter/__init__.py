@@ -5,6 +5,6 @@ The modules, lowest first: `facts` (the rules as tables), `stream` (the random s
 happens in a step), `fast` (the default engine, made of these), `reference` (PyPI `crafter` with the same interface, for
 comparison), `text` (the observation text), `textures` and `pictures`, and `game` (the text environment).
 
-For reinforcement learning: `observations` (the kinds of observation), `worlds` (several engines as one object),
-`compiled` (the same rules for many worlds, compiled by numba), `environment` and `vector` (Gymnasium's two interfaces).
+For agents that read no text: `observations` (a picture, ids or numbers) and `environment` (the Gymnasium environment
+that returns them).
 """

@@ -196,21 +196,6 @@ class _Layer(NamedTuple):
     weight: Floats
 
 
-class Contributions(NamedTuple):
-    """The contributions to the noise at each point, in the order in which they are added.
-
-    The contributions of point p are those from `starts[p]` to `starts[p + 1]`. Each is the gradient of a lattice
-    corner times its offset by axis, summed from x to z, times a weight; the noise is the sum divided by `SCALE`.
-    """
-
-    cells: tuple[Integers, Integers, Integers]
-    """The lattice corners, each by its coordinates modulo 256."""
-    starts: Integers
-    corners: Integers
-    distance: Floats
-    weight: Floats
-
-
 class Points:
     """Points at which the noise of any seed can be computed quickly.
 
@@ -288,20 +273,3 @@ class Points:
             np.multiply(a, weight, out=a)
             np.add(total[:size], a, out=total[:size])
         return (total / SCALE)[self._place]
-
-    def by_point(self) -> Contributions:
-        """The same sums, point by point, for code that adds them one after the other."""
-        order = np.argsort(self._place, kind="stable")
-        counts = np.zeros(len(order), np.int64)
-        for layer in self._layers:
-            counts[: len(layer.corner)] += 1
-        starts = np.zeros(len(order) + 1, np.int64)
-        np.cumsum(counts[self._place], out=starts[1:])
-        corners, weight = np.zeros(starts[-1], np.int64), np.zeros(starts[-1])
-        distance = np.zeros((starts[-1], 3))
-        for n, layer in enumerate(self._layers):
-            at = starts[order[: len(layer.corner)]] + n
-            corners[at], weight[at] = layer.corner, layer.weight
-            for axis in range(3):
-                distance[at, axis] = layer.distance[axis]
-        return Contributions(self._cells, starts, corners, distance, weight)

@@ -52,7 +52,6 @@ CELLS = VIEW[0] * VIEW[1]
 # --- Semantic --------------------------------------------------------------------------------------------------------
 
 _CHOICES = [len(NAMES)] * CELLS + [MOST + 1] * len(CARRIED) + [len(DIRECTIONS), 2]
-SEMANTIC_SIZE = len(_CHOICES)
 """63 cells, column by column from the north-west; 16 amounts; the side that the player faces; whether it sleeps."""
 
 # --- Symbolic: the numbers of Craftax-Classic ------------------------------------------------------------------------
@@ -75,22 +74,19 @@ _MATERIAL_BLOCKS = {
     SAND: 13,
     LAVA: 14,
 }
-BLOCK_OF = np.array([_MATERIAL_BLOCKS[material] for material in range(len(MATERIALS) + 1)])
+_BLOCK_OF = np.array([_MATERIAL_BLOCKS[material] for material in range(len(MATERIALS) + 1)])
 """The block of each material; 0 is outside the map."""
 MOBS = (ZOMBIE, COW, SKELETON, NAMES.index("arrow"))
 CHANNELS = BLOCKS + len(MOBS)
 """The numbers of a cell: which block, and which creature or arrow."""
 AMOUNTS = (np.arange(MOST + 1, dtype=np.float16) / np.float16(10)).astype(np.float32)
 """Amounts as numbers: tenths, rounded to half precision as Craftax-Classic rounds them."""
-CARRIED_FROM = CELLS * CHANNELS
-"""The index of the first amount; before it are the cells, row by row."""
 CARRIED_ORDER = np.array(
     [CARRIED.index(name) for name in ("wood", "stone", "coal", "iron", "diamond", "sapling", *ITEMS[6:], *VITALS)]
 )
 """The order of the amounts."""
-FACING_FROM = CARRIED_FROM + len(CARRIED)
-"""Where the side that the player faces begins; the light and whether the player sleeps come last."""
-SYMBOLIC_SIZE = FACING_FROM + len(DIRECTIONS) + 2
+SYMBOLIC_SIZE = CELLS * CHANNELS + len(CARRIED) + len(DIRECTIONS) + 2
+"""The cells, row by row; the amounts; the side that the player faces; the light; whether the player sleeps."""
 
 
 def space_of(observation: str) -> spaces.Space[Any]:
@@ -122,7 +118,7 @@ _MOB_LAYERS = [[LAYERS.index(body) for body in BODIES if body.startswith(NAMES[k
 def _symbolic(engine: CrafterEngine) -> NDArray[np.float32]:
     scene, sight = engine.scene(), engine.sight()
     materials, layers = cells_seen(scene)
-    blocks = BLOCK_OF[materials]
+    blocks = _BLOCK_OF[materials]
     blocks[layers == LAYERS.index("plant")] = PLANT_BLOCK
     blocks[layers == LAYERS.index("plant-ripe")] = RIPE_BLOCK
     cells = np.zeros((*blocks.shape, CHANNELS), np.float32)

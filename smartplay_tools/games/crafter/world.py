@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from smartplay_tools.games.crafter.facts import (
     AREA,
@@ -234,7 +233,7 @@ def _count_by_chunk(cells: np.ndarray[Any, np.dtype[np.bool_]]) -> list[int]:
     return counts
 
 
-def without_margin(cells: bytearray | NDArray[np.uint8]) -> bytes:
+def without_margin(cells: bytearray) -> bytes:
     """The cells of the map alone, column by column."""
     inside = slice(MARGIN, MARGIN + AREA)
     return np.frombuffer(cells, np.uint8).reshape(-1, COLUMN)[inside, inside].tobytes()

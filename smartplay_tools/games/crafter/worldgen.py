@@ -85,14 +85,6 @@ def generate(stream: Stream) -> Terrain:
     return Terrain(ground, creatures)
 
 
-def nearness(noise: NDArray[np.float64], from_center: NDArray[np.float64] = FROM_CENTER) -> NDArray[np.float64]:
-    """How much cells belong to the meadow at the center, 0 to 1, from their noise `start` and their distances."""
-    start = 4 - from_center
-    start = start + 2 * noise
-    near: NDArray[np.float64] = 1 / (1 + np.exp(-start))
-    return near
-
-
 class Draws:
     """Numbers that were drawn ahead, and how many of them the rules have used."""
 
@@ -129,7 +121,8 @@ class Draws:
 
 def _ground(noise: dict[str, NDArray[np.float64]], draws: Draws) -> tuple[NDArray[np.uint8], Flags]:
     """The ground, and which of its cells are tunnels."""
-    start = nearness(noise["start"])
+    # How much each cell belongs to the meadow in the middle, from 0 to 1.
+    start = 1 / (1 + np.exp(-(4 - FROM_CENTER + 2 * noise["start"])))
     water = noise["water"] + 0.15 * noise["water detail"] + 0.1
     water -= 2 * start
     mountain = (noise["mountain"] + 0.3 * noise["mountain detail"]) / 1.3
