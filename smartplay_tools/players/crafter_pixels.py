@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from smartplay_tools.context.prompts import GAME_IS_OVER
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.games.crafter.balance import light
+from smartplay_tools.games.crafter.creatures import light
 from smartplay_tools.games.crafter.facts import (
     AREA,
     ARROW,
@@ -40,17 +40,20 @@ from smartplay_tools.games.crafter.facts import (
     ZOMBIE,
 )
 from smartplay_tools.games.crafter.pictures import (
+    BODIES,
     BRIGHTEST_GRAIN,
     DARKEST_GRAIN,
     GRID,
+    LAYERS,
     NIGHT,
     SATURATION,
     UNIT,
     asleep,
     lit,
+    tiles,
+    vignette,
 )
 from smartplay_tools.games.crafter.text import describe
-from smartplay_tools.games.crafter.textures import BODIES, LAYERS, tiles, vignette
 from smartplay_tools.games.crafter.views import Scene, Sight
 from smartplay_tools.games.crafter.world import COLUMN, EAST, NORTH, SOUTH, WEST, place
 from smartplay_tools.players.rule import RulePlayer

@@ -7,7 +7,7 @@ import json
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.games.crafter.balance import light
+from smartplay_tools.games.crafter.creatures import light
 from smartplay_tools.players.crafter_pixels import in_words
 from smartplay_tools.players.prompt_reading import Reading
 

@@ -2,16 +2,26 @@
 
 The order of all draws is Crafter's. As in Crafter, a creature without health is taken off the map at the beginning of
 its turn but still takes the turn: a beaten zombie may strike once more.
+
+The balance of creatures: every tenth step each chunk may gain or lose one creature of each kind.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
 
 from smartplay_tools.games.crafter.facts import (
+    AREA,
     ARROW,
+    CHUNK,
+    CHUNKS,
     COW,
     FURNACE,
+    GRASS,
     NAMES,
     PATH,
     PLANT,
@@ -24,12 +34,15 @@ from smartplay_tools.games.crafter.facts import (
 )
 from smartplay_tools.games.crafter.player import CrafterPlayer
 from smartplay_tools.games.crafter.world import (
+    COLUMN,
     DIRECTIONS,
     DISTANCE,
     TOWARD_LONGER,
     TOWARD_SHORTER,
+    Chunk,
     Thing,
     World,
+    place,
 )
 
 FREE = bytes(material in WALKABLE for material in range(len(NAMES)))
@@ -132,3 +145,90 @@ UPDATE: dict[int, Callable[[World, Thing, CrafterPlayer], None]] = {
     PLANT: plant,
 }
 """The function for a thing's turn, by kind."""
+
+
+INTERVAL = 10
+
+
+class Light(NamedTuple):
+    """The effects of the time of day on the rules."""
+
+    daylight: float
+    night: bool
+    """Whether the picture is so dark that it gets noise, for which random numbers are drawn."""
+    zombies: int
+    """The most zombies that a chunk should have, which is also the fewest if it has enough grass."""
+    cows: int
+    """The most cows that a chunk should have."""
+
+
+@functools.lru_cache(maxsize=20_000)
+def light(step: int) -> Light:
+    """The light at a step, in Crafter's scalar arithmetic: numpy's arrays round a cosine differently."""
+    progress = (step / 300) % 1 + 0.3
+    daylight = float(1 - np.abs(np.cos(np.pi * progress)) ** 3)
+    return Light(daylight, daylight < 0.5, int(3.5 - 3 * daylight), int(1.5 + daylight))
+
+
+class Rule(NamedTuple):
+    """When a creature appears and disappears: materials, distances from the player, probabilities."""
+
+    kind: int
+    material: int
+    space: int
+    """A chunk with fewer cells of the material gets no creature."""
+    least_distance: int
+    leave_distance: int
+    come: float
+    leave: float
+
+
+ZOMBIES = Rule(ZOMBIE, GRASS, 50, 6, 0, 0.3, 0.4)
+SKELETONS = Rule(SKELETON, PATH, 6, 7, 7, 0.1, 0.1)
+COWS = Rule(COW, GRASS, 30, 5, 5, 0.01, 0.1)
+
+
+def balance(world: World, at: int, now: Light) -> None:
+    """Add and remove creatures, given the player's place. Chunks that nothing has entered yet have none."""
+    rules = (
+        (ZOMBIES, world.grass, now.zombies, now.zombies),
+        (SKELETONS, world.paths, 1, 2),
+        (COWS, world.grass, 1, now.cows),
+    )
+    for key, chunk in list(world.chunks.items()):
+        for rule, cells, least, most in rules:
+            count = chunk.counts[rule.kind]
+            if count < least and cells[key] >= rule.space:
+                _come(world, at, key, rule, cells[key])
+            elif count > most:
+                _leave(world, at, chunk, rule, count)
+
+
+def _come(world: World, at: int, key: int, rule: Rule, cells: int) -> None:
+    if world.stream.uniform() < rule.come:
+        where = _nth_cell(world, key, rule.material, world.stream.below(cells))
+        if world.surface[where] < PLAYER and DISTANCE[where - at] >= rule.least_distance:
+            world.add(Thing(rule.kind, where))
+
+
+def _leave(world: World, at: int, chunk: Chunk, rule: Rule, count: int) -> None:
+    if world.stream.uniform() < rule.leave:
+        creatures = [thing for thing in chunk.things if thing.kind == rule.kind]
+        creature = creatures[world.stream.below(count)]
+        if DISTANCE[creature.at - at] >= rule.leave_distance:
+            world.remove(creature)
+
+
+def _nth_cell(world: World, key: int, material: int, n: int) -> int:
+    """The n-th cell of a material in a chunk, column by column."""
+    x, y = key // CHUNKS * CHUNK, key % CHUNKS * CHUNK
+    height = min(CHUNK, AREA - y)
+    for column in range(place(x, y), place(x + CHUNK, y), COLUMN):
+        in_column = world.ground.count(material, column, column + height)
+        if n < in_column:
+            cell = column - 1
+            for _ in range(n + 1):
+                cell = world.ground.find(material, cell + 1, column + height)
+            return cell
+        n -= in_column
+    raise AssertionError("The chunk has fewer cells of the material than it counts.")

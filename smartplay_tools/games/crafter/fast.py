@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.games.crafter.balance import INTERVAL, balance, light
-from smartplay_tools.games.crafter.creatures import UPDATE
+from smartplay_tools.games.crafter.creatures import INTERVAL, UPDATE, balance, light
 from smartplay_tools.games.crafter.facts import NIGHT_PIXELS, UPDATE_DISTANCE
 from smartplay_tools.games.crafter.player import CrafterPlayer
 from smartplay_tools.games.crafter.stream import world_seed

@@ -40,8 +40,7 @@ from smartplay_tools.games.crafter.facts import (
     WATER,
     ZOMBIE,
 )
-from smartplay_tools.games.crafter.pictures import USUAL, cells_seen, draw
-from smartplay_tools.games.crafter.textures import BODIES, LAYERS
+from smartplay_tools.games.crafter.pictures import BODIES, LAYERS, USUAL, cells_seen, draw
 from smartplay_tools.games.crafter.views import CrafterEngine
 from smartplay_tools.games.crafter.world import DIRECTIONS, cells_around
 
