@@ -202,7 +202,7 @@ class TestRetries:
             assert endpoint.store.find(handle).episode.stats.turns == 1
 
     def test_the_model_is_not_asked_again_for_a_client_that_has_gone(self):
-        """The reply that it was giving is kept, and the next request goes on from there and is told what both took."""
+        """The reply that it was giving is kept; the next request continues after it, and its usage has both."""
         player = Slow(calling(say="Hm."), calling(act(WAY[0])))
         with WindowEndpoint(player) as endpoint, openai_client(endpoint) as client:
             handle = endpoint.open(GAME, seed=7)
