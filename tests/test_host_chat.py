@@ -72,9 +72,36 @@ def test_every_open_call_is_decided_in_the_order_of_the_message():
 
 
 def test_what_the_host_has_left_open_was_not_run():
-    chat, _ = begun(("search", "{}"), ("observe", "{}"))
+    chat, events = begun(("search", "{}"), ("observe", "{}"))
     assert all(answer.is_error for answer in chat.settle(()).values())
     assert turn_of(chat) == ["Error: The host's agent did not run this call."] * 2
+    assert [event["host"] for event in events if event["event"] == "call"] == ["refused"] * 2
+
+
+@pytest.mark.parametrize("said", [None, "Cannot parse this."], ids=["by us", "by the host"])
+def test_a_broken_call_of_the_hosts_tool_is_a_mistake_whoever_answers_it(said):
+    """The calls around it have been played already; it is answered in its place, in the host's words if it has some."""
+    chat, events = begun(("observe", "{}"), ("search", "{"), ("observe", "{}"))
+    for call_id in ("c0", "c2"):
+        chat.session.answer(call_id)
+    chat.settle([] if said is None else [result("c1", said)])
+    assert turn_of(chat)[1] == (said or "Error: The arguments are not valid JSON.")
+    assert (chat.episode.stats.tool_calls, chat.episode.stats.malformed_calls) == (3, 1)
+    assert chat.session.answer("c1").is_error  # once more, as any other call
+    chat.episode.close()
+    assert sp.replay(events).identical
+
+
+def test_a_record_has_the_results_that_its_host_gave():
+    """So do records of versions in which a host's words for a broken call were a result of its tool."""
+    chat, events = begun(("search", "{"))
+    for _ in range(12):
+        chat.session.add(result("c0", "Error: The arguments are not valid JSON."))
+        assert chat.session.prompt() is not None
+        chat.session.receive(reply(("search", "{")))
+    assert chat.episode.stats.tool_calls == 0
+    chat.episode.close()
+    assert sp.replay(events).identical
 
 
 def test_words_are_heard_once_however_often_the_list_is_read():

@@ -39,16 +39,24 @@ class HostChat:
             of `smartplay_tools.resume(record, session=True)`.
         player: the player's name, for the record.
         not_run: the answer to a call that the host has left open.
+        no_result: the same for a call of one of the host's own tools; `not_run` if not given.
         pictures: whether the host gives its model pictures (see `AgentSession`).
     """
 
     def __init__(
-        self, episode: Episode | AgentSession, *, player: str, not_run: str = NOT_RUN, pictures: bool = False
+        self,
+        episode: Episode | AgentSession,
+        *,
+        player: str,
+        not_run: str = NOT_RUN,
+        no_result: str | None = None,
+        pictures: bool = False,
     ) -> None:
         self.session = episode if isinstance(episode, AgentSession) else None
         """The session; None before the first prompt."""
         self.episode = episode.episode if isinstance(episode, AgentSession) else episode
-        self._player, self._not_run, self._pictures = player, not_run, pictures
+        self._player, self._pictures = player, pictures
+        self._not_run, self._no_result = not_run, not_run if no_result is None else no_result
         if not pictures:
             self.episode.refuse_pictures("This host", has_option=True)
         self._is_told = False
@@ -93,8 +101,10 @@ class HostChat:
         A call whose id is in `play` is played, with the arguments given there unless they are None. A result among the
         messages is the host's answer; to one of the game's own calls it is a refusal. Of the other calls, those that no
         host can run, because their tool does not exist or their arguments are not an object, are answered here, and the
-        rest as not run. Results of foreign tools are the host's own and not returned; in these, a part without text,
-        such as a picture, is replaced by its name, because its tokens cannot be counted.
+        rest as not run. A call of a foreign tool whose arguments are not an object is a mistake even if the host has
+        answered it: frameworks differ in who does, and a model that repeats it must not play on for ever. Results of
+        foreign tools that ran are the host's own and not returned; in these, a part without text, such as a picture, is
+        replaced by its name, because its tokens cannot be counted.
         """
         session = self._begun
         turn, answers = session.latest_turn, dict[str, ToolResult]()
@@ -110,19 +120,17 @@ class HostChat:
                     continue
                 if call.id in play:
                     answers[call.id] = session.answer(call.id, play[call.id])
-                elif call.id in results and call.name in foreign:
-                    session.add({**results[call.id], "content": self._in_words(results[call.id])})
                 elif call.id in results:
-                    answers[call.id] = session.refuse(call.id, self._in_words(results[call.id]))
-                elif call.name in foreign:
-                    problem = call.arguments.problem
-                    text = self._not_run if problem is None else f"Error: The arguments {problem}."
-                    session.add({"role": "tool", "tool_call_id": call.id, "content": text})
-                    answers[call.id] = ToolResult(text, is_error=True)
-                elif call.name not in runnable or call.arguments.values is None:
-                    answers[call.id] = session.answer(call.id)
+                    said = self._in_words(results[call.id])
+                    if call.name in foreign and call.arguments.problem is None:
+                        session.add({**results[call.id], "content": said})
+                    else:
+                        answers[call.id] = session.answer_at(position, refusal=said)
+                elif call.name not in runnable or call.arguments.problem is not None:
+                    answers[call.id] = session.answer_at(position)
                 else:
-                    answers[call.id] = session.refuse(call.id, self._not_run)
+                    left = self._no_result if call.name in foreign else self._not_run
+                    answers[call.id] = session.answer_at(position, refusal=left)
         return answers
 
     def _in_words(self, result: Message) -> str:

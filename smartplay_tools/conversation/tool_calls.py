@@ -212,19 +212,23 @@ class ToolConversation(BaseConversation):
     def answer_at(self, position: int, *, refusal: str | None = None, edited: str | None = None) -> ToolResult:
         """Answer the call at a position: with the host's text if there is a `refusal`, with arguments `edited` by it.
 
+        A call of a foreign tool is answered here if no tool has run: its arguments are not an object, or the host has
+        left it open. The host's results are for `add`.
+
         A call is not played after a later one of its message, or observations would not be shown in their order. Such a
         call can only be refused; playing it raises an `InvalidArgumentError`.
         """
         if position in self._results:
             return self._results[position]
-        if refusal is None and any(at > position for at in self._answered()):
+        call = self._builder.calls[position]
+        is_foreign = call.name in self._foreign
+        if refusal is None and not is_foreign and any(at > position for at in self._answered()):
             raise InvalidArgumentError(
-                f"The call {self._builder.calls[position].id} comes before one that has been answered: answer the "
-                "calls of a message in their order, or refuse the earlier one."
+                f"The call {call.id} comes before one that has been answered: answer the calls of a message in their "
+                "order, or refuse the earlier one."
             )
         if edited is not None:
             self._edits[position] = edited
-        call = self._builder.calls[position]
         arguments = call.arguments
         if position in self._edits and refusal is None:
             arguments = read(self._edits[position])
@@ -235,7 +239,8 @@ class ToolConversation(BaseConversation):
             arguments,
             may_act=self.episode.config.batch == "all" or not self._has_acted(position),
             host="refused" if refusal is not None else "edited" if arguments is not call.arguments else None,
-            refusal=refusal or "",
+            refusal=refusal,
+            is_foreign=is_foreign,
         )
         if arguments is not call.arguments:
             self._builder.edit(position, arguments.text)
@@ -258,13 +263,15 @@ class ToolConversation(BaseConversation):
 
     def _answered(self) -> Iterator[int]:
         """The positions of the message's own calls that the game answered before it was over."""
-        return (at for at, result in self._results.items() if result.data.get("mistake") not in UNANSWERED)
+        for at, result in self._results.items():
+            if self._builder.calls[at].name not in self._foreign and result.data.get("mistake") not in UNANSWERED:
+                yield at
 
     def _own(self, call_id: str) -> int:
-        """The position of one of the game's own calls of the latest reply."""
+        """The position of a call of the latest reply that this library answers."""
         for position, call in enumerate(self._builder.calls):
             if call.id == call_id:
-                if call.name in self._foreign:
+                if call.name in self._foreign and position not in self._results:
                     raise InvalidArgumentError(
                         f"{call_id} is a call of {call.name}, not of the game: `add` its result."
                     )

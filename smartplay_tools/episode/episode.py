@@ -387,15 +387,19 @@ class Episode:
         may_act: bool = True,
         key: str = "",
         host: Literal["edited", "refused"] | None = None,
-        refusal: str = "",
+        refusal: str | None = None,
+        is_foreign: bool = False,
     ) -> ToolResult:
         """Answer one call of a turn and record it; a conversation calls `_complete_turn` after the last one.
 
         `host` says what the host did to the call: changed its arguments, or refused it with the text `refusal`.
+        `is_foreign` says that the call is one of the host's own tools, which did not run.
         """
         with self.lock:
             self._step_is_unrecorded = True
-            if host == "refused" and not self.done:
+            if is_foreign and not self.done:
+                answer = self._session.answer_foreign(arguments, refusal)
+            elif refusal is not None and not self.done:
                 answer = self._session.say(refusal, "host")
             else:
                 answer = self._session.answer(name, arguments, may_act=may_act)
@@ -403,7 +407,7 @@ class Episode:
             event = self._call_event(turn, position, name, arguments, answer)
             if host is not None:
                 event["host"] = host
-            if host == "refused":
+            if refusal is not None:
                 event["refusal"] = refusal
             if key:
                 event["call_id"] = key  # a transport's keys outlive this process

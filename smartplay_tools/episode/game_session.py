@@ -111,9 +111,25 @@ class GameSession:
                 answer = self.refuse("Only the first action of a message is played, and this was not the first.")
             else:
                 answer = self._play(parsed)
+        self._end_if_calls_are_spent()
+        return answer
+
+    def answer_foreign(self, arguments: Arguments, said: str | None) -> Answer:
+        """Answer a call of the host's own tool that has no result; `said` is the host's text, None for this library's.
+
+        A call whose arguments are not an object is a mistake of the model's, whoever answers it. Any other call was
+        refused by the host. Results of the host's own tools are not cut, and nor is this text.
+        """
+        text = f"Error: The arguments {arguments.problem}." if said is None else said
+        mistake = "host" if arguments.problem is None else "malformed"
+        if mistake == "malformed":
+            self.tool_calls += 1
+            self._end_if_calls_are_spent()
+        return Answer(text, {"step": self.steps, "mistake": mistake, "legal": False}, is_error=True)
+
+    def _end_if_calls_are_spent(self) -> None:
         if self.tool_calls == self.budget.tool_calls:
             self.end("tool_calls")
-        return answer
 
     def refuse(self, reason: str, kind: str = "refused") -> Answer:
         """Return the answer to a call that was not played."""

@@ -67,6 +67,25 @@ def broken_call(row: Window, log: pytest.LogCaptureFixture) -> None:
     assert result_of(held).lower().count("error") >= 3
 
 
+def broken_calls(row: Window, log: pytest.LogCaptureFixture) -> None:
+    """A model that repeats a broken call of the agent's own tool is asked until its turns have stalled, or its calls
+    are spent, although the host may never be asked in between."""
+    broken, half = (WEATHER.name, '{"city": "Be'), ("act", '{"act')
+    for calls, budget, end, turns in (
+        ([broken], sp.Budget(), "stalled_turns", 10),
+        ([broken, half] if row.broken_json else [broken], sp.Budget(), "stalled_turns", 10),
+        ([broken], sp.Budget(tool_calls=4, stalled_turns=None), "tool_calls", 4),
+    ):
+        episode, events = fresh(budget)
+        with episode:
+            held = row.hold(episode, [calling(*calls)] * 99, situation="broken call")
+        result = episode.result
+        assert result is not None
+        assert (result.end_reason, result.turns, len(held.sent)) == (end, turns, turns)
+        assert result.tool_calls == result.malformed_calls == turns * len(calls)
+        assert sp.replay(events).identical
+
+
 def picture(row: Window, log: pytest.LogCaptureFixture) -> None:
     """A tool of the agent's own gives a picture, which cannot be counted: it is named, and that is logged once."""
     _, held = played(row, [calling(("camera", {})), calling(("camera", {})), *MOVES], "picture")
@@ -141,6 +160,7 @@ def usage(row: Window, log: pytest.LogCaptureFixture) -> None:
 SITUATIONS: dict[str, Callable[[Window, pytest.LogCaptureFixture], None]] = {
     "again": again,
     "broken call": broken_call,
+    "broken calls": broken_calls,
     "forgets": forgets,
     "no calls": another_purpose("no calls"),
     "no tools": another_purpose("no tools"),

@@ -5,10 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
+import time
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import httpx2
+import openai
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from mcp import Client
@@ -19,7 +22,16 @@ import smartplay_tools as sp
 from smartplay_tools.players import ModelCallError
 from smartplay_tools.records import replay
 from tests.adapters.conformance import WAY, act, calling
-from tests.adapters.window_host import INTERFACES, MESSAGES_TOOLS, TOOLS, WORDS, HostAgent, client_of, play_through
+from tests.adapters.window_host import (
+    INTERFACES,
+    MESSAGES_TOOLS,
+    TOOLS,
+    WORDS,
+    HostAgent,
+    client_of,
+    openai_client,
+    play_through,
+)
 
 BUDGET = sp.Budget(prompt_tokens=700)
 GAME = "Hanoi3Disk-v0"
@@ -188,6 +200,29 @@ class TestRetries:
             assert player.asked == 1
             assert endpoint.store.find(handle).episode.stats.turns == 1
 
+    def test_the_model_is_not_asked_again_for_a_client_that_has_gone(self):
+        """The reply that it was giving is kept; the next request continues after it, and its usage has both."""
+        player = Slow(calling(say="Hm."), calling(act(WAY[0])))
+        with WindowEndpoint(player) as endpoint, openai_client(endpoint) as client:
+            handle = endpoint.open(GAME, seed=7)
+            ask = partial(
+                client.with_options(max_retries=0).chat.completions.create,
+                model=endpoint.model(handle),
+                messages=WORDS,
+                tools=TOOLS,
+            )
+            with pytest.raises(openai.APITimeoutError):
+                ask(timeout=0.2)
+            player.may_answer.set()
+            stats = endpoint.store.find(handle).episode.stats
+            while not stats.idle_replies:
+                time.sleep(0.01)
+            time.sleep(0.3)
+            assert player.asked == 1
+            answer = ask()
+            assert answer.choices[0].message.tool_calls
+            assert (player.asked, answer.usage.prompt_tokens) == (2, stats.tokens.prompt)
+
     def test_a_host_that_loses_the_ids_is_told_so(self, endpoint):
         host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
         for _ in range(21):
@@ -211,13 +246,14 @@ class Slow:
 
     name = "slow"
 
-    def __init__(self) -> None:
+    def __init__(self, *replies: sp.Message) -> None:
         self.asked, self.may_answer = 0, threading.Event()
+        self._replies = replies or [calling(act(short)) for short in WAY]
 
     def reply(self, prompt: sp.Prompt) -> sp.Reply:
         self.asked += 1
         assert self.may_answer.wait(30)
-        return sp.Reply(calling(act(WAY[self.asked - 1])))
+        return sp.Reply(self._replies[self.asked - 1])
 
 
 class TestHosts:

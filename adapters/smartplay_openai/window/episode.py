@@ -52,7 +52,7 @@ class FromThreads:
 
 
 NO_RESULT = "Error: The host's agent gave no result for this call."
-"""The result of a foreign call that the host's next request does not have."""
+"""The answer to a foreign call of which the host's next request has no result."""
 
 SUMMARIES = (
     "A summary asked of this endpoint cost nothing. A summary by another model was a call with at least these tokens, "
@@ -90,7 +90,7 @@ class WindowEpisode:
     ) -> None:
         self.handle, self.episode, self.player = handle, episode, player
         check_observation(player, episode.config.observation)
-        self._chat = HostChat(session or episode, player=player.name, pictures=True)
+        self._chat = HostChat(session or episode, player=player.name, no_result=NO_RESULT, pictures=True)
         self._closing, self._is_resumed = closing, session is not None
         self._shown = shown or Shown()
         self._notices = Notices(handle, self._shown)
@@ -106,6 +106,8 @@ class WindowEpisode:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._latest = self._of_record(episode.tools)
         self._turn: asyncio.Task[PendingReply] | None = None
+        self._is_awaited = asyncio.Event()
+        """Set while a request waits for the turn; without one, the model is not asked."""
         self._asking, self._calling = asyncio.Lock(), asyncio.Lock()
         self._by_key: dict[str, Slot] = {}
         self._failure: RequestError | None = None
@@ -123,8 +125,8 @@ class WindowEpisode:
     async def reply(self, request: CompletionRequest, *, is_retry: bool = False) -> PendingReply:
         """Answer a request: the next turn's reply, or the latest again where the request does not know it yet.
 
-        `is_retry` says that the client calls it one. A turn that has begun continues when its request is cancelled, and
-        the request that comes instead gets its reply.
+        `is_retry` says that the client calls it one. When a request is cancelled, the reply that the model is giving is
+        still taken. The model is not asked again before another request comes, which continues the turn.
         """
         request = self._in_full(request)
         tools = self._tell_apart(request)
@@ -199,12 +201,14 @@ class WindowEpisode:
             await asyncio.wait([self._turn])
 
     async def _finish_turn(self) -> PendingReply:
-        """Wait for the turn under way; a cancelled request leaves it running."""
+        """Wait for the turn under way; a cancelled request leaves it to the next."""
         turn = self._turn
         assert turn is not None
+        self._is_awaited.set()
         try:
             return await asyncio.shield(turn)
         finally:
+            self._is_awaited.clear()
             if turn.done():
                 self._turn = None
 
@@ -250,9 +254,8 @@ class WindowEpisode:
     def _settle_open(self, slots: Sequence[Slot], results: Mapping[str, Any]) -> None:
         messages: list[Message] = []
         for slot in slots:
-            if slot.host_id in results or (slot.is_foreign and slot.is_sent):
-                content = results.get(slot.host_id, NO_RESULT)
-                messages.append({"role": "tool", "tool_call_id": slot.call.id, "content": content})
+            if slot.host_id in results:
+                messages.append({"role": "tool", "tool_call_id": slot.call.id, "content": results[slot.host_id]})
             slot.is_delivered = True
         play = {slot.call.id: None for slot in slots if not slot.is_sent and not slot.is_foreign}
         answers = self._chat.settle(messages, play=play)
@@ -268,6 +271,7 @@ class WindowEpisode:
 
     async def _send(self, prompt: Prompt) -> Reply:
         """Ask the model. Where it gives no reply the episode ends, and the host is told so whenever it asks."""
+        await self._is_awaited.wait()
         try:
             reply = await reply_of(self.player, prompt)
             message = assistant_message(reply.message)
