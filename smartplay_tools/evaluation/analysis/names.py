@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 
 from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell, in_words
-from smartplay_tools.evaluation.analysis.windows import LIMITS, WINDOW, WindowComparison
+from smartplay_tools.evaluation.analysis.windows import FOLLOWS_FROM_WINDOW, LIMITS, WINDOW, WindowComparison
 from smartplay_tools.groups import grouped
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import STRATEGIES, Budget, ResolvedBudget
@@ -30,6 +31,42 @@ def strategy_name(cell: PlayedCell) -> str:
     return _part(cell, STRATEGIES).describe() or Budget().words()["beyond_history"]
 
 
+def way_name(cell: PlayedCell) -> str:
+    """Return the strategy of a cell and, if there is any, its slack."""
+    slack = cell.budget["slack"]
+    return strategy_name(cell) + (f", slack {slack:g}" if slack else "")
+
+
+def curve_names(cells: Sequence[PlayedCell]) -> list[str]:
+    """Return the names of curves over caps on prompts, each given by one of its cells: player, strategy and slack.
+
+    In the order budget, rules, options, a name has everything else in which the curves of a player at a game differ.
+    """
+    rivals = grouped(cells, lambda cell: (cell.game, cell.player))
+    names = [", ".join(_curve(cell, rivals[cell.game, cell.player])) for cell in cells]
+    check_distinct((cell.game, name) for cell, name in zip(cells, names, strict=True))
+    return names
+
+
+def _curve(cell: PlayedCell, rivals: Sequence[PlayedCell]) -> Iterator[str]:
+    limits = (name for name in ("history", *LIMITS) if name not in FOLLOWS_FROM_WINDOW)
+    varied = [name for name in limits if len({rival.budget[name] for rival in rivals}) > 1]
+    yield cell.player
+    yield from _in_words(cell, (name for name in varied if name == "history"))
+    yield way_name(cell)
+    yield from _in_words(cell, (name for name in varied if name != "history"))
+    rules = {name: value for name, value in cell.rules.items() if any(rival.rules[name] != value for rival in rivals)}
+    yield from (f"{name} {value}" for name, value in rules.items())
+    yield from _made_apart(cell, [*map(_made, rivals)])
+
+
+def check_distinct(names: Iterable[Hashable]) -> None:
+    """Raise an `AssertionError` if two lines of a table have the same name: a name that does not identify is a bug."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise AssertionError(f"several lines of a table have the same name: {twice}")
+
+
 def family_titles(cells: Sequence[PlayedCell]) -> list[str]:
     """Return what each cell has in common with those that differ only in their window: game, player, unusual rules.
 
@@ -43,6 +80,11 @@ def family_titles(cells: Sequence[PlayedCell]) -> list[str]:
 def _title(cell: PlayedCell, made: Sequence[Sequence[str]]) -> Iterator[str]:
     yield from (cell.game, cell.player)
     yield from (f"{name} {value}" for name, value in cell.rules.items() if value != USUAL[name])
+    yield from _made_apart(cell, made)
+
+
+def _made_apart(cell: PlayedCell, made: Sequence[Sequence[str]]) -> Iterator[str]:
+    """What of `_made` tells a cell apart from its rivals, of which `made` is given."""
     yield from (words for words in _made(cell) if not all(words in each for each in made))
 
 

@@ -1,4 +1,4 @@
-"""The figure of areas under the curve: what each strategy keeps of full context, in one number for all caps."""
+"""The figure of areas under the curve: what each strategy keeps of the widest window, in one number for all caps."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ROW = 0.3
 def areas_under_curves(areas: Sequence[Area]) -> Figure:
     """Draw the area of every strategy with its 95 % interval, a panel for each game, a row for each strategy.
 
-    0 is the random player, 1 is full context under every cap. Areas without a number are left out. A player that is the
+    0 is the random player, 1 is the player's widest window. Areas without a number are left out. A player that is the
     same in all rows stands below the panels.
     """
     there = [each for each in areas if each.area is not None]
