@@ -11,9 +11,12 @@ templates/    the pages; static/ has their scripts; an episode is the replay pag
 The site is read-only, unless it is started with a game that a person plays.
 """
 
-from smartplay_tools.evaluation.pages.view.run_list import RunList, find_runs
-from smartplay_tools.evaluation.pages.view.site_record import SiteRecord
-from smartplay_tools.evaluation.pages.view.site_runs import SiteRun
-from smartplay_tools.evaluation.pages.view.site_server import ViewServer
+from smartplay_tools.errors import extra_named
+
+with extra_named("The site", "view"):
+    from smartplay_tools.evaluation.pages.view.run_list import RunList, find_runs
+    from smartplay_tools.evaluation.pages.view.site_record import SiteRecord
+    from smartplay_tools.evaluation.pages.view.site_runs import SiteRun
+    from smartplay_tools.evaluation.pages.view.site_server import ViewServer
 
 __all__ = ["RunList", "SiteRecord", "SiteRun", "ViewServer", "find_runs"]

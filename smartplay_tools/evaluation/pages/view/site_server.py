@@ -5,15 +5,12 @@ from __future__ import annotations
 import secrets
 from collections.abc import Sequence
 
-from smartplay_tools.errors import InvalidArgumentError, extra_named
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.pages.view.app import view_app
 from smartplay_tools.evaluation.pages.view.playing import PlayedGames
 from smartplay_tools.evaluation.pages.view.run_list import RunList
 from smartplay_tools.evaluation.pages.view.site_runs import ViewedRun
-from smartplay_tools.web import is_loopback
-
-with extra_named("The site", "view"):
-    from smartplay_tools.evaluation.pages.view.app import view_app
-    from smartplay_tools.web import Server
+from smartplay_tools.web import Server, is_loopback
 
 
 class ViewServer(Server):
