@@ -20,7 +20,7 @@ from page_tables import complete, interval, publish, table_row
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import MEASURES, by_cell, compare_windows, differences
-from smartplay_tools.evaluation.analysis.window_tables import strategy_name
+from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
 from smartplay_tools.evaluation.runs import PlayerConfig, Run
 from smartplay_tools.records.rows import Row
@@ -78,7 +78,7 @@ def table(done: Run) -> str:
     columns: list[tuple[str, Callable[[WindowComparison], str]]] = [
         ("game", lambda c: f"`{c.cell.game}`"),
         ("player", _player),
-        ("cap: strategy", lambda c: f"{c.cell.budget['prompt_tokens']:,}: {_way(c)}"),
+        ("cap: strategy", lambda c: f"{c.cell.budget['prompt_tokens']:,}: {way_name(c.cell)}"),
         ("episodes", lambda c: str(c.episodes)),
         ("score [95 %]", lambda c: interval(c.means["score"])),
         ("less dropping [95 %, all together]", lambda c: "reference" if c.is_full else interval(c.together, "+")),
@@ -109,11 +109,6 @@ def _control(rows: Sequence[Row]) -> list[str]:
 def _player(comparison: WindowComparison) -> str:
     silent = comparison.cell.player_options.get("words") is False
     return f"{comparison.cell.player}{', silent' if silent else ''}"
-
-
-def _way(comparison: WindowComparison) -> str:
-    slack = comparison.cell.budget["slack"]
-    return strategy_name(comparison.cell) + (f", slack {slack:g}" if slack else "")
 
 
 def _arguments() -> argparse.Namespace:

@@ -22,8 +22,8 @@ from page_tables import complete, publish, table_row
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import MEASURES, by_cell
-from smartplay_tools.evaluation.analysis.area import curve_name
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
+from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs
 from smartplay_tools.evaluation.analysis.windows import jointly
 from smartplay_tools.records.rows import Row
@@ -121,7 +121,7 @@ def outcomes(rows: Sequence[Row], claims: Sequence[Claim] = CLAIMS) -> list[Outc
     curves = areas_of([row for row in rows if row["budget"]["history"] is None], compared=len(claims))
     shown = {(each.game, each.name): Outcome(each.seeds, *each.together) for each in curves if each.together}
     cells = {
-        (cell.game, curve_name(cell), cell.budget["prompt_tokens"]): members
+        (cell.game, f"{cell.player}, {way_name(cell)}", cell.budget["prompt_tokens"]): members
         for cell, members in by_cell(row for row in rows if row["budget"]["history"] == HISTORY)
     }
     scored = [(claim, name) for claim, name in zip(claims, names, strict=True) if claim.cap is not None]

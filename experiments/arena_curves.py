@@ -25,12 +25,12 @@ from page_tables import complete, interval, publish, table_row
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis import MEASURES, by_cell, mean_estimate
-from smartplay_tools.evaluation.analysis.area import Area, areas, curve_name
+from smartplay_tools.evaluation.analysis.area import Area, areas
 from smartplay_tools.evaluation.analysis.figures import areas_under_curves, save_figure
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
+from smartplay_tools.evaluation.analysis.names import strategy_name, way_name
 from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample, tokens
-from smartplay_tools.evaluation.analysis.window_tables import strategy_name
 from smartplay_tools.evaluation.analysis.windows import jointly
 from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
@@ -182,7 +182,7 @@ def curves_table(rows: Sequence[Row]) -> Iterator[str]:
     yield table_row(["---"] * (len(HEADINGS) + len(CACHES)))
     for at, (cell, own) in enumerate(cells):
         cap = cell.budget["prompt_tokens"]
-        way = "full context" if cap is None else f"{cap:,}: {_way(cell)}"
+        way = "full context" if cap is None else f"{cap:,}: {way_name(cell)}"
         scores = sample(own, MEASURES["score"])
         less = interval(together[at], "+") if at in together else "" if cap is None else "reference"
         facts = [f"{fmean(map(tokens, own)):,.0f}", f"{max(row['peak_prompt_tokens'] for row in own):,}"]
@@ -237,10 +237,6 @@ def _is_plain(cell: PlayedCell) -> bool:
 
 def _place(cell: PlayedCell) -> tuple[str, str, int | None]:
     return cell.game, cell.player, cell.budget["prompt_tokens"]
-
-
-def _way(cell: PlayedCell) -> str:
-    return curve_name(cell).partition(", ")[2]
 
 
 def main() -> None:

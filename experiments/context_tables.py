@@ -21,7 +21,7 @@ from smartplay_tools.evaluation.analysis import (
 )
 from smartplay_tools.evaluation.analysis.decisions import mde
 from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs
-from smartplay_tools.evaluation.analysis.window_tables import strategy_name
+from smartplay_tools.evaluation.analysis.names import strategy_name
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records, tariffs_of
 from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.evaluation.runs.sweeps import Sweep

@@ -15,6 +15,7 @@ from typer.main import get_command
 
 import smartplay_tools as sp
 from smartplay_tools import cli
+from tests import core_alone
 
 PACKAGE = Path(sp.__file__).parent
 HEAVY = (
@@ -149,6 +150,33 @@ class TestCommands:
             [sys.executable, "-m", "smartplay_tools", "--help"], capture_output=True, text=True, check=True
         )
         assert all(f" {name} " in done.stdout for name in cli.COMMANDS)
+
+    def test_without_any_extra_a_command_works_or_says_which_extra_it_needs(self, tmp_path):
+        done = subprocess.run(
+            [sys.executable, core_alone.__file__, tmp_path], capture_output=True, text=True, check=True
+        )
+        ends = json.loads(done.stdout)
+        assert {end["command"][0] for end in ends} == set(cli.COMMANDS)
+        needs = {}
+        for end in ends:
+            name, _, hint = end["error"].partition("needs an optional dependency: pip install 'smartplay-tools[")
+            assert end["code"] == (2 if hint else 0), end
+            if hint:
+                assert name.startswith("smartplay-tools: "), end
+                needs[" ".join(end["command"][:2])] = hint.strip().removesuffix("]'")
+        assert needs == {
+            "play Hanoi3Disk-v0": "view",
+            "agent Hanoi3Disk-v0": "openai",
+            "report run": "evaluation",
+            "share hanoi.jsonl": "evaluation",
+            "board bundles": "evaluation",
+            "view --play": "view",
+            "view run": "view",
+            "serve openai": "openai",
+            "serve mcp": "mcp",
+            "serve window": "openai",
+            "serve local": "local",
+        }
 
     def test_the_list_of_games_is_what_it_was(self):
         done = subprocess.run(

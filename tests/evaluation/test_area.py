@@ -8,6 +8,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.area import areas, areas_table
 from smartplay_tools.evaluation.analysis.figures import areas_under_curves
+from smartplay_tools.evaluation.analysis.names import check_distinct
 from tests.evaluation.window_rows import row
 
 CAPS = (250, 500, 1_000, None)
@@ -96,3 +97,61 @@ def test_slack_is_part_of_the_name_of_a_curve():
         r["budget"] = r["budget"] | {"slack": 0.5}
     (area,) = areas(rows)
     assert area.name == "rule, dropping, slack 0.5"
+
+
+def budgets(rows, **fields):
+    """The rows of `rule`, under another budget."""
+    return [{**r, "budget": r["budget"] | fields} for r in rows if r["player"] == "rule"]
+
+
+def test_histories_have_names_that_differ_and_one_yardstick():
+    """A history of 2 costs this player all that caps can cost, so no cap costs it more: that is not an area of 1."""
+    rows = budgets(sweep([25, 25, 25, 25]), history=2) + budgets(sweep([25, 32.5, 40, 40]), history=50)
+    short, long = areas(rows + [r for r in sweep([40] * 4) if r["player"] == "random"])
+    assert (short.name, long.name) == ("rule, history 2, dropping", "rule, history 50, dropping")
+    assert short.area == pytest.approx(0.5, abs=0.05)
+    assert long.area == pytest.approx((0.5 / 2 + 0.75 + 1 + 1 / 2) / 3, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("facts", "name"),
+    [
+        ({"manual": "pinned"}, "rule, dropping, manual pinned"),
+        ({"player_options": {"words": False}}, "rule, dropping, words=false"),
+        ({"options": {"machines": 3}}, "rule, dropping, machines=3"),
+        ({"tokenizer": "cl100k_base"}, "rule, dropping, tokenizer cl100k_base"),
+    ],
+)
+def test_curves_without_a_common_yardstick_are_named_and_have_no_area(facts, name):
+    rows = sweep([10, 25, 40, 40])
+    other = [{**r, **facts} for r in rows if r["player"] == "rule"]
+    first, second = areas(rows + other)
+    assert second.name == name != first.name
+    assert (first.area, second.area) == (None, None)
+    assert first.reason == "several cells have the widest window, so there is no one score that is 1"
+
+
+def test_a_cap_on_calls_is_named_and_is_not_a_wider_window():
+    rows = sweep([10, 25, 40, 40])
+    assert [each.name for each in areas(rows + budgets(rows, tool_calls=9))] == [
+        "rule, dropping, calls <= 216",
+        "rule, dropping, calls <= 9",
+    ]
+
+
+def test_the_widest_window_has_to_be_without_a_cap():
+    rows = budgets(sweep([10, 25, 40, 40]), history=2)
+    wider = [row(seed=at, score=45.0 + at, history=50, prompt_tokens=500) for at in range(20)]
+    (area,) = areas(rows + wider + [r for r in sweep([40] * 4) if r["player"] == "random"])
+    assert area.reason == "the widest window has a cap on prompts"
+
+
+def test_cells_under_one_cap_do_not_replace_each_other():
+    rows = sweep([10, 25, 40, 40])
+    (area,) = areas(rows + budgets(sweep([0, 0, 0, 0]), result_tokens=77))
+    assert area.reason == "cells under the same cap on prompts differ in their cap on results"
+
+
+def test_two_lines_of_one_name_are_a_bug():
+    with pytest.raises(AssertionError, match="same name"):
+        check_distinct(["rule, dropping", "rule, notes <= 200", "rule, dropping"])

@@ -73,16 +73,14 @@ def test_repeats(worlds):
 def test_an_area_under_a_curve(seeds):
     """Four caps an octave apart, in the bandit: `random` under the smallest, `rule` with 10 and 50 past steps above."""
     recorded = populations.scores()
-    chance = recorded[BANDIT, "random", 50]
-    curve = np.stack(
-        [recorded[BANDIT, "random", 10], *([recorded[BANDIT, "rule", 10]] * 2), recorded[BANDIT, "rule", 50]], 1
-    )
+    chance, full = recorded[BANDIT, "random", 50], recorded[BANDIT, "rule", 50]
+    curve = np.stack([recorded[BANDIT, "random", 10], *([recorded[BANDIT, "rule", 10]] * 2), full], 1)
     places = np.log([250, 500, 1_000, 2_000]).tolist()
-    truth = area.interval_of(*area.with_jackknife(curve, chance, places))[0]
+    truth = area.interval_of(*area.with_jackknife(curve, chance, full, places))[0]
     generator, held = np.random.default_rng(9), []
     for _ in range(REPETITIONS):
         worlds = generator.integers(200, size=seeds)
-        _, low, high = area.interval_of(*area.with_jackknife(curve[worlds], chance[worlds], places))
+        _, low, high = area.interval_of(*area.with_jackknife(curve[worlds], chance[worlds], full[worlds], places))
         held.append(low <= truth <= high)
     assert np.mean(held) >= 0.91
 

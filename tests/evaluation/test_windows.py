@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from smartplay_tools.evaluation.analysis.window_tables import series_name, windows_table
+from smartplay_tools.evaluation.analysis.names import series_name
+from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import as_row, compare_windows
 from tests.evaluation.window_rows import row
 

@@ -1,11 +1,12 @@
 """One number for what a window costs: the area under the curve of score against the cap on prompts.
 
 Caps lie on a logarithmic axis, "no cap" at the largest prompt of any episode that had none, and the curve is joined by
-straight lines. Scores are relative: 0 is the random player's on the same seeds, 1 that of full context. So at 1 no cap
-costs the player anything, and at 0 it plays no better than random under every cap; an area is not clipped to that
-range. A cap that is too small for one of the compared strategies, but not for all, counts as the random score there, so
-that all are measured over one range of caps. The area varies with the grid of caps by 0.01 to 0.02, so only areas over
-the same grid are compared.
+straight lines. Scores are relative: 0 is the random player's on the same seeds, 1 that of the player's widest window in
+the game. All curves of a player at a game have this one yardstick, so their areas can be compared. At 1 no cap costs
+the player anything, and at 0 it plays no better than random under every cap; an area is not clipped to that range.
+A cap that is too small for one of the compared strategies, but not for all, counts as the random score there, so that
+all are measured over one range of caps. The area varies with the grid of caps by 0.01 to 0.02, so only areas over the
+same grid are compared.
 
 The interval is a jackknife over seeds: everything of a seed is left out together.
 """
@@ -22,9 +23,9 @@ from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sect
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.headline import CUT, is_much_cut
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Values, mean_estimate, t_quantile
+from smartplay_tools.evaluation.analysis.names import curve_names
 from smartplay_tools.evaluation.analysis.pairs import cut_share
-from smartplay_tools.evaluation.analysis.window_tables import strategy_name
-from smartplay_tools.evaluation.analysis.windows import family, jointly
+from smartplay_tools.evaluation.analysis.windows import family, jointly, width
 from smartplay_tools.records.rows import Row, grouped
 
 FEWEST_CAPS = 4
@@ -37,7 +38,7 @@ class Area:
 
     game: str
     name: str
-    """The player and its strategy."""
+    """The player and its strategy, with whatever else tells the curves of the game apart."""
     caps: tuple[int | None, ...]
     """Ascending; None stands for no cap."""
     infeasible: tuple[int, ...]
@@ -55,54 +56,74 @@ class Area:
     reason: str | None = None
 
 
+_Groups = Sequence[tuple[PlayedCell, list[Row]]]
+
+
 @dataclass(frozen=True)
 class _Curve:
-    """The scores of a family by seed: under every cap, at random and in full context."""
+    """The rows of a player and a strategy under every cap, and those of the player's widest windows in the game."""
 
     name: str
-    cells: dict[int | None, list[Row]]
+    members: _Groups
+    widest: _Groups
 
     @property
-    def carries(self) -> bool:
-        return any(row.get("carry") is not None for rows in self.cells.values() for row in rows)
+    def cells(self) -> dict[int | None, list[Row]]:
+        return {cell.budget["prompt_tokens"]: rows for cell, rows in self.members}
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the curve has no area, whatever the other curves of the game are."""
+        if any(row.get("carry") is not None for _, rows in self.members for row in rows):
+            return "trials carry something over, so seeds are not independent"
+        if len(self.cells) < len(self.members):
+            return "cells under the same cap on prompts differ in their cap on results"
+        if len(self.widest) > 1:
+            return "several cells have the widest window, so there is no one score that is 1"
+        if self.widest[0][0].budget["prompt_tokens"] is not None:
+            return "the widest window has a cap on prompts"
+        return None
 
     def scores(self, cap: int | None) -> dict[int, float]:
-        return {row["seed"]: row["score"] for row in self.cells.get(cap, [])}
+        return _by_seed(self.cells.get(cap, []))
 
 
 def areas(rows: Sequence[Row], *, compared: int | None = None) -> list[Area]:
     """Return the areas of all players and strategies that were played under caps on prompts.
 
-    A family of one cap is not a curve and has no entry. `random` has to be among the players. `compared` is the number
-    of differences whose intervals hold together; by default all those of these rows.
+    Cells that differ only in their cap are a curve; those of one cap have no entry. `random` has to be among the
+    players. `compared` is the number of differences whose intervals hold together; by default all those of these rows.
     """
     groups = by_cell(row for row in rows if row["end_reason"] != "run_budget")
     lines: dict[str, list[_Curve]] = {cell.game: [] for cell, _ in groups}
-    for members in grouped(groups, lambda group: family(group[0], ("prompt_tokens",))).values():
-        first = members[0][0]
-        if len(members) > 1 and first.player != RANDOM:
-            curve = _Curve(curve_name(first), {cell.budget["prompt_tokens"]: own for cell, own in members})
-            lines[first.game].append(curve)
+    families = [
+        members
+        for members in grouped(groups, lambda group: family(group[0], ("prompt_tokens",))).values()
+        if members[0][0].player != RANDOM and len({cell.budget["prompt_tokens"] for cell, _ in members}) > 1
+    ]
+    cells = [members[0][0] for members in families]
+    for cell, name, members in zip(cells, curve_names(cells), families, strict=True):
+        lines[cell.game].append(_Curve(name, members, _widest(cell, groups)))
     if compared is None:
         compared = sum(len(curves) - 1 for curves in lines.values() if curves)
     confidence = jointly(compared).confidence
     result: list[Area] = []
     for game, curves in lines.items():
-        random = {
-            row["seed"]: row["score"]
-            for cell, members in groups
-            if (cell.game, cell.player) == (game, RANDOM)
-            for row in members
-        }
+        random = [row for cell, own in groups if (cell.game, cell.player) == (game, RANDOM) for row in own]
         if curves:
-            result += _areas_of(game, curves, random, confidence)
+            result += _areas_of(game, curves, _by_seed(random), confidence)
     return result
 
 
-def curve_name(cell: PlayedCell) -> str:
-    """Return the name of a curve: the player, the strategy and, if there is any, the slack."""
-    slack = cell.budget["slack"]
-    return f"{cell.player}, {strategy_name(cell)}" + (f", slack {slack:g}" if slack else "")
+def _widest(beside: PlayedCell, groups: _Groups) -> _Groups:
+    """The cells of a player at a game whose window is the widest; several if they differ in something else."""
+    own = [group for group in groups if (group[0].game, group[0].player) == (beside.game, beside.player)]
+    most = max(width(cell) for cell, _ in own)
+    return [group for group in own if width(group[0]) == most]
+
+
+def _by_seed(rows: Sequence[Row]) -> dict[int, float]:
+    return {row["seed"]: row["score"] for row in rows}
 
 
 def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], confidence: float) -> list[Area]:
@@ -115,10 +136,11 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], con
     elif not random:
         lacking = "random was not played"
     elif not all(None in curve.cells for curve in curves):
-        lacking = "full context (no cap on prompts) was not played"
+        lacking = "not every curve was played without a cap on prompts"
     elif not max(peaks, default=0) > caps[-1]:
         lacking = "no prompt without a cap is known to be larger than the largest cap"
-    seeds = sorted(set(random).intersection(*(curve.scores(cap) for curve in curves for cap in curve.cells)))
+    everywhere = [rows for curve in curves for _, rows in (*curve.members, *curve.widest)]
+    seeds = sorted(set(random).intersection(*map(_by_seed, everywhere)))
     if lacking is None and len(seeds) < 2:
         lacking = "fewer than two seeds were played everywhere"
     curve_areas: list[Area] = []
@@ -127,18 +149,18 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], con
         infeasible = tuple(cap for cap in caps if cap not in curve.cells)
         is_cut = any(map(is_much_cut, map(cut_share, curve.cells.values())))
         facts = (game, curve.name, grid, infeasible, is_cut, len(seeds))
-        reason = "trials carry something over, so seeds are not independent" if curve.carries else lacking
-        if reason is not None:
+        if reason := curve.refusal or lacking:
             curve_areas.append(Area(*facts, reason=reason))
             continue
-        chance = np.array([random[seed] for seed in seeds], dtype=float)
+        full_scores = _by_seed(curve.widest[0][1])
+        chance, full = (np.array([own[seed] for seed in seeds], dtype=float) for own in (random, full_scores))
         played = [curve.scores(cap) if cap in curve.cells else random for cap in grid]
         scores = np.array([[own[seed] for own in played] for seed in seeds], dtype=float)
-        gain = mean_estimate((scores[:, -1] - chance).tolist())
+        gain = mean_estimate((full - chance).tolist())
         if gain.low is None or gain.high is None or gain.low <= 0 <= gain.high:
-            curve_areas.append(Area(*facts, reason="full context is not shown to differ from random"))
+            curve_areas.append(Area(*facts, reason="the widest window is not shown to differ from random"))
             continue
-        whole, without = with_jackknife(scores, chance, [math.log(cap) for cap in (*caps, max(peaks))])
+        whole, without = with_jackknife(scores, chance, full, [math.log(cap) for cap in (*caps, max(peaks))])
         difference = together = None
         if first is not None:
             differing = whole - first[0], without - first[1]
@@ -148,13 +170,13 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], con
     return curve_areas
 
 
-def with_jackknife(scores: Values, chance: Values, places: Sequence[float]) -> tuple[Values, Values]:
-    """The area of [seed, cap], and those without each of the seeds."""
+def with_jackknife(scores: Values, chance: Values, full: Values, places: Sequence[float]) -> tuple[Values, Values]:
+    """The area of scores [seed, cap], where `chance` is 0 and `full` is 1, and those without each of the seeds."""
     x = np.asarray(places)
     weights = np.zeros(len(x))
     weights[:-1] += np.diff(x) / 2
     weights[1:] += np.diff(x) / 2
-    under, full = scores @ (weights / (x[-1] - x[0])), scores[:, -1]
+    under = scores @ (weights / (x[-1] - x[0]))
 
     def ratio(*sums: Values) -> Values:
         return (sums[0] - sums[1]) / (sums[2] - sums[1])
@@ -173,7 +195,7 @@ def interval_of(whole: Values, without: Values, confidence: float = CONFIDENCE) 
 
 
 NOTES = (
-    "area under score against log of the cap on prompts: 1 is full context under every cap, 0 is random",
+    "area under score against log of the cap on prompts: 1 is the player's widest window in the game, 0 is random",
     "[ ]: 95 %, jackknife over seeds; +-: to the game's first line; compare areas over the same caps only",
 )
 

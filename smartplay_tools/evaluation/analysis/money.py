@@ -23,8 +23,8 @@ from smartplay_tools.evaluation.analysis.formats import (
 )
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimate
+from smartplay_tools.evaluation.analysis.names import family_titles, window_names
 from smartplay_tools.evaluation.analysis.pairs import sample, score
-from smartplay_tools.evaluation.analysis.window_tables import family_titles, window_names
 from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.evaluation.costs.charges import Charge
 from smartplay_tools.evaluation.costs.tariffs import Charged, Tariff

@@ -56,7 +56,7 @@ WINDOW = ("history", "prompt_tokens", "slack", *STRATEGIES)
 LIMITS = tuple(name for name in Budget.model_fields if name not in WINDOW)
 """The other fields, which limit replies, results and whole episodes."""
 
-_FOLLOWS_FROM_WINDOW = ("result_tokens", "manual_tokens")
+FOLLOWS_FROM_WINDOW = ("result_tokens", "manual_tokens")
 """Fields for which "auto" gives a different number under a different cap on prompts."""
 
 
@@ -144,7 +144,7 @@ def is_widest_but(comparison: WindowComparison, field: str) -> bool:
 def family(cell: PlayedCell, along: Sequence[str] = WINDOW) -> str:
     """A key for everything about a cell except the given fields of its window."""
     facts = asdict(cell)
-    left_out = (*along, *_FOLLOWS_FROM_WINDOW)
+    left_out = (*along, *FOLLOWS_FROM_WINDOW)
     facts["budget"] = {name: value for name, value in cell.budget.items() if name not in left_out}
     return json.dumps(facts, sort_keys=True)
 

@@ -13,31 +13,23 @@ templates/    the pages; static/ has their scripts; an episode is the replay pag
 The site is read-only, unless it is started with a game that a person plays.
 """
 
-from __future__ import annotations
+from smartplay_tools.errors import extra_named
 
-from typing import TYPE_CHECKING
+with extra_named("The site", "view"):
+    from smartplay_tools.web.site.app import ViewServer
+    from smartplay_tools.web.site.browser_play import BrowserGames, BrowserPlay, human_cell
+    from smartplay_tools.web.site.challenge import Challenge
+    from smartplay_tools.web.site.site_record import SiteRecord
+    from smartplay_tools.web.site.site_runs import RunList, SiteRun, find_runs
 
-from smartplay_tools.registry import lazy_exports
-
-if TYPE_CHECKING:
-    from smartplay_tools.web.site.app import ViewServer as ViewServer
-    from smartplay_tools.web.site.browser_play import (
-        BrowserGames as BrowserGames,
-        BrowserPlay as BrowserPlay,
-        human_cell as human_cell,
-    )
-    from smartplay_tools.web.site.challenge import Challenge as Challenge
-    from smartplay_tools.web.site.site_record import SiteRecord as SiteRecord
-    from smartplay_tools.web.site.site_runs import RunList as RunList, SiteRun as SiteRun, find_runs as find_runs
-
-if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.web.site.site_runs": "RunList find_runs SiteRun",
-            "smartplay_tools.web.site.site_record": "SiteRecord",
-            "smartplay_tools.web.site.app": "ViewServer",
-            "smartplay_tools.web.site.browser_play": "BrowserGames BrowserPlay human_cell",
-            "smartplay_tools.web.site.challenge": "Challenge",
-        },
-    )
+__all__ = [
+    "BrowserGames",
+    "BrowserPlay",
+    "Challenge",
+    "RunList",
+    "SiteRecord",
+    "SiteRun",
+    "ViewServer",
+    "find_runs",
+    "human_cell",
+]

@@ -36,9 +36,9 @@ from starlette.responses import JSONResponse, PlainTextResponse, RedirectRespons
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, extra_named
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import as_list, write_note
-from smartplay_tools.web import Guard, Names, carries, is_from_own_page, is_loopback
+from smartplay_tools.web import Guard, Names, Server, carries, is_from_own_page, is_loopback
 from smartplay_tools.web.site.http_answers import HEADERS, missing, page, page_now, static
 from smartplay_tools.web.site.playing import (
     CHALLENGE,
@@ -288,10 +288,6 @@ def _now(run: ViewedRun) -> dict[str, Any]:
         return {**run.summary(), "playing": run.playing()}
     except SmartPlayError as error:
         return {"name": run.name, "error": str(error), "playing": []}
-
-
-with extra_named("The site", "view"):
-    from smartplay_tools.web import Server
 
 
 class ViewServer(Server):

@@ -26,7 +26,8 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
     spread,
 )
-from smartplay_tools.evaluation.analysis.window_tables import is_cut, series_name, window_name
+from smartplay_tools.evaluation.analysis.names import series_name, window_name
+from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but
 from smartplay_tools.records.rows import grouped
 from smartplay_tools.types import Budget
@@ -148,7 +149,7 @@ ROW = 0.3
 def areas_under_curves(areas: Sequence[Area]) -> Figure:
     """Draw the area of every strategy with its 95 % interval, a panel for each game, a row for each strategy.
 
-    0 is the random player, 1 is full context under every cap. Areas without a number are left out. A player that is the
+    0 is the random player, 1 is the player's widest window. Areas without a number are left out. A player that is the
     same in all rows stands below the panels.
     """
     there = [each for each in areas if each.area is not None]

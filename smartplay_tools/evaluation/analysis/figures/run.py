@@ -17,8 +17,8 @@ from smartplay_tools.evaluation.analysis.figures.step_scores import score_over_s
 from smartplay_tools.evaluation.analysis.figures.strategy_costs import ALONG, effects_of_strategies
 from smartplay_tools.evaluation.analysis.figures.style import FORMATS, save_figure
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
+from smartplay_tools.evaluation.analysis.names import series_name, window_name
 from smartplay_tools.evaluation.analysis.pairs import normalized_score, sample
-from smartplay_tools.evaluation.analysis.window_tables import series_name, window_name
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows, is_widest_but
 from smartplay_tools.records.rows import Row
 

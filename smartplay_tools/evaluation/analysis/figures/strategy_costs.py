@@ -19,7 +19,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     panels,
     sample_note,
 )
-from smartplay_tools.evaluation.analysis.window_tables import series_name, strategy_name
+from smartplay_tools.evaluation.analysis.names import series_name, strategy_name
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, family
 from smartplay_tools.evaluation.quantities import typeset
 from smartplay_tools.records.accounts import PARTS, Accounts
