@@ -212,7 +212,8 @@ class TestRetries:
                 tools=TOOLS,
             )
             with pytest.raises(openai.APITimeoutError):
-                ask(timeout=0.2)
+                ask(timeout=2)  # long enough for the first prompt, which loads the tokenizer
+            time.sleep(0.3)  # the server notices
             player.may_answer.set()
             stats = endpoint.store.find(handle).episode.stats
             while not stats.idle_replies:
