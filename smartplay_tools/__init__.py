@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from smartplay_tools.games.gymnasium_names import announce_games
+from smartplay_tools.games.gymnasium_names import when_gymnasium_is_imported
 from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs.runner import evaluate as evaluate
     from smartplay_tools.evaluation.runs.sweeps import sweep as sweep
     from smartplay_tools.games.base import TextGame as TextGame
-    from smartplay_tools.games.specs import GAMES as GAMES, GameSpec as GameSpec, register as register
+    from smartplay_tools.games.game_registry import GameSpec as GameSpec
+    from smartplay_tools.games.specs import GAMES as GAMES, register as register
     from smartplay_tools.players.player_registry import get_player as get_player
     from smartplay_tools.players.prompt_reading import call as call
     from smartplay_tools.players.scripted import ScriptedPlayer as ScriptedPlayer
@@ -71,7 +72,8 @@ if not TYPE_CHECKING:
             "smartplay_tools.evaluation.runs.runner": "evaluate",
             "smartplay_tools.evaluation.runs.sweeps": "sweep",
             "smartplay_tools.games.base": "TextGame",
-            "smartplay_tools.games.specs": "GAMES GameSpec register",
+            "smartplay_tools.games.game_registry": "GameSpec",
+            "smartplay_tools.games.specs": "GAMES register",
             "smartplay_tools.types.messages": "Message",
             "smartplay_tools.players.prompt_reading": "call",
             "smartplay_tools.players.player_registry": "get_player",
@@ -94,4 +96,10 @@ if not TYPE_CHECKING:
         return _of_a_module(name)
 
 
-announce_games()
+def _register_games() -> None:
+    from smartplay_tools.games.specs import GAMES
+
+    GAMES.tell_gymnasium()
+
+
+when_gymnasium_is_imported(_register_games)

@@ -111,6 +111,28 @@ class TestGymnasium:
         done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
         assert done.stdout == "7\n"
 
+    def test_that_was_looked_for_before_it_was_imported_knows_the_settings(self):
+        """Programs ask `find_spec` whether an optional package is installed."""
+        script = (
+            "import importlib.util, sys, smartplay_tools\n"
+            "finders = len(sys.meta_path)\n"
+            "for _ in range(2): assert importlib.util.find_spec('gymnasium').name == 'gymnasium'\n"
+            "import gymnasium; assert gymnasium.make('smartplay/Hanoi3Disk-v0').spec.max_episode_steps == 30\n"
+            "assert len(sys.meta_path) == finders - 1"
+        )
+        subprocess.run([sys.executable, "-c", script], check=True)
+
+    def test_whose_first_import_fails_knows_the_settings_after_the_second(self, tmp_path):
+        (tmp_path / "numpy.py").write_text("raise ImportError('broken')", encoding="utf-8")
+        script = (
+            "import sys, smartplay_tools\n"
+            f"sys.path.insert(0, {str(tmp_path)!r})\n"
+            "try: import gymnasium\n"
+            "except ImportError: sys.path.pop(0)\n"
+            "import gymnasium; gymnasium.make('smartplay/Hanoi3Disk-v0')"
+        )
+        subprocess.run([sys.executable, "-c", script], check=True)
+
     def test_that_cannot_be_imported_is_reported_as_such(self):
         script = "import sys, smartplay_tools; sys.path[:] = []; import gymnasium"
         done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)

@@ -20,7 +20,7 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.factory import EpisodeFactory, RewardName
 from smartplay_tools.episode.tools import schema
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.games.specs import GameSpec
+from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.types import Budget, Prompt, SampledTokens, Usage
 from smartplay_tools.types.messages import Message
 

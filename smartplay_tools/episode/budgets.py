@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from smartplay_tools.context.strategies import Strategies, refusal
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.games.specs import GameSpec
+from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.types import Budget, ResolvedBudget
 
 SMALLEST_AUTO_CAP = 32

@@ -12,7 +12,8 @@ from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.carried import check_carry
 from smartplay_tools.episode.config import RULES, CellConfig, Rules, Setting, read_rules
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.specs import get_spec
 from smartplay_tools.types import Budget
 
 if TYPE_CHECKING:

@@ -42,8 +42,9 @@ from smartplay_tools.episode.stats import EpisodeStats, Stalls, versions
 from smartplay_tools.episode.tools import tool_functions
 from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.errors import InvalidArgumentError, check_choice
+from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.seeds import check_seed
-from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.games.specs import get_spec
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import Sink, TranscriptWriter
 from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes

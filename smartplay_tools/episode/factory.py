@@ -14,7 +14,7 @@ from uuid import uuid4
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, check_choice
-from smartplay_tools.games.specs import GameSpec
+from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.types import Budget
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from smartplay_tools.episode import budgets
 from smartplay_tools.episode.carried import STORES, Carried, check_carry, longest_message
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.episode.tools import MistakeError, ParsedCall, Tools
-from smartplay_tools.games.specs import GameSpec
+from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.types import EndReason, ResolvedBudget
 from smartplay_tools.types.arguments import Arguments
 from smartplay_tools.types.pictures import Picture

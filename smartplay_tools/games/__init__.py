@@ -1,8 +1,8 @@
 """The games and their settings. Each game is a module or folder with three parts: rules, text and environment.
 
 base           `TextGame`, what all games share
+game_registry  `GameSpec`, a setting, and the registry of settings by id, including those of other packages
 specs          the settings of the benchmark
-game_registry  settings by id, including those of other packages
 paper_tables   the paper's tables
 
 Nothing is imported here before it is asked for; a setting names its class as a string.
@@ -16,13 +16,9 @@ from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame as TextGame, with_action_list as with_action_list
+    from smartplay_tools.games.game_registry import GameSpec as GameSpec
     from smartplay_tools.games.paper_tables import PAPER_RESULTS as PAPER_RESULTS
-    from smartplay_tools.games.specs import (
-        GAMES as GAMES,
-        GameSpec as GameSpec,
-        get_spec as get_spec,
-        register as register,
-    )
+    from smartplay_tools.games.specs import GAMES as GAMES, get_spec as get_spec, register as register
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
@@ -30,6 +26,7 @@ if not TYPE_CHECKING:
         {
             "smartplay_tools.games.base": "TextGame with_action_list",
             "smartplay_tools.games.paper_tables": "PAPER_RESULTS",
-            "smartplay_tools.games.specs": "GAMES GameSpec get_spec register",
+            "smartplay_tools.games.game_registry": "GameSpec",
+            "smartplay_tools.games.specs": "GAMES get_spec register",
         },
     )

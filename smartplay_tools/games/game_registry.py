@@ -1,4 +1,4 @@
-"""The registry of settings by id: those of the benchmark, of the running program, and of installed packages.
+"""What a setting is, and the registry of settings by id: of the benchmark, the running program, installed packages.
 
 An installed package declares a setting as an entry point of the group `smartplay_tools.games`, whose name is the
 setting's id and whose value is its `GameSpec`. Names are read from the packages' metadata, which imports nothing; the
@@ -12,18 +12,20 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.games.gymnasium_names import gymnasium_is_ready
-from smartplay_tools.registry import declared_in, load_declared, package_of
+from smartplay_tools.games.paper_tables import normalize
+from smartplay_tools.registry import declared_in, load_declared, package_of, resolve
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
     import gymnasium
 
-    from smartplay_tools.games.specs import GameSpec
+    from smartplay_tools.games.base import TextGame
 
 ENTRY_POINTS = "smartplay_tools.games"
 """The group under which other packages declare settings."""
@@ -63,7 +65,73 @@ class PackageNotImportedError(UnknownNameError):
         self.message = f"{declared.name} is a game of the package {package_of(declared)}; --plugins imports it."
 
 
-class Games(Mapping[str, "GameSpec"]):
+@dataclass(frozen=True, kw_only=True)
+class GameSpec:
+    """One setting: a game and its parameters.
+
+    `entry_point` is the game's class or its location ("module:Class"), and `kwargs` are its arguments. `history`
+    (past steps shown), `rollout` (steps) and `trials` are, for the benchmark's own, the paper's (table
+    `table:environments`); `human_score` and `min_score` (table `table:llm_perf_absolute`) exist for the settings that
+    people played for the paper. `challenges` rates how much of each capability the game requires; a setting without
+    ratings is not part of the capability scores.
+
+    `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to be of use,
+    and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
+
+    `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
+    `gymnasium_entry_point` ("module:name") says what `gymnasium.make` gives if that is more than the text game.
+    """
+
+    id: str
+    family: str
+    entry_point: str | type[TextGame]
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
+    history: int
+    rollout: int
+    trials: int
+    human_score: float | None = None
+    min_score: float | None = None
+    score_bounds: tuple[float, float] | None = None
+    two_valued: bool = False
+    challenges: Mapping[str, int] = field(default_factory=dict)
+    action_count: int | None = None
+    gymnasium_entry_point: str | None = None
+
+    def load(self) -> type[TextGame]:
+        """Import and return the game's class."""
+        if not isinstance(self.entry_point, str):
+            return self.entry_point
+        game: type[TextGame] = resolve(self.entry_point)
+        return game
+
+    def make(self, **options: Any) -> TextGame:
+        """Build the game. `options` override the setting's own keyword arguments."""
+        return self.load()(**{"history": self.history, **self.kwargs, **options})
+
+    def count_actions(self) -> int:
+        """Return how many actions the game has."""
+        return len(self.load().actions) if self.action_count is None else self.action_count
+
+    def normalize(self, score: float) -> float | None:
+        """The normalised score, or None if the paper has no human baseline."""
+        if self.human_score is None or self.min_score is None:
+            return None
+        return normalize(score, self.human_score, self.min_score)
+
+    def _repr_html_(self) -> str:
+        from smartplay_tools.types import facts_as_html
+
+        facts = {"family": self.family, "past steps shown": str(self.history), "steps": f"{self.rollout:,}"}
+        facts |= {"episodes in the paper": str(self.trials)}
+        facts |= {} if self.human_score is None else {"human score": f"{self.human_score:g}"}
+        return facts_as_html(self.id, facts)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The benchmark's ratings are read-only views, which do not pickle.
+        return {**vars(self), "challenges": dict(self.challenges)}
+
+
+class Games(Mapping[str, GameSpec]):
     """The settings by id, the benchmark's first. An unknown id raises `UnknownNameError`, a `KeyError`."""
 
     def __init__(self, benchmark: Iterable[GameSpec]) -> None:

@@ -7,16 +7,11 @@ No game is imported: a setting names its class as a string, and the class is loa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from smartplay_tools.games.game_registry import Games
-from smartplay_tools.games.paper_tables import CAPABILITIES, HUMAN_SCORES, MIN_SCORES, normalize
-from smartplay_tools.registry import resolve
-
-if TYPE_CHECKING:
-    from smartplay_tools.games.base import TextGame
+from smartplay_tools.games.game_registry import Games, GameSpec
+from smartplay_tools.games.paper_tables import CAPABILITIES, HUMAN_SCORES, MIN_SCORES
 
 
 def _challenges(*degrees: int) -> Mapping[str, int]:
@@ -32,73 +27,6 @@ _MESSENGER_L1 = _challenges(3, 1, 2, 1, 2, 2, 1, 1, 2)
 _MESSENGER = _challenges(3, 2, 2, 2, 2, 2, 1, 1, 2)
 _CRAFTER = _challenges(4, 3, 3, 3, 3, 2, 4, 3, 2)
 _MINECRAFT = _challenges(1, 1, 2, 1, 3, 2, 1, 2, 3)
-
-
-@dataclass(frozen=True, kw_only=True)
-class GameSpec:
-    """One setting: a game and its parameters.
-
-    `entry_point` is the game's class or its location ("module:Class"), and `kwargs` are its arguments. `history`
-    (past steps shown), `rollout` (steps) and `trials` are, for the benchmark's own, the paper's (table
-    `table:environments`); `human_score` and `min_score` (table `table:llm_perf_absolute`) exist for the settings that
-    people played for the paper. `challenges` rates how much of each capability the game requires; a setting without
-    ratings is not part of the capability scores.
-
-    `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to be of use,
-    and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
-
-    `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
-    `gymnasium_entry_point` ("module:name") says what `gymnasium.make` gives if that is more than the text game.
-    """
-
-    id: str
-    family: str
-    entry_point: str | type[TextGame]
-    kwargs: Mapping[str, Any] = field(default_factory=dict)
-    history: int
-    rollout: int
-    trials: int
-    human_score: float | None = None
-    min_score: float | None = None
-    score_bounds: tuple[float, float] | None = None
-    two_valued: bool = False
-    challenges: Mapping[str, int] = field(default_factory=dict)
-    action_count: int | None = None
-    gymnasium_entry_point: str | None = None
-
-    def load(self) -> type[TextGame]:
-        """Import and return the game's class."""
-        if not isinstance(self.entry_point, str):
-            return self.entry_point
-        game: type[TextGame] = resolve(self.entry_point)
-        return game
-
-    def make(self, **options: Any) -> TextGame:
-        """Build the game. `options` override the setting's own keyword arguments."""
-        return self.load()(**{"history": self.history, **self.kwargs, **options})
-
-    def count_actions(self) -> int:
-        """Return how many actions the game has."""
-        return len(self.load().actions) if self.action_count is None else self.action_count
-
-    def normalize(self, score: float) -> float | None:
-        """The normalised score, or None if the paper has no human baseline."""
-        if self.human_score is None or self.min_score is None:
-            return None
-        return normalize(score, self.human_score, self.min_score)
-
-    def _repr_html_(self) -> str:
-        from smartplay_tools.types import facts_as_html
-
-        facts = {"family": self.family, "past steps shown": str(self.history), "steps": f"{self.rollout:,}"}
-        facts |= {"episodes in the paper": str(self.trials)}
-        facts |= {} if self.human_score is None else {"human score": f"{self.human_score:g}"}
-        return facts_as_html(self.id, facts)
-
-    def __getstate__(self) -> dict[str, Any]:
-        # The benchmark's ratings are read-only views, which do not pickle.
-        return {**vars(self), "challenges": dict(self.challenges)}
-
 
 _GAMES = "smartplay_tools.games"
 _FAMILIES: Mapping[str, Mapping[str, Any]] = {

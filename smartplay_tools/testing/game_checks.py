@@ -32,7 +32,8 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
 from smartplay_tools.games.base import TextGame
-from smartplay_tools.games.specs import GAMES, GameSpec, get_spec
+from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.players import get_player
 from smartplay_tools.records.replays import replay
 from smartplay_tools.transcript.events import Event

@@ -20,7 +20,8 @@ from typing import Any
 from smartplay_tools.context.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.episode.budgets import SMALLEST_AUTO_CAP, resolve
 from smartplay_tools.episode.config import RULES, USUAL_RULES
-from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.rows import Row
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget

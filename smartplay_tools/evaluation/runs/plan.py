@@ -22,7 +22,8 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, shard_of, trial_seed
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials, read_players
 from smartplay_tools.evaluation.suites import Suite
-from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget

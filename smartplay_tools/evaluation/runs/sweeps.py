@@ -32,7 +32,8 @@ from smartplay_tools.evaluation.runs.plan import cell_name, check_playable
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import InNotebook
-from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget
 
