@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import re
+import runpy
 import subprocess
 import sys
 import textwrap
@@ -88,7 +89,7 @@ def imported(nodes: list[ast.AST]) -> set[str]:
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert not node.level, "imports are absolute here"
+            assert not node.level, f"line {node.lineno}: write the whole name of the module, {sp.__name__}.…"
             places = (sp.__name__, f"{sp.__name__}.evaluation")  # their rooms are what is imported
             names |= {f"{node.module}.{alias.name}" for alias in node.names} if node.module in places else {node.module}
     return {name for name in names if name.split(".")[0] == sp.__name__}
@@ -98,7 +99,10 @@ def test_imports_never_point_up():
     for path in modules():
         layer = LAYERS.index(path.relative_to(PACKAGE).parts[0].removesuffix(".py"))
         for module in imported(nodes(path)):
-            assert LAYERS.index(module.split(".")[1]) <= layer, f"{path.name} imports {module}"
+            assert LAYERS.index(module.split(".")[1]) <= layer, (
+                f"{path.relative_to(ROOT)} imports {module}, which is above it in LAYERS: move what both need down, "
+                "or pass it as an argument"
+            )
 
 
 def test_a_room_of_evaluation_imports_only_lower_ones():
@@ -107,7 +111,22 @@ def test_a_room_of_evaluation_imports_only_lower_ones():
         for module in imported(nodes(path)):
             parts = module.split(".")
             if parts[1] == "evaluation" and parts[2] != room:
-                assert ROOMS[parts[2]] < ROOMS[room], f"{path.name} imports {module}"
+                assert ROOMS[parts[2]] < ROOMS[room], (
+                    f"{path.relative_to(ROOT)} imports {module}, which is not below it in ROOMS: move what both need "
+                    "down, or pass it as an argument"
+                )
+
+
+def test_modules_import_in_no_circle():
+    """Imports inside functions and those for type checkers count: who reads one module of a circle needs them all."""
+    if not (ROOT / ".ci").is_dir():
+        pytest.skip("not in a checkout")
+    sizes = runpy.run_path(str(ROOT / ".ci" / "sizes.py"))
+    for circle in sizes["circles"](sizes["import_graph"](ROOT, with_types=True)):
+        pytest.fail(
+            f"{' <-> '.join(circle)} import each other: move what they share into the lowest of them, or have the "
+            "lower one take what it needs as an argument or a Protocol"
+        )
 
 
 DEFERRED = """
@@ -149,7 +168,9 @@ def test_a_run_is_played_without_loading_statistics_or_pages(tmp_path):
         print([name for name in sys.modules if name.startswith(rooms)])
     """
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, check=False)
-    assert done.stdout.strip() == "[]", done.stdout + done.stderr
+    assert done.stdout.strip() == "[]", (
+        f"a run imports statistics or pages: import them in the functions that use them\n{done.stdout}{done.stderr}"
+    )
 
 
 KINDS_ARE_TESTED_BY = (
@@ -183,27 +204,31 @@ def test_only_records_tell_events_apart():
 def test_nothing_is_keyed_by_identity():
     for path in modules():
         calls = [node for node in nodes(path) if isinstance(node, ast.Call)]
-        assert not [node for node in calls if isinstance(node.func, ast.Name) and node.func.id == "id"], path
+        found = [node.lineno for node in calls if isinstance(node.func, ast.Name) and node.func.id == "id"]
+        assert not found, f"{path.relative_to(ROOT)} calls id() in lines {found}: an id is used again; use a key"
 
 
 def test_the_public_surface_is_sorted_and_complete():
     constants = [name for name in sp.__all__ if name.isupper()]
     classes = [name for name in sp.__all__ if not name.isupper() and name[0].isupper()]
     functions = [name for name in sp.__all__ if name.islower()]
-    assert sp.__all__ == [*sorted(constants), *sorted(classes), *sorted(functions)]
-    assert all(hasattr(sp, name) for name in sp.__all__)
+    assert sp.__all__ == [*sorted(constants), *sorted(classes), *sorted(functions)], "let lazy_exports sort the names"
+    missing = [name for name in sp.__all__ if not hasattr(sp, name)]
+    assert not missing, f"smartplay_tools exports {missing}, which are not there: correct the table in __init__.py"
 
 
 def test_every_public_name_is_documented():
     for name in sp.__all__:
         thing = getattr(sp, name)
         if callable(thing):
-            assert thing.__doc__, name
+            assert thing.__doc__, f"{name} is public and has no docstring: write one"
 
 
 def test_every_module_says_what_it_is():
     for path in modules():
-        assert ast.get_docstring(tree(path)), path
+        assert ast.get_docstring(tree(path)), (
+            f"{path.relative_to(ROOT)} has no docstring: say what the module is, and why"
+        )
 
 
 ROW = re.compile(r" *(\w+/?(?:, \w+/?)*) {2,}\S")
@@ -216,7 +241,10 @@ def test_a_packages_table_lists_modules_that_are_there_or_names_of_its_code():
         listed = {name for row in rows if row for name in re.split("/?, |/", row[1]) if name}
         there = {other.stem for other in path.parent.iterdir()}
         named = {node.value for node in nodes(path) if isinstance(node, ast.Constant)}
-        assert listed <= there | named, (path, listed - there - named)
+        assert listed <= there | named, (
+            f"the table in the docstring of {path.relative_to(ROOT)} lists {sorted(listed - there - named)}, which are "
+            "not there: correct the table"
+        )
 
 
 def test_every_adapter_is_packaged_typed_and_an_extra():
@@ -224,10 +252,18 @@ def test_every_adapter_is_packaged_typed_and_an_extra():
         pytest.skip("not in a checkout")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     packages = project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    extras = project["project"]["optional-dependencies"]
     for folder in sorted((ROOT / "adapters").glob("smartplay_*")):
-        assert f"adapters/{folder.name}" in packages
-        assert (folder / "py.typed").exists()
-        assert folder.name.removeprefix("smartplay_").replace("_", "-") in project["project"]["optional-dependencies"]
+        where, extra = f"adapters/{folder.name}", folder.name.removeprefix("smartplay_").replace("_", "-")
+        assert where in packages, (
+            f"{where} would not be in the wheel: list it under packages of [tool.hatch.build.targets.wheel] in "
+            "pyproject.toml"
+        )
+        assert (folder / "py.typed").exists(), f"type checkers would ignore {where}: add an empty {where}/py.typed"
+        assert extra in extras, (
+            f"nobody can install what {where} needs: add the extra {extra} to [project.optional-dependencies] in "
+            "pyproject.toml"
+        )
 
 
 OFFERED_TO_SEVERAL_HOSTS = {"PlayerModel", "SmartPlayHarness"}
@@ -241,7 +277,10 @@ def test_a_class_name_is_defined_once():
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
     doubled = {name: paths for name, paths in places.items() if len(paths) > 1}
-    assert doubled.keys() == OFFERED_TO_SEVERAL_HOSTS, doubled
+    assert doubled.keys() == OFFERED_TO_SEVERAL_HOSTS, (
+        f"{doubled}: give one of two classes another name, or list it in OFFERED_TO_SEVERAL_HOSTS if both are the same "
+        "thing for two hosts; take out of that list what is defined once"
+    )
 
 
 def public_names(module: str) -> list[str]:
@@ -262,7 +301,10 @@ def test_what_users_import_is_public():
         for node in ast.walk(ast.parse(code)):
             if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == sp.__name__:
                 hidden = {alias.name for alias in node.names} - set(public_names(node.module or ""))
-                assert not hidden, f"{name} imports {', '.join(hidden)} from {node.module}"
+                assert not hidden, (
+                    f"{name} imports {', '.join(sorted(hidden))} from {node.module}: add the names to its __all__, or "
+                    "use public ones"
+                )
 
 
 BUILT_ON = {"smartplay_local": "smartplay_openai"}
@@ -278,13 +320,16 @@ def test_no_adapter_imports_another():
             for name in names:
                 package = name.split(".")[0]
                 allowed = (own, sp.__name__, BUILT_ON.get(own))
-                assert not package.startswith("smartplay_") or package in allowed, f"{path} imports {name}"
+                assert not package.startswith("smartplay_") or package in allowed, (
+                    f"{path.relative_to(ROOT)} imports {name}: adapters are installed apart; move what both need into "
+                    "smartplay_tools, or list the pair in BUILT_ON"
+                )
 
 
 def test_every_package_says_what_it_offers():
     offered = {*PACKAGE.glob("*/__init__.py"), *(PACKAGE / "evaluation").glob("*/__init__.py")}
     for path in sorted(offered - {PACKAGE / "cli" / "__init__.py", PACKAGE / "data" / "__init__.py"}):
         module = ".".join(path.parent.relative_to(PACKAGE.parent).parts)
-        for name in public_names(module):
-            assert getattr(importlib.import_module(module), name) is not None
-        assert public_names(module), f"{module} has no __all__"
+        missing = [name for name in public_names(module) if not hasattr(importlib.import_module(module), name)]
+        assert not missing, f"{module} offers {missing}, which are not there: correct its __all__"
+        assert public_names(module), f"{module} has no __all__: list the names that other packages may import"

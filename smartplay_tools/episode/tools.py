@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, get_type_hints
 
 from smartplay_tools.context.strategies import StrategyTool, is_memory_tool
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.games.specs import GameSpec, get_spec
+from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.specs import get_spec
 from smartplay_tools.types import ToolResult, ToolSpec
 from smartplay_tools.types.arguments import Arguments, as_text, is_strict, text_parameters
 
 if TYPE_CHECKING:
-    from smartplay_tools.episode.episode import Episode
     from smartplay_tools.games.base import TextGame
 
 
@@ -192,8 +192,38 @@ def _plain(name: str) -> str:
     return name.strip().removesuffix(".").lower()
 
 
+class Callee(Protocol):
+    """An object that answers the calls of the functions: an episode, or an adapter's object in front of one."""
+
+    @property
+    def tools(self) -> tuple[ToolSpec, ...]:
+        """The tools: observe, act, read_manual."""
+        ...
+
+    def call(self, name: str, arguments: Any) -> ToolResult:
+        """Answer a call."""
+        ...
+
+
+class AsyncCallee(Callee, Protocol):
+    """An object that answers calls in threads, too, and says when it is over: an episode."""
+
+    @property
+    def done(self) -> bool:
+        """Whether the episode is over."""
+        ...
+
+    async def acall(self, name: str, arguments: Any) -> ToolResult:
+        """Answer a call in a thread."""
+        ...
+
+    def refuse_pictures(self, host: str) -> None:
+        """Raise an `InvalidArgumentError` if results have pictures, which `host` cannot show."""
+        ...
+
+
 class _OfEpisode:
-    def __init__(self, episode: Episode) -> None:
+    def __init__(self, episode: AsyncCallee) -> None:
         episode.refuse_pictures("A function")
         self._episode = episode
 
@@ -244,19 +274,6 @@ class AsyncGameTools(_OfEpisode):
     async def read_manual(self) -> str:
         """Show the game's manual."""
         return (await self._episode.acall("read_manual", {})).text
-
-
-class Callee(Protocol):
-    """An object that answers the calls of the functions: an episode, or an adapter's object in front of one."""
-
-    @property
-    def tools(self) -> tuple[ToolSpec, ...]:
-        """The tools: observe, act, read_manual."""
-        ...
-
-    def call(self, name: str, arguments: Any) -> ToolResult:
-        """Answer a call."""
-        ...
 
 
 def tool_functions(episode: Callee) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.strategies import summaries_of
@@ -25,6 +25,7 @@ from smartplay_tools.context.turns import Turn, TurnBuilder
 from smartplay_tools.context.view import Head, Selection, numbers_in, with_manual
 from smartplay_tools.conversation import paper
 from smartplay_tools.conversation.ids import CallIds
+from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import schema
 from smartplay_tools.transcript.events import CallEvent, ErrorLocation, Event, concerns_summary, purpose_of
@@ -32,9 +33,6 @@ from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
 from smartplay_tools.types.messages import Message, pictures_of, read_calls
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
-
-if TYPE_CHECKING:
-    from smartplay_tools.records.record import Record
 
 
 @dataclass(frozen=True)
@@ -213,17 +211,21 @@ class WholeConversation:
         return [*self.head, *(message for turn in self.turns for message in turn.messages)]
 
 
-def whole_conversation(record: Record) -> WholeConversation:
-    """Return the conversation of a record; one of the paper's protocol has none (`InvalidArgumentError`)."""
-    if record.config.context == "host":
-        head, tools = _head_of_a_host(record)
-        calls = _renumbered(record.calls)
-        turns = _turns_of_a_host(calls)
-    else:
-        turns, calls = record.turns, record.calls
-        head, tools = record.head_messages, record.tools
+def whole_conversation(
+    head: Sequence[Message], tools: list[dict[str, Any]], turns: Sequence[Turn], calls: Sequence[CallEvent]
+) -> WholeConversation:
+    """Return the conversation of a head, its tools and the turns; `calls` say which results were the manual."""
     read = {(call["turn"], call["position"]) for call in calls if call["data"].get("manual")}
     return WholeConversation(head, tools, [_with_manual(turn, read) for turn in turns])
+
+
+def conversation_of_host(config: EpisodeConfig, calls: Sequence[CallEvent]) -> WholeConversation:
+    """Return the conversation of an episode whose host managed the context, from its calls."""
+    with Episode.from_config(config) as episode:
+        tools = [{"type": "function", "function": schema(tool, "json")} for tool in episode.tools]
+        head = episode.head
+    calls = _renumbered(calls)
+    return whole_conversation(head, tools, _turns_of_a_host(calls), calls)
 
 
 def _with_manual(turn: Turn, read: set[tuple[int, int]]) -> Turn:
@@ -237,11 +239,6 @@ def _with_manual(turn: Turn, read: set[tuple[int, int]]) -> Turn:
         for item in turn.items
     )
     return replace(turn, items=tuple(items))
-
-
-def _head_of_a_host(record: Record) -> tuple[list[Message], list[dict[str, Any]]]:
-    with Episode.from_config(record.config) as episode:
-        return episode.head, [{"type": "function", "function": schema(tool, "json")} for tool in episode.tools]
 
 
 def _renumbered(calls: Sequence[CallEvent]) -> Sequence[CallEvent]:

@@ -20,6 +20,7 @@ from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import (
     SentPrompt,
     WholeConversation,
+    conversation_of_host,
     recorded_turns,
     sent_prompts,
     whole_conversation,
@@ -432,8 +433,13 @@ class Record:
 
     @cached_property
     def conversation(self) -> WholeConversation:
-        """The head and all turns as if there had been no window, each manual that was read in its place."""
-        return whole_conversation(self)
+        """The head and all turns as if there had been no window, each manual that was read in its place.
+
+        The paper's protocol has none (`InvalidArgumentError`).
+        """
+        if self.config.context == "host":
+            return conversation_of_host(self.config, self.calls)
+        return whole_conversation(self.head_messages, self.tools, self.turns, self.calls)
 
     @cached_property
     def replies(self) -> dict[int, Message]:
