@@ -1,10 +1,11 @@
-"""Episodes by handle: an operator opens them, agents with the handle play them, and idle ones are closed.
+"""Episodes that external agents play: one, its calls in the order of arrival, or many by handle.
 
-With a folder, every episode has its transcript there and survives a restart: the recorded calls are played again on a
-new game, and their answers compared. A running episode then continues, with its record; a finished one has its recorded
-result. Idempotency keys are part of the record, so a call that is repeated after a restart gets the same answer.
+An operator opens the episodes of a store, agents with the handle play them, and idle ones are closed. With a folder,
+every episode has its transcript there and survives a restart: the recorded calls are played again on a new game, and
+their answers compared. A running episode then continues, with its record; a finished one has its recorded result.
+Idempotency keys are part of the record, so a call that is repeated after a restart gets the same answer.
 
-A hosted episode: an episode played by an external agent, one call at a time, in the order of arrival.
+Episodes are imported where one is made: a server on stdio answers before that.
 """
 
 from __future__ import annotations
@@ -21,14 +22,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from smartplay_tools.episode.episode import Episode
+from smartplay_tools import types
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.records.resumption import resume
-from smartplay_tools.types import Budget, EpisodeResult, ToolResult
 
 if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
-    from smartplay_tools.types import Budget, ToolResult
+    from smartplay_tools.types import Budget, EpisodeResult, ToolResult
 
 
 LONG = 0.005
@@ -178,7 +177,7 @@ class Store(ABC, Generic[H]):
 
     def open(self, game: str, *, seed: int, budget: Budget | None = None, **options: Any) -> str:
         """Begin an episode and return its handle; raise `FullError` if too many are open. `options` are `Episode`'s."""
-        self._check_budget(budget or Budget())
+        self._check_budget(budget or types.Budget())
 
         def begin(handle: str) -> H:
             return self._begin(handle, game, seed=seed, budget=budget, transcript=self._path(handle), **options)
@@ -306,11 +305,15 @@ class EpisodeStore(Store[HostedEpisode]):
     """The episodes of an MCP server, whose hosts own the context. The arguments are those of `Store`."""
 
     def _begin(self, handle: str, game: str, **options: Any) -> HostedEpisode:
+        from smartplay_tools.episode.episode import Episode
+
         episode = Episode(game, context="host", **options)
         episode.begin()
         return HostedEpisode(episode)
 
     def _again(self, handle: str, record: Path) -> HostedEpisode:
+        from smartplay_tools.records.resumption import resume
+
         return HostedEpisode(resume(record).episode)
 
     def _check_budget(self, budget: Budget) -> None:
