@@ -24,7 +24,7 @@ def demo_requirements(pyproject: Path, *extras: str) -> list[str]:
     wanted = [
         *described["build-system"]["requires"],
         *project["dependencies"],
-        *(line for extra in ("openai", *extras) for line in project["optional-dependencies"][extra]),
+        *(line for extra in ("openai", "serve", *extras) for line in project["optional-dependencies"][extra]),
     ]
     left_out = {*NOT_IN_THE_DEMO, project["name"]}
     return [requirement for requirement in wanted if _name(requirement) not in left_out]

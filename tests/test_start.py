@@ -34,7 +34,14 @@ HEAVY = (
     "tiktoken",
     "typer",
 )
-LAZY = ("smartplay_tools", "smartplay_tools.evaluation", "smartplay_tools.games", "smartplay_mcp")
+ROOTS = (PACKAGE.parent, PACKAGE.parent / "adapters")
+LAZY = sorted(
+    ".".join(path.parent.relative_to(root).parts)
+    for root in ROOTS
+    for path in root.glob("smartplay_*/**/__init__.py")
+    if "lazy_exports(" in path.read_text(encoding="utf-8")
+)
+"""Packages that import their names when they are first used."""
 
 
 def loaded(code: str) -> set[str]:
@@ -188,15 +195,15 @@ class TestCommands:
                 needs[" ".join(end["command"][:2])] = hint.strip().removesuffix("]'")
         assert needs == {
             "play Hanoi3Disk-v0": "view",
-            "agent Hanoi3Disk-v0": "openai",
+            "agent Hanoi3Disk-v0": "serve",
             "report run": "evaluation",
             "share hanoi.jsonl": "evaluation",
             "board bundles": "evaluation",
             "view --play": "view",
             "view run": "view",
-            "serve openai": "openai",
+            "serve openai": "serve",
             "serve mcp": "mcp",
-            "serve window": "openai",
+            "serve window": "serve",
             "serve local": "local",
         }
 

@@ -3,18 +3,29 @@
     with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(prompt_tokens=4096)) as episode:
         result = sp.play(episode, sp.get_player("anthropic:MODEL"))
 
-`request` and `reply` turn a prompt into a request and an answer into a reply, for loops written by hand;
-`tools` are an episode's tools for the client's own `tool_runner`.
+`request` and `reply` turn a prompt into a request and an answer into a reply, for loops written by hand, and need no
+client; `tools` are an episode's tools for the client's own `tool_runner`.
 """
 
 from __future__ import annotations
 
-from smartplay_tools.errors import extra_named
+from typing import TYPE_CHECKING
 
-with extra_named("smartplay_anthropic", "anthropic"):
-    import anthropic as _anthropic  # noqa: F401
+from smartplay_tools.registry import lazy_exports
 
-from smartplay_anthropic.codec import reply, request
-from smartplay_anthropic.player import AnthropicPlayer, async_tools, tools
+if TYPE_CHECKING:
+    from smartplay_anthropic.codec import reply as reply, request as request
+    from smartplay_anthropic.player import (
+        AnthropicPlayer as AnthropicPlayer,
+        async_tools as async_tools,
+        tools as tools,
+    )
 
-__all__ = ["AnthropicPlayer", "async_tools", "reply", "request", "tools"]
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "smartplay_anthropic.codec": "reply request",
+            "smartplay_anthropic.player": "AnthropicPlayer async_tools tools",
+        },
+    )

@@ -19,8 +19,11 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-import anthropic
-from anthropic.lib.tools import BetaAsyncBuiltinFunctionTool, BetaBuiltinFunctionTool, ToolError
+from smartplay_tools.errors import extra_named
+
+with extra_named("smartplay_anthropic", "anthropic"):
+    import anthropic
+    from anthropic.lib.tools import BetaAsyncBuiltinFunctionTool, BetaBuiltinFunctionTool, ToolError
 
 from smartplay_anthropic import codec
 from smartplay_tools import Episode, InvalidArgumentError, Prompt, Reply, ToolResult, ToolSpec, schema

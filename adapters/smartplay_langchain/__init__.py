@@ -14,39 +14,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import extra_named
+from smartplay_tools.registry import lazy_exports
 
 with extra_named("smartplay_langchain", "langchain"):
     import langchain_core as _langchain_core  # noqa: F401
 
-from smartplay_langchain.chat_model import PlayerChatModel
-from smartplay_langchain.graph import GraphSession
-from smartplay_langchain.messages import from_langchain, to_langchain, usage_of
-from smartplay_langchain.models import LangChainPlayer
-from smartplay_langchain.toolkit import SmartPlayTool, SmartPlayToolkit
-
 if TYPE_CHECKING:
-    from smartplay_langchain.middleware import SmartPlayMiddleware
+    from smartplay_langchain.chat_model import PlayerChatModel as PlayerChatModel
+    from smartplay_langchain.graph import GraphSession as GraphSession
+    from smartplay_langchain.messages import (
+        from_langchain as from_langchain,
+        to_langchain as to_langchain,
+        usage_of as usage_of,
+    )
+    from smartplay_langchain.middleware import SmartPlayMiddleware as SmartPlayMiddleware
+    from smartplay_langchain.models import LangChainPlayer as LangChainPlayer
+    from smartplay_langchain.toolkit import SmartPlayTool as SmartPlayTool, SmartPlayToolkit as SmartPlayToolkit
 
-__all__ = [
-    "GraphSession",
-    "LangChainPlayer",
-    "PlayerChatModel",
-    "SmartPlayMiddleware",
-    "SmartPlayTool",
-    "SmartPlayToolkit",
-    "from_langchain",
-    "to_langchain",
-    "usage_of",
-]
-
-
-def __getattr__(name: str) -> Any:
-    """Import the middleware on first use, because the rest of the package does not need `langchain`."""
-    if name != "SmartPlayMiddleware":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    with extra_named("SmartPlayMiddleware", "langchain"):
-        from smartplay_langchain.middleware import SmartPlayMiddleware
-    return SmartPlayMiddleware
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "smartplay_langchain.chat_model": "PlayerChatModel",
+            "smartplay_langchain.graph": "GraphSession",
+            "smartplay_langchain.messages": "from_langchain to_langchain usage_of",
+            "smartplay_langchain.middleware": "SmartPlayMiddleware",
+            "smartplay_langchain.models": "LangChainPlayer",
+            "smartplay_langchain.toolkit": "SmartPlayTool SmartPlayToolkit",
+        },
+    )

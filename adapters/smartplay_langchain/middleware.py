@@ -13,17 +13,20 @@ import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-from langchain.agents.middleware import (
-    AgentMiddleware,
-    AgentState,
-    ModelRequest,
-    ModelResponse,
-    ToolCallRequest,
-    hook_config,
-)
-from langchain_core.messages import AIMessage, BaseMessage, SystemMessage, ToolMessage
-from langchain_core.tools import BaseTool
-from langgraph.types import Command
+from smartplay_tools.errors import extra_named
+
+with extra_named("SmartPlayMiddleware", "langchain"):
+    from langchain.agents.middleware import (
+        AgentMiddleware,
+        AgentState,
+        ModelRequest,
+        ModelResponse,
+        ToolCallRequest,
+        hook_config,
+    )
+    from langchain_core.messages import AIMessage, BaseMessage, SystemMessage, ToolMessage
+    from langchain_core.tools import BaseTool
+    from langgraph.types import Command
 
 from smartplay_langchain.asking import OVER, RequestOutcome, ToolChoice, Tools, WindowedModel
 from smartplay_langchain.calls import turn_of

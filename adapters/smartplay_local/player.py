@@ -6,7 +6,11 @@ import itertools
 from dataclasses import replace
 from typing import Any
 
-import openai
+from smartplay_tools.errors import extra_named
+
+with extra_named("smartplay_local", "local"):
+    import openai
+
 from smartplay_openai import OpenAIPlayer
 
 from smartplay_local.engine import check_memory, checked_context, checked_threads, shared_server

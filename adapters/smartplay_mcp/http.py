@@ -11,7 +11,11 @@ connections.
 
 from __future__ import annotations
 
+import asyncio
+import json
 from collections.abc import Sequence
+
+from pydantic import ValidationError
 
 from smartplay_tools.errors import extra_named
 
@@ -19,11 +23,21 @@ with extra_named("smartplay_mcp.http", "mcp"):
     import uvicorn as _uvicorn  # noqa: F401
     from starlette.applications import Starlette
     from starlette.requests import Request
-    from starlette.responses import PlainTextResponse, Response
+    from starlette.responses import JSONResponse, PlainTextResponse, Response
+    from starlette.routing import Route
     from starlette.types import ASGIApp
 
-from smartplay_mcp.server import operator_routes
-from smartplay_tools.web import UNAUTHORIZED, EpisodeStore, Server, carries, check_address, guarded
+from smartplay_tools import Budget, InvalidArgumentError, SmartPlayError
+from smartplay_tools.web import (
+    UNAUTHORIZED,
+    EpisodeStore,
+    FullError,
+    Server,
+    carries,
+    check_address,
+    guarded,
+    hosted_or_refusal,
+)
 from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 
 
@@ -80,3 +94,51 @@ class HttpServer(Server):
         check_address(host, token, hosts)
         app = http_app(store, token=token, operator_token=operator_token, hosts=hosts, origins=origins)
         super().__init__(app, host, port)
+
+
+def operator_routes(store: EpisodeStore) -> list[Route]:
+    """Return the routes of the episodes in a store."""
+
+    async def open_episode(request: Request) -> Response:
+        try:
+            handle = await asyncio.to_thread(_opened, store, await request.body())
+        except FullError as error:
+            return PlainTextResponse(str(error), 503)
+        except SmartPlayError as error:
+            return PlainTextResponse(str(error), 400)
+        return JSONResponse({"episode": handle, "path": f"/mcp/{handle}"}, 201)
+
+    async def show_episode(request: Request) -> Response:
+        hosted = await hosted_or_refusal(store.find, request.path_params["handle"])
+        if isinstance(hosted, Response):
+            return hosted
+        result = hosted.episode.result
+        return JSONResponse({"done": hosted.episode.done, "result": result and result.model_dump()})
+
+    async def close_episode(request: Request) -> Response:
+        result = await hosted_or_refusal(store.close, request.path_params["handle"])
+        return result if isinstance(result, Response) else JSONResponse({"done": True, "result": result.model_dump()})
+
+    return [
+        Route("/episodes", open_episode, methods=["POST"]),
+        Route("/episodes/{handle}", show_episode, methods=["GET"]),
+        Route("/episodes/{handle}", close_episode, methods=["DELETE"]),
+    ]
+
+
+def _opened(store: EpisodeStore, body: bytes) -> str:
+    """Open the episode of an operator's request."""
+    try:
+        wanted = json.loads(body)
+        game, seed, budget = str(wanted.pop("game")), wanted.pop("seed"), wanted.pop("budget", {})
+        if reserved := wanted.keys() & {"transcript", "context", "self"}:
+            raise InvalidArgumentError(f"These fields cannot be set: {', '.join(sorted(reserved))}.")
+        return store.open(game, seed=seed, budget=Budget(**budget), **wanted)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise InvalidArgumentError(f"The budget cannot be read: {where}: {first['msg']}.") from error
+    except SmartPlayError:
+        raise
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
+        raise InvalidArgumentError("Send a JSON object with game and seed.") from error

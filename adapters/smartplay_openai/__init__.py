@@ -5,46 +5,50 @@
     with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(prompt_tokens=4096)) as episode:
         result = sp.play(episode, sp.get_player("openai:gpt-4o-mini"))
 
-`OpenAIPlayer` is that player. `CHAT` and `RESPONSES` are the two interfaces; their `request` and `reply` turn a prompt
-into a request and an answer into a reply, for loops written by hand. `LocalEndpoint` serves any player under the same
-interfaces, so that a loop can be tried, tested and shown without a key. `WindowEndpoint` is the game's own context
-window behind the same interfaces, for other people's agents.
+There are three parts, each imported when it is first used. `OpenAIPlayer` is that player; it needs the `openai` client.
+`LocalEndpoint` serves any player under the same interfaces, so that a loop can be tried, tested and shown without a
+key. `WindowEndpoint` is the game's own context window behind the same interfaces, for other people's agents. Both are
+servers, which need the extra `serve`.
+
+`CHAT` and `RESPONSES` are the two interfaces, and need neither; their `request` and `reply` turn a prompt into a
+request and an answer into a reply, for loops written by hand.
 """
 
 from __future__ import annotations
 
-from smartplay_tools.errors import extra_named
-from smartplay_tools.players import BrokenAnswerError, ModelCallError
+from typing import TYPE_CHECKING
 
-with extra_named("smartplay_openai", "openai"):
-    import openai as _openai  # noqa: F401
-    import starlette as _starlette  # noqa: F401
-    import uvicorn as _uvicorn  # noqa: F401
+from smartplay_tools.registry import lazy_exports
 
-from smartplay_openai.chat import CHAT
-from smartplay_openai.player import OpenAIPlayer, ResponsesPlayer
-from smartplay_openai.responses import RESPONSES
-from smartplay_openai.server import LocalEndpoint, SimulatedLimits, endpoint_app
-from smartplay_openai.window import WindowEndpoint, WindowStore, window_app
+if TYPE_CHECKING:
+    from smartplay_openai.chat import CHAT as CHAT, chat_reply as chat_reply, chat_request as chat_request
+    from smartplay_openai.player import OpenAIPlayer as OpenAIPlayer, ResponsesPlayer as ResponsesPlayer
+    from smartplay_openai.responses import (
+        RESPONSES as RESPONSES,
+        responses_reply as responses_reply,
+        responses_request as responses_request,
+    )
+    from smartplay_openai.server import (
+        LocalEndpoint as LocalEndpoint,
+        SimulatedLimits as SimulatedLimits,
+        endpoint_app as endpoint_app,
+    )
+    from smartplay_openai.window import (
+        WindowEndpoint as WindowEndpoint,
+        WindowStore as WindowStore,
+        window_app as window_app,
+    )
+    from smartplay_tools.players import BrokenAnswerError as BrokenAnswerError, ModelCallError as ModelCallError
 
-chat_request, chat_reply = CHAT.request, CHAT.reply
-responses_request, responses_reply = RESPONSES.request, RESPONSES.reply
-
-__all__ = [
-    "CHAT",
-    "RESPONSES",
-    "BrokenAnswerError",
-    "LocalEndpoint",
-    "ModelCallError",
-    "OpenAIPlayer",
-    "ResponsesPlayer",
-    "SimulatedLimits",
-    "WindowEndpoint",
-    "WindowStore",
-    "chat_reply",
-    "chat_request",
-    "endpoint_app",
-    "responses_reply",
-    "responses_request",
-    "window_app",
-]
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "smartplay_openai.chat": "CHAT chat_reply chat_request",
+            "smartplay_openai.player": "OpenAIPlayer ResponsesPlayer",
+            "smartplay_openai.responses": "RESPONSES responses_reply responses_request",
+            "smartplay_openai.server": "LocalEndpoint SimulatedLimits endpoint_app",
+            "smartplay_openai.window": "WindowEndpoint WindowStore window_app",
+            "smartplay_tools.players": "BrokenAnswerError ModelCallError",
+        },
+    )

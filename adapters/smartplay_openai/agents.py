@@ -22,22 +22,35 @@ import itertools
 from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Any
 
-from agents import ModelResponse
-from agents.usage import Usage as AgentsUsage
-from openai.types.responses import (
-    Response,
-    ResponseCompletedEvent,
-    ResponseFunctionToolCall,
-    ResponseOutputMessage,
-    ResponseOutputText,
-    ResponseUsage,
-)
+from smartplay_tools.errors import extra_named
+
+with extra_named("smartplay_openai.agents", "agents"):
+    from agents import (
+        FunctionTool,
+        Model,
+        ModelResponse,
+        ModelSettings,
+        OpenAIChatCompletionsModel,
+        OpenAIResponsesModel,
+        RunConfig,
+        Tool,
+        ToolExecutionConfig,
+    )
+    from agents.tool_context import ToolContext
+    from agents.usage import Usage as AgentsUsage
+    from openai.types.responses import (
+        Response,
+        ResponseCompletedEvent,
+        ResponseFunctionToolCall,
+        ResponseOutputMessage,
+        ResponseOutputText,
+        ResponseUsage,
+    )
 
 from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
-from smartplay_tools.errors import extra_named
 from smartplay_tools.evaluation.costs import CacheFields, openai_cache_fields
 from smartplay_tools.types.messages import Call, text_of, words_of
 
@@ -130,22 +143,6 @@ def last_words(text: str, usage: AgentsUsage) -> ModelResponse:
     content = ResponseOutputText(text=text, type="output_text", annotations=[])
     message = ResponseOutputMessage(id=OVER, content=[content], role="assistant", status="completed", type="message")
     return ModelResponse(output=[message], usage=usage, response_id=None)
-
-
-with extra_named("smartplay_openai.agents", "agents"):
-    from agents import (
-        FunctionTool,
-        Model,
-        ModelResponse,
-        ModelSettings,
-        OpenAIChatCompletionsModel,
-        OpenAIResponsesModel,
-        RunConfig,
-        Tool,
-        ToolExecutionConfig,
-    )
-    from agents.tool_context import ToolContext
-    from agents.usage import Usage as AgentsUsage
 
 
 AWAITS_APPROVAL = "Error: An earlier call of this message awaits approval, so this one was not played."

@@ -18,9 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from typing import Any
 
-from openai.resources.chat.completions import Completions
-
-from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of
+from smartplay_openai.interface import BREAKPOINT, Event, Interface
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
 from smartplay_openai.text_calls import read_usage, sampled_tokens
 from smartplay_openai.thinking_parts import added, put_together, taken_apart
@@ -84,7 +82,6 @@ class ChatCompletions(Interface):
     path = "/v1/chat/completions"
     limit_field = "max_completion_tokens"
     tool_format = "openai"
-    arguments = arguments_of(Completions.create)
     required = {"messages": ()}  # noqa: RUF012 - read only
     stream_options = {"stream": True, "stream_options": {"include_usage": True}}  # noqa: RUF012 - read only
 
@@ -213,6 +210,8 @@ class ChatCompletions(Interface):
 
 CHAT = ChatCompletions()
 """The Chat Completions interface: requests, replies, tools and messages in its wire format."""
+
+chat_request, chat_reply = CHAT.request, CHAT.reply
 
 
 def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any]:

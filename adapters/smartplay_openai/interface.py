@@ -7,7 +7,6 @@ they have to agree field by field.
 
 from __future__ import annotations
 
-import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
@@ -39,9 +38,6 @@ class Interface(ABC):
 
     tool_format: ClassVar[Literal["openai", "responses"]]
     """The form in which the interface takes tools."""
-
-    arguments: ClassVar[frozenset[str]]
-    """The fields of a request for which the client's `create` has an argument."""
 
     required: ClassVar[Mapping[str, Any]] = {}
     """Arguments, apart from the model, that `create` requires even if `extra_body` has everything."""
@@ -106,9 +102,3 @@ class Interface(ABC):
     @abstractmethod
     def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
         """Yield an answer's events: text and arguments in two pieces each, so that readers have to join them."""
-
-
-def arguments_of(method: Callable[..., Any]) -> frozenset[str]:
-    """Return the names of the arguments that a client's method has for fields of a request."""
-    names = inspect.signature(method).parameters
-    return frozenset(name for name in names if not name.startswith("extra_") and name not in ("self", "timeout"))

@@ -8,14 +8,20 @@ without reporting it, so its retries are switched off, and `ModelPlayer` retries
 from __future__ import annotations
 
 import importlib
+import inspect
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 from urllib.parse import urlsplit
 
-import openai
+from smartplay_tools.errors import extra_named
+
+with extra_named("smartplay_openai", "openai"):
+    import openai
+    from openai.resources.chat.completions import Completions
+    from openai.resources.responses import Responses
 
 from smartplay_openai.chat import CHAT
 from smartplay_openai.interface import Interface
@@ -32,6 +38,12 @@ DEFAULT_BASE_URL = "https://api.openai.com/v1"
 
 LONGEST_CONNECT = 10.0
 """Seconds that a server may take to accept a connection, however long its answers may take."""
+
+
+def arguments_of(method: Callable[..., Any]) -> frozenset[str]:
+    """Return the names of the arguments that a client's method has for fields of a request."""
+    names = inspect.signature(method).parameters
+    return frozenset(name for name in names if not name.startswith("extra_") and name not in ("self", "timeout"))
 
 
 class OpenAIPlayer(ModelPlayer):
@@ -65,6 +77,7 @@ class OpenAIPlayer(ModelPlayer):
 
     _registered = "openai"
     _interface: Interface = CHAT
+    _arguments_of_client = arguments_of(Completions.create)
 
     def __init__(
         self,
@@ -164,7 +177,7 @@ class OpenAIPlayer(ModelPlayer):
         """The arguments of the client's method; fields for which it has no argument are in `extra_body`."""
         if not self._typed:
             return {**self._interface.required, "model": body["model"], "stream": self._stream, "extra_body": body}
-        fields = self._interface.arguments
+        fields = self._arguments_of_client
         typed = {field: value for field, value in body.items() if field in fields}
         extra = {field: value for field, value in body.items() if field not in fields}
         return {**typed, "extra_body": extra} if extra else typed
@@ -178,6 +191,7 @@ class ResponsesPlayer(OpenAIPlayer):
 
     _registered = "openai-responses"
     _interface: Interface = RESPONSES
+    _arguments_of_client = arguments_of(Responses.create)
 
     def mended(self, request: dict[str, Any], error: Exception) -> bool:
         """Whether a model without reasoning refused the request for its reasoning, which is now left out."""

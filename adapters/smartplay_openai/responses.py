@@ -13,10 +13,8 @@ import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
-from openai.resources.responses import Responses as ClientResponses
-
 from smartplay_openai.chat import acceptable
-from smartplay_openai.interface import BREAKPOINT, Event, Interface, arguments_of
+from smartplay_openai.interface import BREAKPOINT, Event, Interface
 from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_openai.text_calls import read_usage
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
@@ -40,7 +38,6 @@ class Responses(Interface):
     limit_field = "max_output_tokens"
     least_limit = 16
     tool_format = "responses"
-    arguments = arguments_of(ClientResponses.create)
     stream_options = {"stream": True}  # noqa: RUF012 - read only
 
     def conversation(self, prompt: Prompt, *, mark: bool) -> dict[str, Any]:
@@ -142,6 +139,8 @@ class Responses(Interface):
 
 RESPONSES = Responses()
 """The Responses interface: requests, replies, tools and items in its wire format."""
+
+responses_request, responses_reply = RESPONSES.request, RESPONSES.reply
 
 
 def read_items(items: Iterable[Mapping[str, Any]]) -> Message:

@@ -125,11 +125,12 @@ def _players(console: Console) -> Iterator[list[Player]]:
     rule = RulePlayer()
     try:
         adapter = importlib.import_module("smartplay_openai")
+        client, served = adapter.OpenAIPlayer, adapter.LocalEndpoint(rule)
     except MissingExtraError as error:
         console.print(f"[dim]{error}[/]", highlight=False, soft_wrap=True)
         yield [rule]
         return
-    with adapter.LocalEndpoint(rule) as endpoint, adapter.OpenAIPlayer("rule", base_url=endpoint.base_url) as model:
+    with served as endpoint, client("rule", base_url=endpoint.base_url) as model:
         yield [rule, model]
 
 

@@ -436,10 +436,44 @@ def test_the_cap_is_called_as_the_server_calls_it():
     assert other.request(prompt)["max_tokens"] == 9
 
 
-def test_a_missing_extra_is_one_sentence():
-    code = "import sys; sys.modules['openai'] = None; import smartplay_tools as sp; sp.get_player('openai:m')"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert "pip install 'smartplay-tools[openai]'" in done.stderr
+def without(modules: str, code: str) -> str:
+    """The last line of the errors of a program in which none of the modules can be imported."""
+    program = f"import sys; sys.modules.update(dict.fromkeys({modules.split()!r})); {code}"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    return done.stderr.strip().rpartition("\n")[2]
+
+
+def test_a_model_plays_without_a_web_server():
+    code = "import smartplay_tools as sp; sp.get_player('openai:m', base_url='http://127.0.0.1:9/v1').close()"
+    assert without("starlette uvicorn", code) == ""
+
+
+@pytest.mark.parametrize(
+    ("missing", "code", "extra"),
+    [
+        ("openai", "import smartplay_tools as sp; sp.get_player('openai:m')", "openai"),
+        ("openai", "from smartplay_openai import OpenAIPlayer", "openai"),
+        ("agents", "import smartplay_openai.agents", "agents"),
+        ("starlette", "from smartplay_openai import LocalEndpoint", "serve"),
+        ("uvicorn", "from smartplay_openai import WindowEndpoint", "serve"),
+    ],
+)
+def test_a_missing_extra_is_one_sentence(missing, code, extra):
+    assert without(missing, code).endswith(f"needs an optional dependency: pip install 'smartplay-tools[{extra}]'")
+
+
+@pytest.mark.parametrize(
+    ("missing", "code"),
+    [
+        ("openai starlette uvicorn", "from smartplay_openai import CHAT, RESPONSES, chat_request, responses_reply"),
+        ("anthropic", "from smartplay_anthropic import reply, request"),
+        ("openai", "from smartplay_openai import LocalEndpoint, WindowEndpoint"),
+        ("starlette uvicorn", "from smartplay_mcp import MANUAL, game_server, serve_stdio"),
+        ("langchain langgraph", "from smartplay_langchain import SmartPlayToolkit, to_langchain"),
+    ],
+)
+def test_a_part_of_an_adapter_needs_only_what_it_uses(missing, code):
+    assert without(missing, code) == ""
 
 
 def test_an_agent_of_ones_own_can_use_the_endpoint(endpoint):

@@ -7,6 +7,9 @@ many at once as its player can.
 
 from __future__ import annotations
 
-from smartplay_openai.server.app import LocalEndpoint, SimulatedLimits, endpoint_app
+from smartplay_tools.errors import extra_named
+
+with extra_named("An endpoint", "serve"):
+    from smartplay_openai.server.app import LocalEndpoint, SimulatedLimits, endpoint_app
 
 __all__ = ["LocalEndpoint", "SimulatedLimits", "endpoint_app"]

@@ -7,7 +7,10 @@ calls, over MCP or in this process, and every reply, call and budget is in the r
 
 from __future__ import annotations
 
-from smartplay_openai.window.app import WindowEndpoint, window_app
+from smartplay_tools.errors import extra_named
+
+with extra_named("An endpoint", "serve"):
+    from smartplay_openai.window.app import WindowEndpoint, window_app
 from smartplay_openai.window.store import WindowStore
 
 __all__ = ["WindowEndpoint", "WindowStore", "window_app"]
