@@ -1,16 +1,12 @@
-"""Episodes that external agents play: one, its calls in the order of arrival, or many by handle.
+"""Episodes by handle: an operator opens them, agents with the handle play them, and idle ones are closed.
 
-An operator opens the episodes of a store, agents with the handle play them, and idle ones are closed. With a folder,
-every episode has its transcript there and survives a restart: the recorded calls are played again on a new game, and
-their answers compared. A running episode then continues, with its record; a finished one has its recorded result.
-Idempotency keys are part of the record, so a call that is repeated after a restart gets the same answer.
-
-Episodes are imported where one is made: a server on stdio answers before that.
+With a folder, every episode has its transcript there and survives a restart: the recorded calls are played again on a
+new game, and their answers compared. A running episode then continues, with its record; a finished one has its recorded
+result. Idempotency keys are part of the record, so a call that is repeated after a restart gets the same answer.
 """
 
 from __future__ import annotations
 
-import asyncio
 import re
 import secrets
 import threading
@@ -20,87 +16,13 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
-from smartplay_tools import types
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-
-if TYPE_CHECKING:
-    from smartplay_tools.episode.episode import Episode
-    from smartplay_tools.types import Budget, EpisodeResult, ToolResult
-
-
-LONG = 0.005
-"""Seconds for which the event loop may be blocked."""
-
-NOT_ENFORCEABLE = ("prompt_tokens", "reply_tokens", "episode_tokens", "slack")
-"""Budgets for prompts and replies, which only the host could enforce."""
-
-
-class HostedEpisode:
-    """An episode and its lock.
-
-    A fast game is played on the event loop, because the switch to a thread would take longer than its step.
-
-    Arguments:
-        episode: the episode, or a function that makes it: it is called in a thread, because a game may take longer to
-            load than a host waits for a server's first word.
-    """
-
-    is_read_by_host = True
-
-    def __init__(self, episode: Episode | Callable[[], Episode]) -> None:
-        self._make = episode if callable(episode) else None
-        self._making: asyncio.Future[Episode] | None = None
-        self._episode = None if callable(episode) else checked(episode)
-        self._turn = asyncio.Lock()
-        self._seconds = 0.0
-        """Seconds that the latest call took."""
-
-    @property
-    def episode(self) -> Episode:
-        """The episode; one that is still being made is there once `ready` has been awaited."""
-        assert self._episode is not None
-        return self._episode
-
-    async def ready(self) -> Episode:
-        """Return the episode, made if it has to be."""
-        if self._episode is None:
-            assert self._make is not None
-            if self._making is None:
-                self._making = asyncio.ensure_future(asyncio.to_thread(self._make))
-            self._episode = checked(await asyncio.shield(self._making))
-        return self._episode
-
-    async def call(self, name: str, arguments: Any, call_id: str | None = None) -> ToolResult:
-        """Play a call after all earlier ones; in a thread if the latest one took long."""
-        episode = await self.ready()
-        async with self._turn:
-            begun = time.perf_counter()
-            if self._seconds > LONG:
-                result = await asyncio.to_thread(episode.call, name, arguments, call_id)
-            else:
-                result = episode.call(name, arguments, call_id)
-            self._seconds = time.perf_counter() - begun
-            return result
-
-
-def checked(episode: Episode) -> Episode:
-    """Return an episode that an MCP host can play; `InvalidArgumentError` for any other."""
-    if episode.config.context != "host":
-        raise InvalidArgumentError('An MCP host manages the context; make the episode with context="host".')
-    check_budget(episode.budget)
-    return episode
-
-
-def check_budget(budget: Budget) -> None:
-    """Raise an error for a budget that only a `Conversation` can enforce."""
-    if unenforceable := [name for name in NOT_ENFORCEABLE if getattr(budget, name)]:
-        raise InvalidArgumentError(
-            f"An MCP host manages the context, so the budget cannot have {', '.join(unenforceable)}; "
-            "history, result_tokens and tool_calls are enforced."
-        )
-
+from smartplay_tools.episode.episode import Episode
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.records.resumption import resume
+from smartplay_tools.types import Budget, EpisodeResult, ToolResult
+from smartplay_tools.web.hosted import HostedEpisode, check_budget
 
 HANDLE = re.compile(r"[A-Za-z0-9_-]{32}")
 """The format of a handle: 192 random bits in base64, which cannot be guessed."""
@@ -177,7 +99,7 @@ class Store(ABC, Generic[H]):
 
     def open(self, game: str, *, seed: int, budget: Budget | None = None, **options: Any) -> str:
         """Begin an episode and return its handle; raise `FullError` if too many are open. `options` are `Episode`'s."""
-        self._check_budget(budget or types.Budget())
+        self._check_budget(budget or Budget())
 
         def begin(handle: str) -> H:
             return self._begin(handle, game, seed=seed, budget=budget, transcript=self._path(handle), **options)
@@ -305,15 +227,11 @@ class EpisodeStore(Store[HostedEpisode]):
     """The episodes of an MCP server, whose hosts own the context. The arguments are those of `Store`."""
 
     def _begin(self, handle: str, game: str, **options: Any) -> HostedEpisode:
-        from smartplay_tools.episode.episode import Episode
-
         episode = Episode(game, context="host", **options)
         episode.begin()
         return HostedEpisode(episode)
 
     def _again(self, handle: str, record: Path) -> HostedEpisode:
-        from smartplay_tools.records.resumption import resume
-
         return HostedEpisode(resume(record).episode)
 
     def _check_budget(self, budget: Budget) -> None:

@@ -1,11 +1,9 @@
 """Pages: runs and records as HTML, for browsers and notebooks. Nothing here plays.
 
-report/   the replay page, one file that opens from disk
-notebook  tables and replays below a notebook's cells
-cards     a picture of an episode
+report/    the replay page, one file that opens from disk
+notebook   tables and replays below a notebook's cells
 
-`environment` makes the environment of the HTML templates: everything is escaped, and a name without a value is an
-error.
+The environment of the HTML templates: everything is escaped, and a name that is not given is an error.
 """
 
 from __future__ import annotations
@@ -16,6 +14,7 @@ from smartplay_tools.errors import extra_named
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+
 
 __all__ = ["environment"]
 

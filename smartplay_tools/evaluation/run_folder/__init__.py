@@ -1,8 +1,8 @@
 """The folder of a run: what it says, and how far the run is.
 
-folder     what a run plays, its rows, its records and people's notes about them
+folder     the manifest (what a run plays, its seeds and shards), rows, records, people's notes about turns
 follower   how far a run is
-time_left  an estimate of the time that the rest takes
+time_left  an estimate of the rest
 """
 
 from __future__ import annotations

@@ -1,21 +1,21 @@
 """Playing the episodes of a run and keeping their records.
 
-plan          the episodes of a run, their seeds and keys
-players       the players of a run and their options
-agents        programs and functions that play episodes in their own way
-probe         the check of a run's models, with a sentence for what it finds
-attempt       playing and recording one planned episode
-executors/    running attempts in processes, on an event loop or on a cluster
-limits        caps on the tokens and cost of a whole run
-estimate      the expected tokens, cost and time of a run
-run_writer    writing the run's folder; one process at a time plays a run
-run_options   how a run is played: executor, workers, shard, caps, prices
-scheduler     the choice of the next episode, and the handling of every finished attempt
-run_progress  the one thread that writes the status file and shows a run while it is played; Ctrl-C
-tracking      the figures of a run, sent to an experiment tracker
-runner        `evaluate`
-sweeps        runs over a grid of budgets, compared with full context
-merge         merging shards
+plan           the episodes of a run, their seeds and keys
+players        the players of a run and their options; the player that repeats a recorded episode
+agents         programs and functions that play episodes in their own way
+probe          the check of a run's models, and the sentences for what it finds
+attempt        playing and recording one planned episode
+executors/     running attempts in processes, on an event loop or on a cluster
+limits         caps on the tokens and cost of a whole run
+estimate       the expected tokens, cost and time of a run
+run_writer     writing the run's folder, by one process at a time
+run_options    how a run is played: executor, workers, shard, caps, prices; the arguments of `eval` as a file
+scheduler      the choice of the next episode, and the handling of every finished attempt
+run_progress   the one thread that writes the status file and shows a run; Ctrl-C stops it between two turns
+tracking       the figures of a run, sent to an experiment tracker
+runner         `evaluate`, and which players and games can be sent to other processes
+sweeps         runs over a grid of budgets, compared with full context
+merge          merging shards, and replaying every episode of a run
 """
 
 from smartplay_tools.episode.cells import most_calls
