@@ -105,6 +105,37 @@ def test_imports_never_point_up():
             )
 
 
+ARCHITECTURE = ROOT / "docs" / "architecture.md"
+
+
+def section(title: str) -> str:
+    """The text of docs/architecture.md below a heading."""
+    return ARCHITECTURE.read_text(encoding="utf-8").partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+
+
+def test_the_drawing_has_a_line_for_every_room():
+    rooms = {path.stem for path in PACKAGE.iterdir() if path.is_dir() and (path / "__init__.py").exists()}
+    rooms |= {path.stem for path in PACKAGE.glob("*.py") if not path.stem.startswith("__")}
+    assert rooms == set(LAYERS), "list every folder and module of smartplay_tools in LAYERS, lowest first"
+    drawn = [line.split()[0] for line in section("The rooms").split("```")[1].splitlines() if line]
+    assert drawn == [*reversed(LAYERS)], "give every room a line in the drawing of docs/architecture.md, highest first"
+
+
+PROMPT_ROOMS = ("types", "context", "transcript", "episode", "conversation")
+
+
+def test_what_can_happen_to_a_prompt_is_listed_by_file():
+    listed = re.findall(r"^\| `([\w/.]+)` \|", section("What can happen to a prompt"), flags=re.MULTILINE)
+    gone = [name for name in listed if not (PACKAGE / name).exists()]
+    assert not gone, f"docs/architecture.md lists {gone}, which are not there: correct the list"
+    for path in sorted(path for room in PROMPT_ROOMS for path in (PACKAGE / room).rglob("*.py")):
+        name = path.relative_to(PACKAGE).as_posix()
+        assert any(name == entry or (entry.endswith("/") and name.startswith(entry)) for entry in listed), (
+            f"{name} is not in docs/architecture.md under 'What can happen to a prompt': add a line that says what it "
+            "decides"
+        )
+
+
 def test_a_room_of_evaluation_imports_only_lower_ones():
     for path in sorted((PACKAGE / "evaluation").rglob("*.py")):
         room = path.relative_to(PACKAGE / "evaluation").parts[0].removesuffix(".py")
