@@ -5,8 +5,10 @@
 
 Code lines are lines that hold a token: no comments, no docstrings, no blank lines. A circle is a set of modules that
 import each other, imports inside functions included; imports for type checkers count in a row of their own. What a
-program loads is measured in a new process: the modules of ours in `sys.modules` after a session of three turns, with
-the packages of the environment that runs this script.
+program loads is measured in a new process: the modules of ours in `sys.modules` after episodes of three calls, with the
+packages of the environment that runs this script. The LangChain session plays one by the middleware, which is built on
+the session for graphs, one by the toolkit and one by the player; the session of `openai:MODEL` asks a server of the
+standard library.
 """
 
 from __future__ import annotations
@@ -59,24 +61,35 @@ server = HTTPServer(("127.0.0.1", 0), Server)
 threading.Thread(target=server.serve_forever, daemon=True).start()
 player = sp.get_player("openai:m", base_url=f"http://127.0.0.1:{server.server_port}/v1", api_key="none")
 with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(tool_calls=3)) as episode:
-    sp.play(episode, player)
+    assert sp.play(episode, player).end_reason == "tool_calls"
 server.shutdown()
 """
 LANGCHAIN = """
 from langchain.agents import create_agent
 from langchain_core.language_models import GenericFakeChatModel
 from langchain_core.messages import AIMessage
-from smartplay_langchain import SmartPlayMiddleware
+from smartplay_langchain import LangChainPlayer, SmartPlayMiddleware, SmartPlayToolkit
 import smartplay_tools as sp
 
 class Model(GenericFakeChatModel):
     def bind_tools(self, tools, **options):
         return self
 
-calls = [{"name": "act", "args": {"action": "1"}, "id": str(number)} for number in range(3)]
-model = Model(messages=iter([AIMessage("", tool_calls=[call]) for call in calls]))
-with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(tool_calls=3)) as episode:
-    create_agent(model, middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
+def model():
+    calls = [{"name": "act", "args": {"action": "1"}, "id": str(number)} for number in range(3)]
+    return Model(messages=iter([*(AIMessage("", tool_calls=[call]) for call in calls), AIMessage("I stop.")]))
+
+def episode(**options):
+    return sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(tool_calls=3), **options)
+
+with episode() as by_middleware:
+    create_agent(model(), middleware=[SmartPlayMiddleware(by_middleware)]).invoke({"messages": []})
+with episode(context="host") as by_toolkit:
+    tools = SmartPlayToolkit(episode=by_toolkit).get_tools()
+    create_agent(model(), tools).invoke({"messages": [("user", "Play.")]})
+with episode() as by_player:
+    sp.play(by_player, LangChainPlayer(model()))
+assert all(each.result.end_reason == "tool_calls" for each in (by_middleware, by_toolkit, by_player))
 """
 LOADED = """
 import sys

@@ -1,23 +1,37 @@
 """Conversations, which exchange prompts and replies under a budget, in tool calls or free text; and `play`."""
 
-from smartplay_tools.conversation.agent_session import AgentSession, Conversation
-from smartplay_tools.conversation.base import BaseConversation
-from smartplay_tools.conversation.host_chat import SUB_AGENT, HostChat, HostHistory
-from smartplay_tools.conversation.loop import AttachedPlayer, aplay, check_observation, play
-from smartplay_tools.conversation.paper import PaperConversation
-from smartplay_tools.conversation.text_env import TextEnv
+from __future__ import annotations
 
-__all__ = [
-    "SUB_AGENT",
-    "AgentSession",
-    "AttachedPlayer",
-    "BaseConversation",
-    "Conversation",
-    "HostChat",
-    "HostHistory",
-    "PaperConversation",
-    "TextEnv",
-    "aplay",
-    "check_observation",
-    "play",
-]
+from typing import TYPE_CHECKING
+
+from smartplay_tools.registry import lazy_exports
+
+if TYPE_CHECKING:
+    from smartplay_tools.conversation.agent_session import AgentSession as AgentSession, Conversation as Conversation
+    from smartplay_tools.conversation.base import BaseConversation as BaseConversation
+    from smartplay_tools.conversation.host_chat import (
+        SUB_AGENT as SUB_AGENT,
+        HostChat as HostChat,
+        HostHistory as HostHistory,
+    )
+    from smartplay_tools.conversation.loop import (
+        AttachedPlayer as AttachedPlayer,
+        aplay as aplay,
+        check_observation as check_observation,
+        play as play,
+    )
+    from smartplay_tools.conversation.paper import PaperConversation as PaperConversation
+    from smartplay_tools.conversation.text_env import TextEnv as TextEnv
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "smartplay_tools.conversation.agent_session": "AgentSession Conversation",
+            "smartplay_tools.conversation.base": "BaseConversation",
+            "smartplay_tools.conversation.host_chat": "SUB_AGENT HostChat HostHistory",
+            "smartplay_tools.conversation.loop": "AttachedPlayer aplay check_observation play",
+            "smartplay_tools.conversation.paper": "PaperConversation",
+            "smartplay_tools.conversation.text_env": "TextEnv",
+        },
+    )

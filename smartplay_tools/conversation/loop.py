@@ -8,15 +8,17 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import ParamSpec, Protocol, TypeAlias, TypeVar, get_args, runtime_checkable
+from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeAlias, TypeVar, get_args, runtime_checkable
 
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply
-from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.types import AsyncPlayer, EpisodeResult, ObservationForm, Player, Prompt, Reply
+
+if TYPE_CHECKING:
+    from smartplay_tools.conversation.paper import PaperConversation
 
 __all__ = [
     "apart_from_event_loop",
@@ -59,9 +61,7 @@ def _blocking(player: Player, prompt: Prompt) -> Reply:
         raise RuntimeError("The player has no more replies.") from error
 
 
-AnyConversation: TypeAlias = Conversation | PaperConversation
-
-PROTOCOLS: dict[ProtocolName, type[AnyConversation]] = {"tools": Conversation, "paper": PaperConversation}
+AnyConversation: TypeAlias = "Conversation | PaperConversation"
 """How a model plays: through tool calls, or in the paper's free text (`smartplay_tools.conversation.paper`)."""
 
 OnPrompt = Callable[[BaseConversation, Prompt], None]
@@ -169,7 +169,11 @@ def check_observation(player: object, observation: ObservationForm) -> None:
 def new_conversation(episode: Episode, player: str, protocol: ProtocolName) -> AnyConversation:
     """Return a new conversation of an episode in a protocol."""
     check_choice("protocol", protocol, get_args(ProtocolName))
-    return PROTOCOLS[protocol](episode, player=player)
+    if protocol == "tools":
+        return Conversation(episode, player=player)
+    from smartplay_tools.conversation.paper import PaperConversation
+
+    return PaperConversation(episode, player=player)
 
 
 def _attach(

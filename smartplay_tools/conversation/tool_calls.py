@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import Any
 
 from smartplay_tools.context import prompts
-from smartplay_tools.context.choosing import ChoosingWindow
 from smartplay_tools.context.view import View, ranges_of
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply, Pending
@@ -48,7 +47,11 @@ class ToolConversation(BaseConversation):
         foreign_tools: Sequence[ToolSpec] = (),
     ) -> None:
         whole_head, tools = self._use_head(episode, head, foreign_tools)
-        kind = ContextWindow if episode._strategies.brought is None else ChoosingWindow
+        kind = ContextWindow
+        if episode._strategies.brought is not None:
+            from smartplay_tools.context.choosing import ChoosingWindow
+
+            kind = ChoosingWindow
         self._window = kind(whole_head, tools, episode.budget, episode.counter, episode._strategies)
         self._idle_in_a_row = 0
         self._results: dict[int, ToolResult] = {}

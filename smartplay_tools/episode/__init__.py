@@ -1,27 +1,43 @@
 """An episode: one game played once, through tool calls that are answered, counted and recorded."""
 
-from smartplay_tools.episode.cells import cell_config
-from smartplay_tools.episode.config import CellConfig, EpisodeConfig
-from smartplay_tools.episode.episode import Episode, Listener, NewListener, add_listener
-from smartplay_tools.episode.factory import EpisodeFactory, RewardName, reward_of
-from smartplay_tools.episode.stats import EpisodeStats
-from smartplay_tools.episode.tools import AsyncGameTools, GameTools, schema, tool_functions, tool_specs
+from __future__ import annotations
 
-__all__ = [
-    "AsyncGameTools",
-    "CellConfig",
-    "Episode",
-    "EpisodeConfig",
-    "EpisodeFactory",
-    "EpisodeStats",
-    "GameTools",
-    "Listener",
-    "NewListener",
-    "RewardName",
-    "add_listener",
-    "cell_config",
-    "reward_of",
-    "schema",
-    "tool_functions",
-    "tool_specs",
-]
+from typing import TYPE_CHECKING
+
+from smartplay_tools.registry import lazy_exports
+
+if TYPE_CHECKING:
+    from smartplay_tools.episode.cells import cell_config as cell_config
+    from smartplay_tools.episode.config import CellConfig as CellConfig, EpisodeConfig as EpisodeConfig
+    from smartplay_tools.episode.episode import (
+        Episode as Episode,
+        Listener as Listener,
+        NewListener as NewListener,
+        add_listener as add_listener,
+    )
+    from smartplay_tools.episode.factory import (
+        EpisodeFactory as EpisodeFactory,
+        RewardName as RewardName,
+        reward_of as reward_of,
+    )
+    from smartplay_tools.episode.stats import EpisodeStats as EpisodeStats
+    from smartplay_tools.episode.tools import (
+        AsyncGameTools as AsyncGameTools,
+        GameTools as GameTools,
+        schema as schema,
+        tool_functions as tool_functions,
+        tool_specs as tool_specs,
+    )
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "smartplay_tools.episode.cells": "cell_config",
+            "smartplay_tools.episode.config": "CellConfig EpisodeConfig",
+            "smartplay_tools.episode.episode": "Episode Listener NewListener add_listener",
+            "smartplay_tools.episode.factory": "EpisodeFactory RewardName reward_of",
+            "smartplay_tools.episode.stats": "EpisodeStats",
+            "smartplay_tools.episode.tools": "AsyncGameTools GameTools schema tool_functions tool_specs",
+        },
+    )

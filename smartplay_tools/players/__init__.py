@@ -6,26 +6,39 @@ model            `ModelPlayer`, the base class of players that call a model: att
 scripted         players without a model: prepared replies, the first action, a random one, the game's own answer
 """
 
-from smartplay_tools.players.attempts import BrokenAnswerError, ModelCallError, count_in, error_in, plain_answer
-from smartplay_tools.players.model import ModelPlayer
-from smartplay_tools.players.player_registry import PLAYERS, get_player, is_interactive, is_model, player_names
-from smartplay_tools.players.prompt_reading import Reading, call
-from smartplay_tools.players.scripted import NotedPlayer, ScriptedPlayer
+from __future__ import annotations
 
-__all__ = [
-    "PLAYERS",
-    "BrokenAnswerError",
-    "ModelCallError",
-    "ModelPlayer",
-    "NotedPlayer",
-    "Reading",
-    "ScriptedPlayer",
-    "call",
-    "count_in",
-    "error_in",
-    "get_player",
-    "is_interactive",
-    "is_model",
-    "plain_answer",
-    "player_names",
-]
+from typing import TYPE_CHECKING
+
+from smartplay_tools.registry import lazy_exports
+
+if TYPE_CHECKING:
+    from smartplay_tools.players.attempts import (
+        BrokenAnswerError as BrokenAnswerError,
+        ModelCallError as ModelCallError,
+        count_in as count_in,
+        error_in as error_in,
+        plain_answer as plain_answer,
+    )
+    from smartplay_tools.players.model import ModelPlayer as ModelPlayer
+    from smartplay_tools.players.player_registry import (
+        PLAYERS as PLAYERS,
+        get_player as get_player,
+        is_interactive as is_interactive,
+        is_model as is_model,
+        player_names as player_names,
+    )
+    from smartplay_tools.players.prompt_reading import Reading as Reading, call as call
+    from smartplay_tools.players.scripted import NotedPlayer as NotedPlayer, ScriptedPlayer as ScriptedPlayer
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "smartplay_tools.players.attempts": "BrokenAnswerError ModelCallError count_in error_in plain_answer",
+            "smartplay_tools.players.model": "ModelPlayer",
+            "smartplay_tools.players.player_registry": "PLAYERS get_player is_interactive is_model player_names",
+            "smartplay_tools.players.prompt_reading": "Reading call",
+            "smartplay_tools.players.scripted": "NotedPlayer ScriptedPlayer",
+        },
+    )

@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterator
 
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
-from smartplay_tools.context.strategies.documents import Documents
 from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.context.view import View
 from smartplay_tools.errors import InvalidArgumentError
@@ -29,6 +28,8 @@ class Recall(BudgetStrategy):
     option_help = "Cap on an answer of the tool that searches observations that have left; none: no such tool."
 
     def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+        from smartplay_tools.context.strategies.documents import Documents
+
         assert budget.recall_tokens is not None
         self._cap, self._count = budget.recall_tokens, counter.text
         self._documents = Documents()

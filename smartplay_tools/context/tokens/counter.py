@@ -11,8 +11,8 @@ import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
-from smartplay_tools.context.tokens.pictures import DEFAULT_RULE
 from smartplay_tools.context.tokens.tokenizers import (
+    DEFAULT_RULE,
     DEFAULT_TOKENIZER,
     HUGGING_FACE,
     MODEL_FILE,

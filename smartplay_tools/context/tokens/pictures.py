@@ -14,7 +14,7 @@ from datetime import date
 from fractions import Fraction
 from functools import partial
 
-__all__ = ["DEFAULT_RULE", "RULES", "PictureRule"]
+__all__ = ["RULES", "PictureRule"]
 
 Count = Callable[[int, int], int]
 """Width and height, in pixels, to tokens."""
@@ -188,6 +188,3 @@ _RULES = (
 
 RULES: Mapping[str, PictureRule] = {rule.name: rule for rule in _RULES}
 """Every rule by its name."""
-
-DEFAULT_RULE = "claude-28"
-"""The rule of an episode with pictures whose tokenizer names none."""

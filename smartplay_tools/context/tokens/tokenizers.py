@@ -15,18 +15,22 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from smartplay_tools.context.tokens.o200k import VOCABULARY_SHA256, o200k_base
-from smartplay_tools.context.tokens.pictures import DEFAULT_RULE, RULES, PictureRule
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.registry import resolve
 
 if TYPE_CHECKING:
     import tiktoken
 
+    from smartplay_tools.context.tokens.pictures import PictureRule
+
 DEFAULT_TOKENIZER = "o200k_base"
+
+DEFAULT_RULE = "claude-28"
+"""The rule of an episode with pictures whose tokenizer names none."""
 
 HUGGING_FACE = "hf:"
 """The prefix of the names of Hugging Face tokenizers."""
@@ -111,10 +115,17 @@ class PictureTokenizer:
         return self.rule.count(width, height)
 
 
+def picture_rules() -> Mapping[str, PictureRule]:
+    """Return the rules by name, which only episodes with pictures load."""
+    from smartplay_tools.context.tokens.pictures import RULES
+
+    return RULES
+
+
 def split_rule(name: str) -> tuple[str, str | None]:
     """Return the name of a tokenizer of words, and of the rule for pictures, if the whole name ends with one."""
     words, plus, rule = name.rpartition("+")
-    return (words, rule) if plus and rule in RULES else (name, None)
+    return (words, rule) if plus and rule in picture_rules() else (name, None)
 
 
 def with_pictures(tokenizer: Tokenizer, rule: str | None = None) -> Tokenizer:
@@ -123,7 +134,7 @@ def with_pictures(tokenizer: Tokenizer, rule: str | None = None) -> Tokenizer:
     A tokenizer that counts them by a rule other than the one that is asked for is an `InvalidArgumentError`.
     """
     if not callable(getattr(tokenizer, "image", None)):
-        return PictureTokenizer(tokenizer, RULES[rule or DEFAULT_RULE])
+        return PictureTokenizer(tokenizer, picture_rules()[rule or DEFAULT_RULE])
     if rule is not None and (not isinstance(tokenizer, PictureTokenizer) or tokenizer.rule.name != rule):
         raise InvalidArgumentError(f"The tokenizer {tokenizer.name!r} does not count pictures by the rule {rule}.")
     return tokenizer
@@ -141,7 +152,7 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
         return _checked(tokenizer)
     words, rule = split_rule(tokenizer)
     if rule is not None:
-        return PictureTokenizer(get_tokenizer(words), RULES[rule])
+        return PictureTokenizer(get_tokenizer(words), picture_rules()[rule])
     if tokenizer == ApproximateTokenizer.name:
         return ApproximateTokenizer()
     if tokenizer.startswith(HUGGING_FACE):
@@ -156,7 +167,7 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
 
         _, plus, asked = tokenizer.partition("+")
         if plus:
-            raise UnknownNameError("rule for pictures", asked, list(RULES))
+            raise UnknownNameError("rule for pictures", asked, list(picture_rules()))
         if tokenizer not in tiktoken.list_encoding_names():
             names = [
                 *tiktoken.list_encoding_names(),

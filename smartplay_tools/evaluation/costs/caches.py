@@ -13,13 +13,15 @@ from fnmatch import fnmatchcase
 from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
-from smartplay_tools.records.prices import Price, provider_of, scaled
+
+if TYPE_CHECKING:
+    from smartplay_tools.records.prices import Price
 
 Rate = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Tokens = Annotated[int, Field(strict=True, ge=0)]
@@ -91,6 +93,8 @@ def rule_named(name: str, rules: Mapping[str, CacheRule]) -> CacheRule:
 
 def rule_of(player: str, player_options: Mapping[str, Any], rules: Mapping[str, CacheRule]) -> CacheRule | None:
     """Return the rule of a player's model; None if there is no model, or no rule is known to hold for it."""
+    from smartplay_tools.records.prices import provider_of
+
     return None if "base_url" in player_options else _rule_for(":".join(provider_of(player)), rules)
 
 
@@ -112,6 +116,8 @@ def openai_cache_fields(model: str, base_url: str) -> CacheFields:
 
 @lru_cache(64)
 def _priced(price: Price | None, read: float, write: float, output: float) -> Price:
+    from smartplay_tools.records.prices import Price, scaled
+
     if price is None:
         price = Price.per_million(1e6, output * 1e6, source="tokens")
     cached = scaled(price.input, read) if price.cached == price.input else price.cached
