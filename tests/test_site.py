@@ -29,7 +29,7 @@ ELSEWHERE = {
     "smartplay_inspect": "inspect.md",
     "smartplay_local": "local.md",
     "smartplay_openenv": "openenv.md",
-    "smartplay_otel": "opentelemetry.md",
+    "smartplay_otel": "trackers.md",
     "smartplay_pydantic_ai": "pydantic-ai.md",
     "smartplay_trackers": "trackers.md",
     "smartplay_trl": "trl.md",
@@ -65,7 +65,7 @@ def assert_signatures_have_fields(pages: str) -> None:
 def assert_every_example_has_a_title(page: Path) -> None:
     """Said as people would say it, and not as its file is called."""
     text = page.read_text(encoding="utf-8")
-    titles = [html.unescape(title) for title in re.findall(r"<h2>(.*?)<a class", text)]
+    titles = [html.unescape(title) for title in re.findall(r"<h3>([A-Z].*?)<a class", text)]
     assert len(titles) == len(list((ROOT / "examples").glob("*.py")))
     assert all(re.match(r"[A-Z][a-z]+ ", title) and "_" not in title for title in titles), titles
 
@@ -104,7 +104,7 @@ def site(tmp_path_factory) -> Path:
 
 
 def test_what_is_public_is_documented(site):
-    pages = "".join(page.read_text(encoding="utf-8") for page in sorted(site.glob("api-*.html")))
+    pages = "".join(page.read_text(encoding="utf-8") for page in sorted(site.glob("api*.html")))
     documented = set(re.findall(r'id="(smartplay_tools\.[\w.]+)"', pages))
     assert {f"smartplay_tools.{name}" for name in sp.__all__} - documented == set()
     for name in OF_SUB_PACKAGES:
@@ -136,8 +136,8 @@ def test_the_landing_page_has_pictures(site):
 
 
 def test_signatures_have_fields_and_examples_have_titles(site):
-    assert_signatures_have_fields("".join(page.read_text(encoding="utf-8") for page in sorted(site.glob("api-*.html"))))
-    assert_every_example_has_a_title(site / "examples.html")
+    assert_signatures_have_fields("".join(page.read_text(encoding="utf-8") for page in sorted(site.glob("api*.html"))))
+    assert_every_example_has_a_title(site / "interfaces.html")
 
 
 @pytest.mark.parametrize("width", [1280, 390])

@@ -45,7 +45,7 @@ class AllExamples(SphinxDirective):
 def _section(path: Path) -> str:
     title = TITLES.get(path.stem) or " ".join(path.stem.split("_")).capitalize()
     return (
-        f"## {title}\n\n`examples/{path.name}`\n\n```{{literalinclude}} ../examples/{path.name}\n:language: python\n```"
+        f"### {title}\n\n`examples/{path.name}`\n\n```{{literalinclude}} ../examples/{path.name}\n:language: python\n```"
     )
 
 
