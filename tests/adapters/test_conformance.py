@@ -93,7 +93,7 @@ def weather(city: str = "") -> str:
 
 
 PICTURE = "data:image/png;base64,AAAA"
-NO_GAME_TOOLS = "has the game's tools|has taken act, observe, read_manual from the request"
+NO_GAME_TOOLS = "has the game's tools|has removed act, observe, read_manual"
 
 
 class LangChainAgent:
