@@ -655,7 +655,6 @@ def test_every_line_of_the_table_has_a_row():
     lines = table(OURS) | table(HOSTS)
     here = {line_of(row)["interface"] for row in (*WINDOW.values(), *HOST.values())}
     assert here | ELSEWHERE.keys() == lines.keys()
-    assert all(line["changed by the host"] for line in lines.values())
     for line, file in ELSEWHERE.items():
         assert line in Path(__file__).with_name(file).read_text(encoding="utf-8")
 
