@@ -1,7 +1,8 @@
 """Print what the environment of `make demo` holds, one requirement a line; arguments are further extras.
 
-That is what builds the package, what it needs itself, and the extra `openai`, since the demo also plays through that
-client; all as `pyproject.toml` has it. What only games outside the demo need is left out: it is most of the size.
+That is what builds the package, what it needs itself, and the extras `openai` and `serve`, since the demo also plays
+through that client and a server; all as `pyproject.toml` has it. What only games outside the demo need is left out: it
+is most of the size.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Context strategies of other frameworks, as their packages have them, on the same worlds: a table of `docs/hosts.md`.
 
-    pip install 'smartplay-tools[openai]' langchain langchain-openai deepagents inspect-ai 'pydantic-ai-slim[openai]'
+    pip install 'smartplay-tools[openai,serve]' 'pydantic-ai-slim[openai]'
+    pip install langchain langchain-openai deepagents inspect-ai
     python experiments/hosts.py                          # a scripted player as the model: no key, minutes
     python experiments/hosts.py --player openai:MODEL    # the same question to a model
     python experiments/hosts.py --host langchain-summary # one of them alone; repeatable

@@ -19,7 +19,6 @@ errors above, with one sentence that names the remedy. Any other exception is a 
 
 from __future__ import annotations
 
-import difflib
 import errno
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
@@ -114,6 +113,8 @@ def check_choice(name: str, value: object, choices: Collection[str]) -> None:
 
 def similar(name: object, registered: Iterable[str]) -> str:
     """Return "did you mean ...?" with the names like an unknown one or, if there are none, the known names."""
+    import difflib  # with regular expressions and heaps, for this function alone
+
     names = list(registered)
     if near := difflib.get_close_matches(str(name), names, n=3, cutoff=0.5):
         return f"did you mean {' or '.join(near)}?"

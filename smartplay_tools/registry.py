@@ -18,7 +18,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, UnknownNameError, in_one_line
@@ -72,18 +71,20 @@ def read_file(name: str, kind: str = "player") -> Callable[..., Any]:
     `kind` is what the class is called in messages.
     """
     path, _, attribute = name.rpartition(":")
-    held = getattr(_module(Path(path), kind), attribute, None)
+    held = getattr(_module(path, kind), attribute, None)
     if not callable(held):
         raise InvalidArgumentError(f"{path} has no class {attribute!r}; name a {kind} of it as {path}:CLASS.")
     read: Callable[..., Any] = held
     return read
 
 
-def _module(path: Path, kind: str) -> Any:
+def _module(file: str, kind: str) -> Any:
     """Return the module of a file, imported once in each process, with its folder on `sys.path`."""
     import importlib.util
     from hashlib import sha256
+    from pathlib import Path
 
+    path = Path(file)
     name = f"smartplay_file_{sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]

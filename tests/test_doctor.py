@@ -78,7 +78,8 @@ def test_an_extra_that_is_there_works_and_shows_its_versions(site):
 
 def test_the_adapter_that_an_extra_is_for_has_to_work_too(site):
     package(site, "mapmaker", "2.1", "")
-    (site / "smartplay_maps.py").write_text("from mapmaker import Atlas")
+    late = "__all__ = ['Map']\ndef __getattr__(name):\n    if name == 'Map': from mapmaker import Atlas"
+    (site / "smartplay_maps.py").write_text(late)
     finding = check_modules("extra", "maps", [Requirement("mapmaker>=2.0")])
     assert not finding.works
     assert finding.detail.startswith("smartplay_maps: ImportError: cannot import name 'Atlas' from 'mapmaker'")

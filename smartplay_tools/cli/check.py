@@ -114,15 +114,20 @@ NOT_FEATURES = frozenset({"all", "benchmarks", "dev", "docs"})
 IMPORT_SECONDS = 120.0
 
 _IMPORT = """
-import importlib, json, sys
+import contextlib, importlib, json, sys
+from smartplay_tools.errors import MissingExtraError
 for name in json.loads(sys.argv[1]):
     try:
-        importlib.import_module(name)
+        module = importlib.import_module(name)
+        for part in module.__all__ if name.startswith("smartplay_") else ():
+            with contextlib.suppress(MissingExtraError):
+                getattr(module, part)
     except ModuleNotFoundError as error:
         sys.exit(f"{error.name} is not installed")
     except BaseException as error:
         sys.exit(f"{name}: {type(error).__name__}: {error}")
 """
+"""Imports modules, and of an adapter all that it offers, which it imports late; a part may need another extra."""
 
 
 Kind = Literal["core", "engine", "extra", "model"]
