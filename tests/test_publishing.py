@@ -60,6 +60,7 @@ def test_the_demo_s_environment_holds_what_the_package_says_less_what_other_game
         *names(PYPROJECT["build-system"]["requires"]),
         *(names(project["dependencies"]) - set(demo.NOT_IN_THE_DEMO)),
         *names(project["optional-dependencies"]["openai"]),
+        *names(project["optional-dependencies"]["serve"]),
     }
     assert set(demo.NOT_IN_THE_DEMO) <= names(project["dependencies"])
 
