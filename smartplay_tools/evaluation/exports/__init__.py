@@ -2,16 +2,13 @@
 
     export("runs/first", "data", "sft", completed=True)
 
-selection      which episodes are exported
-sft            rows for supervised fine-tuning: what a model saw and what it said
+sft            which episodes are exported, and rows for supervised fine-tuning: what a model saw and what it said
 atif           trajectories in the Agent Trajectory Interchange Format
-published      results in the formats of those who collect them
 dataset_cards  the dataset card that is written beside the data, with warnings about its worlds
 export         the formats by name, and the function above
 """
 
-from smartplay_tools.evaluation.exports.export import FORMATS, RESULTS, Exported, export
-from smartplay_tools.evaluation.exports.published import Publication
+from smartplay_tools.evaluation.exports.export import FORMATS, Exported, export
 from smartplay_tools.evaluation.exports.sft import EpisodeSelection
 
-__all__ = ["FORMATS", "RESULTS", "EpisodeSelection", "Exported", "Publication", "export"]
+__all__ = ["FORMATS", "EpisodeSelection", "Exported", "export"]
