@@ -2,7 +2,7 @@
 
     export("runs/first", "data", "sft", completed=True)
 
-sft            which episodes are exported, and rows for supervised fine-tuning: what a model saw and what it said
+sft            rows for supervised fine-tuning, and which episodes they are made of
 atif           trajectories in the Agent Trajectory Interchange Format
 dataset_cards  the dataset card that is written beside the data, with warnings about its worlds
 export         the formats by name, and the function above
