@@ -82,7 +82,7 @@ COMMANDS = {
         True,
     ),
     "power": _Entry(
-        "power:power",
+        "compare:power",
         "Say how many trials it takes to see a difference, from the spread of the pairs in these runs.",
         True,
     ),
