@@ -108,15 +108,6 @@ def to_latex(table: TextTable, number: int = 1) -> str:
     )
 
 
-def to_csv(table: TextTable) -> str:
-    """Return the cells as they are shown; `tables` writes rows with full precision for further computation."""
-    file = io.StringIO(newline="")
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow([column.heading for column in table.columns])
-    writer.writerows(table.full_rows())
-    return file.getvalue()
-
-
 def rows_to_csv(rows: Sequence[Mapping[str, Any]], columns: Iterable[str] = ()) -> str:
     """Return rows as CSV, in full precision; None is an empty field.
 
