@@ -11,7 +11,7 @@ import time
 import webbrowser
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import quote
@@ -72,11 +72,11 @@ def play(
     silent = quiet or as_json or getattr(who, "interactive", False)
     printer = None if silent else TurnPrinter(Console())
     with ExitStack() as stack:
-        page = stack.enter_context(live_page(transcript, open_browser=open_browser)) if watch else None
+        record, page = stack.enter_context(_live_page(transcript)) if watch else (transcript, None)
         new_episode = Episode(
             spec if steps is None else replace(spec, rollout=steps),
             seed=seed,
-            transcript=transcript if page is None else page.path,
+            transcript=record,
             player_options={name: value for name, value in given.items() if name != "base_url"},
             **settings,
         )
@@ -84,7 +84,9 @@ def play(
         with who if isinstance(who, AbstractContextManager) else nullcontext(), new_episode as played:
             if page is not None:
                 played.begin(player=who.name, protocol=protocol)  # a record without an event is not a page yet
-                page.announce()
+                typer.echo(f"The episode is shown at {page}", err=True)
+                if open_browser:
+                    webbrowser.open(page)
             interrupted = _run(played, who, protocol, printer, pace)
         assert played.result is not None
         _print(played.result, paid, as_json=as_json)
@@ -134,27 +136,11 @@ def _run(episode: Episode, player: Any, protocol: Any, printer: TurnPrinter | No
     return False
 
 
-@dataclass(frozen=True)
-class LivePage:
-    """The page of a record that is being written."""
-
-    path: Path
-    """The record."""
-    url: str
-    open_browser: bool
-
-    def announce(self) -> None:
-        """Say where the page is, once its record has begun: before, there is nothing to show."""
-        typer.echo(f"The episode is shown at {self.url}", err=True)
-        if self.open_browser:
-            webbrowser.open(self.url)
-
-
 @contextmanager
-def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[LivePage]:
-    """Serve the page of a record that is being written, and yield it; afterwards serve on until Ctrl-C.
+def _live_page(transcript: Path | None) -> Iterator[tuple[Path, str]]:
+    """Serve the page of a record that is being written, and yield the record and the page's address.
 
-    Without a `transcript` the record is a temporary file.
+    Without a `transcript` the record is a temporary file. Afterwards the page is served on until Ctrl-C.
     """
     from smartplay_tools.web.site import SiteRecord, ViewServer
     from smartplay_tools.web.site.site_record import PLAYING
@@ -162,7 +148,7 @@ def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[LivePa
     with tempfile.TemporaryDirectory() as folder:
         path = transcript or Path(folder) / "episode.jsonl"
         with ViewServer([SiteRecord(path)]) as server:
-            yield LivePage(path, f"{server.url}episode/{quote(path.name)}/{PLAYING}", open_browser)
+            yield path, f"{server.url}episode/{quote(path.name)}/{PLAYING}"
             typer.echo("The page stays until Ctrl-C.", err=True)
             with suppress(KeyboardInterrupt):
                 threading.Event().wait()

@@ -15,11 +15,9 @@ import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 from smartplay_tools.evaluation.analysis.intervals import FEW, MeanEstimate
-
-Align = Literal["left", "right"]
 
 
 @dataclass(frozen=True)
