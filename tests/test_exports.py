@@ -10,13 +10,14 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.context.prompts.words import VERSION, Words
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.evaluation.run_folder import trial_seed
 from smartplay_tools.games.messenger.rules import roles_of
 from smartplay_tools.records import Record, recorded_pictures, sent_prompts
 from smartplay_tools.types import ToolCall
 
+MANUAL_IS_ABOVE = Wording.of(VERSION)("manual_is_above")
 BUDGET = sp.Budget(prompt_tokens=700)
 
 
@@ -211,7 +212,7 @@ def test_the_manual_that_was_read_is_in_whole_conversations(tmp_path):
     steps = json.loads(file.read_text(encoding="utf-8"))["steps"]
     answers = [answer["content"] for step in steps for answer in step.get("observation", {}).get("results", ())]
     assert manual in answers
-    assert Words.of(VERSION)("manual_is_above") not in answers
+    assert MANUAL_IS_ABOVE not in answers
 
 
 def test_a_pinned_manual_is_in_the_head_and_is_not_repeated(tmp_path):
@@ -221,7 +222,7 @@ def test_a_pinned_manual_is_in_the_head_and_is_not_repeated(tmp_path):
     record = transcript(tmp_path, "MessengerL1-v0", asking, manual="pinned", budget=budget)
     export(record, tmp_path / "rows", "sft-episodes")
     (row,) = rows(tmp_path / "rows")
-    assert [m["content"] for m in row["messages"] if m["role"] == "tool"] == [Words.of(VERSION)("manual_is_above")] * 3
+    assert [m["content"] for m in row["messages"] if m["role"] == "tool"] == [MANUAL_IS_ABOVE] * 3
 
 
 @pytest.mark.parametrize("slack", [0.0, 0.5])

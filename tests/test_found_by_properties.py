@@ -10,7 +10,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
-from smartplay_tools.context.prompts.words import VERSION, Words
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.turns import Item, Turn
 from smartplay_tools.records.prompts import sent_prompts
 from tests import scripts
@@ -28,7 +28,7 @@ def test_where_the_pins_do_not_fit_the_fold_goes_to_the_newest_turn_also_at_slac
 
     def turn(number: int, words: str, observation: int | None, step: int) -> Turn:
         message: Any = {"role": "assistant", "content": words}
-        item = Item({"role": "user", "content": "o"}, step, observation, words=Words.of(VERSION))
+        item = Item({"role": "user", "content": "o"}, step, observation, words=Wording.of(VERSION))
         items = () if observation is None else (item,)
         return Turn(number, message, items, made_at=step)
 

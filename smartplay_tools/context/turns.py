@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from smartplay_tools.context.prompts.words import Words
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import message_bytes
 from smartplay_tools.types.messages import (
@@ -47,7 +47,7 @@ class Item:
     """The position of the call that it answers; None if it is not a tool result."""
     brings_back: bool = False
     """Whether it is the answer of a tool of memory that brings observations back."""
-    words: Words = field(kw_only=True, repr=False, compare=False)
+    words: Wording = field(kw_only=True, repr=False, compare=False)
     """What replaces it once it is too old."""
 
     @property
@@ -248,7 +248,7 @@ class Turn:
 class TurnBuilder:
     """Makes turns from events, one event after the other."""
 
-    def __init__(self, words: Words) -> None:
+    def __init__(self, words: Wording) -> None:
         """`words` are those of the episode."""
         self._words = words
         self.turns: list[Turn] = []

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_a
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from smartplay_tools.context.prompts.words import VERSION
+from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, check_choice, in_one_line
 from smartplay_tools.games.specs import GAMES, GameSpec, get_spec

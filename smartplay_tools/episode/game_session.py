@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context import prompts
-from smartplay_tools.context.prompts.words import Words
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies import Strategies, StrategyTool
 from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.episode import budgets
@@ -57,7 +57,7 @@ class GameSession:
         asked, manual, context, observation = config.budget, config.manual, config.context, config.observation
         self.observation = observation
         self.spec, self.game, self.counter = spec, game, counter
-        self.words = Words.of(config.prompts)
+        self.words = Wording.of(config.prompts)
         """What the model is told, in the version of the config."""
         self.manual, self.context = manual, context
         budgets.check_strategies(asked, spec, context=context, observation=observation)

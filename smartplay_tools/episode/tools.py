@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_type_hints
 
-from smartplay_tools.context.prompts.words import VERSION, Words
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import StrategyTool, is_memory_tool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
@@ -89,7 +89,7 @@ class Tools:
     `added` are the tools of the episode's strategies.
     """
 
-    def __init__(self, game: TextGame, words: Words, added: Sequence[StrategyTool] = ()) -> None:
+    def __init__(self, game: TextGame, words: Wording, added: Sequence[StrategyTool] = ()) -> None:
         self.words = words
         """The words of what is said about them."""
         self._actions = _actions_of(tuple(game.actions), tuple(game.numbered_actions))
@@ -160,7 +160,7 @@ def tool_specs(game: str | GameSpec, **options: Any) -> tuple[ToolSpec, ...]:
     """Return the three tools of a setting, without an episode; `options` are the game's own."""
     made = get_spec(game).make(**options)
     try:
-        return Tools(made, Words.of(VERSION)).specs
+        return Tools(made, Wording.of(VERSION)).specs
     finally:
         made.close()
 

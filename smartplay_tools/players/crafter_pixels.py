@@ -23,7 +23,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.context.prompts.words import in_any_version
+from smartplay_tools.context.prompts.wording import in_any_version
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.crafter.creatures import light
 from smartplay_tools.games.crafter.facts import (

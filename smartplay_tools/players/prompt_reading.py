@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from smartplay_tools.context.prompts.words import beginnings, in_any_version
+from smartplay_tools.context.prompts.wording import beginnings, in_any_version
 from smartplay_tools.types import PAGES_TOOL, Prompt
 from smartplay_tools.types.messages import FunctionCall, Message, MessageToolCall, calls_of, text_of
 

@@ -7,7 +7,7 @@ import random
 from collections.abc import Sequence
 from typing import Any
 
-from smartplay_tools.context.prompts.words import in_any_version
+from smartplay_tools.context.prompts.wording import in_any_version
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.episode.episode import Episode

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from smartplay_tools.context.prompts.words import VERSION, Words, in_any_version
+from smartplay_tools.context.prompts.wording import VERSION, Wording, in_any_version
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import Prompt, ToolSpec
 from smartplay_tools.types.messages import Message, pictures_of, text_of
@@ -71,7 +71,7 @@ def with_pictures_below(prompt: Prompt) -> Prompt:
     """Return a prompt whose pictures are in a user message after the results of each turn, and not in the results."""
     if not prompt.pictures:
         return prompt
-    words = Words.of(prompt.version or VERSION)
+    words = Wording.of(prompt.version or VERSION)
     shown, below, stable = list[Message](), list[dict[str, Any]](), 0
     for at, message in enumerate([*prompt.messages, _END]):
         if below and message["role"] != "tool":
@@ -105,7 +105,7 @@ def _summary_request() -> re.Pattern[str]:
     return re.compile("|".join(r"\d+".join(parts) for parts in requests))
 
 
-def head(words: Words, manual: str | None = None, *, context: Literal["window", "host"] = "window") -> list[Message]:
+def head(words: Wording, manual: str | None = None, *, context: Literal["window", "host"] = "window") -> list[Message]:
     """Return the first messages of every prompt: system and task; a manual ends the system message.
 
     The system message mentions forgetting only with `context="window"`, where this library decides what the model sees.

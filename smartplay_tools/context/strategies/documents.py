@@ -15,7 +15,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from smartplay_tools.context.prompts.words import Words
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.types.messages import text_of
 
@@ -39,7 +39,7 @@ STEP = re.compile(r"0|[1-9][0-9]{0,17}")
 class Documents:
     """The documents of an episode, in the order of their steps."""
 
-    def __init__(self, words: Words) -> None:
+    def __init__(self, words: Wording) -> None:
         self._words = words
         self._before = words.around("recalled", "step")[0]
         """What every document says before its step."""

@@ -3,7 +3,7 @@
 A path is /memories, then names; it is taken literally, and is a file or a folder, never both. Folders exist while a
 file is below them. A command answers with a text and the changes that it makes; nothing changes until they are applied.
 
-The texts are in `Words`; listings give tokens in place of sizes.
+The texts are in `Wording`; listings give tokens in place of sizes.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from smartplay_tools.context.prompts.words import Words
+from smartplay_tools.context.prompts.wording import Wording
 
 ROOT = "/memories"
 LEVELS = 2
@@ -38,7 +38,7 @@ class Outcome:
 class Files:
     """The files of one agent."""
 
-    def __init__(self, tokens: Callable[[str, str], int], words: Words) -> None:
+    def __init__(self, tokens: Callable[[str, str], int], words: Wording) -> None:
         """`tokens` counts a file, given its path and its text; `words` are those of the answers."""
         self._words = words
         self.texts: dict[str, str] = {}

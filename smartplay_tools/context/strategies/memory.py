@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from smartplay_tools.context.prompts.words import Words, versions
+from smartplay_tools.context.prompts.wording import Wording, versions
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.strategies.files import FileError, Files, Outcome
 from smartplay_tools.context.tokens import TokenCounter
@@ -32,7 +32,7 @@ class MemoryFiles(BudgetStrategy):
     name = "memory_tokens"
     option_help = "Cap on the files that the agent keeps with a tool, their paths included; none: no such tool."
 
-    def __init__(self, budget: Budget, counter: TokenCounter, words: Words) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.memory_tokens is not None
         self._cap, self._count, self._words = budget.memory_tokens, counter.text, words
         self.files = Files(self._tokens, words)
@@ -104,10 +104,10 @@ STRING = (_is_text, "memory_string", {"type": "string"})
 INTEGER = (_is_number, "memory_integer", {"type": "integer"})
 INTEGERS = (_is_range, "memory_integers", {"type": "array", "items": {"type": "integer"}})
 KINDS = {"insert_line": INTEGER, "view_range": INTEGERS}
-"""The arguments that are no texts: how each is checked, the name of its kind in `Words`, and its schema."""
+"""The arguments that are no texts: how each is checked, the name of its kind in `Wording`, and its schema."""
 
 
-def memory_spec(cap: int, words: Words) -> ToolSpec:
+def memory_spec(cap: int, words: Wording) -> ToolSpec:
     """Return the tool with which an agent keeps files of at most `cap` tokens."""
     command = {"type": "string", "description": words("memory_command"), "enum": list(COMMANDS)}
     others = {
@@ -122,5 +122,5 @@ def memory_spec(cap: int, words: Words) -> ToolSpec:
 def is_memory_tool(tool: ToolSpec) -> bool:
     """Whether a tool is that of `memory_spec`, and not a host's own of the same name."""
     return tool.name == MEMORY_TOOL and any(
-        tool.parameters == memory_spec(1, Words.of(version)).parameters for version in versions()
+        tool.parameters == memory_spec(1, Wording.of(version)).parameters for version in versions()
     )

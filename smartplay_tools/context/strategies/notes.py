@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from smartplay_tools.context.prompts.words import Words
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
@@ -16,7 +16,7 @@ class Notes(BudgetStrategy):
     name = "notes_tokens"
     option_help = "Cap on notes, which the agent takes with a tool; none: no such tool."
 
-    def __init__(self, budget: Budget, counter: TokenCounter, words: Words) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.notes_tokens is not None
         self._cap, self._counter, self._words = budget.notes_tokens, counter, words
         spec = notes_spec(self._cap, words)
@@ -35,6 +35,6 @@ class Notes(BudgetStrategy):
         return ToolAnswer(noted, {"notes": "kept" if text.strip() else "cleared"})
 
 
-def notes_spec(cap: int, words: Words) -> ToolSpec:
+def notes_spec(cap: int, words: Wording) -> ToolSpec:
     """Return the tool with which an agent takes notes of at most `cap` tokens."""
     return ToolSpec(NOTES_TOOL, words("take_notes"), text_parameters(text=words("take_notes_text", cap=cap)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-from smartplay_tools.context.prompts.words import Words
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.types import PAGES_TOOL, Budget, ToolSpec
@@ -20,7 +20,9 @@ PAGE = re.compile(r"r([1-9][0-9]{0,5})\.([1-9][0-9]{0,5})")
 class Pages:
     """The pages of one result, each made when it is asked for."""
 
-    def __init__(self, number: int, text: str, first_cap: int, cap: int, count: truncation.Count, words: Words) -> None:
+    def __init__(
+        self, number: int, text: str, first_cap: int, cap: int, count: truncation.Count, words: Wording
+    ) -> None:
         """`first_cap` is the cap on what the result shows, `cap` the cap on each later page."""
         self._number, self._rest, self._count, self._words = number, text, count, words
         self._next_cap, self._cap = first_cap, cap
@@ -55,7 +57,7 @@ class Offload(BudgetStrategy):
     name = "beyond_result"
     option_help = "Observations over --result-tokens: cut, or offload (a tool reads on)."
 
-    def __init__(self, budget: Budget, counter: TokenCounter, words: Words) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         self._count, self._words = counter.text, words
         self._results: list[Pages] = []
         self.tools = (StrategyTool(pages_spec(words), "page", words("read_result_usage"), self._read),)
@@ -87,6 +89,6 @@ class Offload(BudgetStrategy):
         return ToolAnswer(reason, mistake="malformed")
 
 
-def pages_spec(words: Words) -> ToolSpec:
+def pages_spec(words: Wording) -> ToolSpec:
     """Return the tool with which an agent reads on."""
     return ToolSpec(PAGES_TOOL, words("read_result"), text_parameters(page=words("read_result_page")))

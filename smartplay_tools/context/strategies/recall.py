@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from smartplay_tools.context.prompts.words import Words
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.strategies.documents import Documents
 from smartplay_tools.context.tokens import TokenCounter, truncation
@@ -28,7 +28,7 @@ class Recall(BudgetStrategy):
     name = "recall_tokens"
     option_help = "Cap on an answer of the tool that searches observations that have left; none: no such tool."
 
-    def __init__(self, budget: Budget, counter: TokenCounter, words: Words) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.recall_tokens is not None
         self._cap, self._count, self._words = budget.recall_tokens, counter.text, words
         self._documents = Documents(words)
@@ -113,6 +113,6 @@ class Recall(BudgetStrategy):
         return ToolAnswer(text, {"recalled": [self._documents.steps[number] for number in numbers]}, is_cut=is_cut)
 
 
-def recall_spec(cap: int, words: Words) -> ToolSpec:
+def recall_spec(cap: int, words: Wording) -> ToolSpec:
     """Return the tool with which an agent searches; an answer has at most `cap` tokens."""
     return ToolSpec(RECALL_TOOL, words("recall", cap=cap), text_parameters(query=words("recall_query")))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from smartplay_tools.context.prompts.words import Words
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import drops_old_turns, turns_leave
 from smartplay_tools.context.strategies.base import BudgetStrategy, share_kept
 from smartplay_tools.context.tokens import TokenCounter, truncation
@@ -37,7 +37,7 @@ class Summaries(BudgetStrategy):
     name = "summary_tokens"
     option_help = "Cap on summaries of the turns that leave; none: not asked for."
 
-    def __init__(self, budget: Budget, counter: TokenCounter, words: Words) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.summary_tokens is not None
         self._counter, self._words = counter, words
         self._cap = cap = budget.summary_tokens
@@ -84,6 +84,6 @@ class Summaries(BudgetStrategy):
         return self._counter.text(f"{self._frame}{text}") - self._counter.text(self._frame)
 
 
-def summaries_of(budget: Budget, counter: TokenCounter, words: Words) -> Summaries | None:
+def summaries_of(budget: Budget, counter: TokenCounter, words: Wording) -> Summaries | None:
     """Return the strategy of summaries, for readers of records; None where the budget asks for none."""
     return Summaries(budget, counter, words) if Summaries.is_asked_for(budget) else None

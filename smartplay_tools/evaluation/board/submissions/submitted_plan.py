@@ -21,7 +21,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, FailFast, Field, ValidationError, field_validator
 
-from smartplay_tools.context.prompts.words import versions
+from smartplay_tools.context.prompts.wording import versions
 from smartplay_tools.context.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.context.tokens.tokenizers import split_rule
 from smartplay_tools.episode.config import CellConfig, EpisodeConfig, Setting

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from smartplay_tools.context.prompts.words import Words
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
@@ -174,7 +174,7 @@ class Drawings:
                 # Numbers of a stranger could ask for a world of any size.
                 raise _NoDrawingError(f"{config.game} has other numbers here; --plugins draws it.")
             game = config.make_game(config.spec)
-            self._made = (cell, game, Tools(game, Words.of(config.prompts)))
+            self._made = (cell, game, Tools(game, Wording.of(config.prompts)))
         return self._made[1], self._made[2]
 
     def _close(self) -> None:

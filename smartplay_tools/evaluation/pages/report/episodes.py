@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from smartplay_tools.context.prompts.words import Words
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.conversation import paper
@@ -42,7 +42,7 @@ MOST_REBUILT = 200_000
 def fixed_texts(version: str) -> dict[str, str]:
     """Return the fixed texts that are part of prompts, by the names that the page's script has for them."""
     words = {
-        name: Words.of(version)(name) for name in ("observation_left", "manual_is_above", "picture_shown", "summary")
+        name: Wording.of(version)(name) for name in ("observation_left", "manual_is_above", "picture_shown", "summary")
     }
     of_paper = {"system": paper.SYSTEM, "observation": paper.OBSERVATION, "question": paper.QUESTION}
     return {**words, **of_paper, "choice": paper.CHOICE}
@@ -77,7 +77,7 @@ def episode_data(key: str, record: Record, facts: Mapping[str, Any]) -> dict[str
 def _budget_facts(numbers: str, asked: str, version: str) -> Mapping[str, Any]:
     """What the page says of a budget, as it was resolved and as it was asked for; a run has few of them."""
     budget = ResolvedBudget(**json.loads(numbers))
-    asking = summaries_of(budget, shared_counter("approximate"), Words.of(version))
+    asking = summaries_of(budget, shared_counter("approximate"), Wording.of(version))
     return {
         "limits": budget.words(),
         "asked": Budget.from_record(json.loads(asked)).words(),

@@ -27,7 +27,7 @@ from pathlib import Path
 from string import ascii_uppercase
 from typing import Any, Literal
 
-from smartplay_tools.context.prompts.words import versions
+from smartplay_tools.context.prompts.wording import versions
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables

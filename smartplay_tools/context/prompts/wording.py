@@ -1,7 +1,7 @@
-"""Words: every sentence of this library that a model is sent, in one data file for each version (`v1.toml`).
+"""Wording: every sentence of this library that a model is sent, in one data file for each version (`v1.toml`).
 
 A record names the version in its config, because a changed word changes the benchmark: what an episode says is read
-from `Words.of(config.prompts)`, whatever the newest version is. A new version is a new file and another `VERSION`.
+from `Wording.of(config.prompts)`, whatever the newest version is. A new version is a new file and another `VERSION`.
 Games bring their own texts (observations, manuals), and the sentences of the paper's protocol are the paper's.
 """
 
@@ -19,7 +19,7 @@ VERSION = "v1"
 """The version that new episodes have, which every transcript contains."""
 
 
-class Words:
+class Wording:
     """The sentences of one version, by name: `words("noted", tokens=12, cap=40)`."""
 
     def __init__(self, version: str, texts: Mapping[str, str]) -> None:
@@ -29,21 +29,21 @@ class Words:
 
     @staticmethod
     @functools.cache
-    def of(version: str) -> Words:
+    def of(version: str) -> Wording:
         """Return a version; one that this release does not have is an `InvalidArgumentError`."""
         if version not in versions():
             raise InvalidArgumentError(
                 f"There are no prompts {version!r} in this release; it knows {', '.join(versions())}."
             )
         file = resources.files(__package__).joinpath(f"{version}.toml")
-        return Words(version, tomllib.loads(file.read_text(encoding="utf-8")))
+        return Wording(version, tomllib.loads(file.read_text(encoding="utf-8")))
 
     @staticmethod
-    def recorded(start: Mapping[str, Any]) -> Words:
+    def recorded(start: Mapping[str, Any]) -> Wording:
         """Return the version in the start event of a record; `TranscriptError` if this release does not have it."""
         version = start["config"].get("prompts", VERSION)
         try:
-            return Words.of(version)
+            return Wording.of(version)
         except InvalidArgumentError:
             known = ", ".join(versions())
             raise TranscriptError(
@@ -66,7 +66,7 @@ class Words:
         return self("cut", missing=missing)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Words.of, (self.version,)
+        return Wording.of, (self.version,)
 
 
 @functools.cache
@@ -79,7 +79,7 @@ def versions() -> Sequence[str]:
 @functools.cache
 def in_any_version(name: str) -> tuple[str, ...]:
     """Return a sentence in every version, for readers of prompts, which do not say with which they were made."""
-    return tuple(dict.fromkeys(Words.of(version)(name) for version in versions()))
+    return tuple(dict.fromkeys(Wording.of(version)(name) for version in versions()))
 
 
 @functools.cache
