@@ -77,8 +77,9 @@ def recorded_turns(events: Sequence[Event]) -> list[Turn]:
     """Return the turns of a transcript, the last one as far as it goes."""
     if not events or events[0]["event"] != "start":
         return []
-    builder = TurnBuilder(Wording.recorded(events[0]))
     with ErrorLocation() as at:
+        at.number, at.event = 1, events[0]
+        builder = TurnBuilder(Wording.recorded(at.event))
         for at.number, at.event in enumerate(events, start=1):
             builder.apply(at.event)
     builder.close()
