@@ -376,3 +376,16 @@ def test_the_state_is_read_from_its_end():
         session.update(Watched(state))
         assert session.recorded_reply(Watched(state)) is None
     assert min(Watched.looked) >= len(state) - 3
+
+
+def test_what_never_reaches_a_plain_toolkit():
+    """Why a toolkit alone is not a measurement: LangChain answers an unknown tool, and stops at broken JSON."""
+    with fresh(context="host")[0] as episode:
+        tools = SmartPlayToolkit(episode=episode).get_tools()
+        unknown = ScriptedModel([calling(("jump", {})), calling(say="Well.")])
+        state = create_agent(unknown, tools).invoke({"messages": []})
+        assert "not a valid tool" in state["messages"][1].content
+        broken = create_agent(ScriptedModel([calling(("act", "{"))]), tools).invoke({"messages": []})
+        (reply,) = broken["messages"]
+        assert isinstance(reply, AIMessage)
+    assert episode.result.tool_calls == 0

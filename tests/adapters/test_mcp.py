@@ -57,14 +57,6 @@ class TestServer:
             (t.name, t.description, dict(t.parameters)) for t in episode.tools
         ]
 
-    async def test_a_game_keeps_its_state_between_calls(self, mode):
-        episode, _ = fresh(context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
-            await client.call_tool(*act("A->C"))
-            result = await client.call_tool(*act("A->B"))
-        assert result.structured_content == {"text": text_of(result), "step": 2, "done": False, "is_error": False}
-        assert not result.is_error
-
     async def test_the_model_is_told_no_more_than_the_text(self, mode):
         episode, _ = fresh(context="host")
         async with Client(in_memory(episode), mode=mode) as client:
@@ -407,3 +399,18 @@ class TestEpisodes:
     @pytest.mark.parametrize("handle", ["", "..", "../secrets", "x" * 32])
     def test_a_handle_that_is_none_finds_nothing(self, handle, tmp_path):
         assert EpisodeStore(folder=tmp_path).find(handle) is None
+
+
+@pytest.mark.parametrize("broken", [{"name": "act", "arguments": "{"}, {"name": "act", "arguments": [1]}], ids=repr)
+def test_mcp_refuses_arguments_that_are_no_object(broken):
+    episodes = EpisodeStore()
+    table = episodes.find(episodes.open(GAME, seed=1))
+    call = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": broken}
+    with HttpServer(episodes, port=0) as server:
+        (handle,) = episodes._hosted
+        headers = {"Accept": "application/json, text/event-stream"}
+        answer = httpx2.post(
+            f"{server.url}/mcp/{handle}", json=call, headers=headers, trust_env=False, verify=False
+        ).json()
+    assert "error" in answer
+    assert table.episode.stats.tool_calls == 0
