@@ -130,6 +130,12 @@ def act(short: str) -> tuple[str, Any]:
     return "act", {"action": move(short)}
 
 
+def with_one_id(message: sp.Message) -> sp.Message:
+    """The message with one id for all of its calls."""
+    calls = [{**call, "id": "same"} for call in message["tool_calls"]]
+    return {**message, "tool_calls": calls}  # type: ignore[return-value]
+
+
 BASIC: Script = [
     calling(("read_manual", {}), say="First the rules."),
     calling(("observe", {})),
@@ -138,7 +144,7 @@ BASIC: Script = [
     calling(("act", {"action": 3}), ("act", {"actoin": "Rock"}), ("act", {"action": "1", "now": True}), say="Oops."),
     calling(("observe", {"deep": {"list": [1, "ä", None]}})),
     calling(("jump", {"how": "high"}), ("observe", {})),
-    calling(*map(act, WAY[3:5])),
+    with_one_id(calling(*map(act, WAY[3:5]))),
     calling(("observe", {}), say="So?"),
     calling(*map(act, WAY[5:]), act(WAY[0])),
 ]
@@ -188,8 +194,11 @@ BUDGETS = {
     "tight": sp.Budget(prompt_tokens=1400, history=2, result_tokens=150),
     "lazy": sp.Budget(prompt_tokens=1400, slack=0.5, result_tokens=150, episode_tokens=20_000, reply_tokens=300),
     "spent": sp.Budget(prompt_tokens=900, history=2),
+    "poor": sp.Budget(episode_tokens=1500, reply_tokens=40),
 }
-"""With all but the last the game is played to its end; with the second and third, turns leave the window."""
+"""With the first three the game is played to its end; with the second and third, turns leave the window."""
+ENDS = {"spent": "prompt_tokens", "poor": "episode_tokens"}
+"""How the episode ends under a budget with which it is not."""
 
 
 def fresh(budget: sp.Budget | None = None, seed: int = SEED, **options: Any) -> tuple[sp.Episode, list[Any]]:
@@ -256,6 +265,13 @@ def judge(row: Window, script: Script, budget: sp.Budget, turns: Turns | None = 
     independently(events, sent, episode)
     assert episode.result is not None
     return episode.result
+
+
+def judge_end(row: Window, budget: str) -> None:
+    """Play the script with every kind of call under one of `BUDGETS`."""
+    result = judge(row, BASIC, BUDGETS[budget])
+    assert result.end_reason == ENDS.get(budget, "terminated")
+    assert result.refused_calls == (budget not in ENDS), "the last act comes after the end"
 
 
 def judge_summaries(row: Window) -> None:
@@ -379,9 +395,7 @@ class WindowConformance:
 
     @pytest.mark.parametrize("budget", BUDGETS)
     def test_the_game_cannot_tell_it_apart(self, budget):
-        result = judge(self.row, BASIC, BUDGETS[budget])
-        assert result.end_reason == ("prompt_tokens" if budget == "spent" else "terminated")
-        assert result.refused_calls == (budget != "spent"), "the last act comes after the end"
+        judge_end(self.row, budget)
 
     def test_the_tools_of_memory(self):
         judge_memory(self.row)
