@@ -9,7 +9,6 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.evaluation import pages
 from smartplay_tools.evaluation.pages.report import write_report
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
@@ -461,12 +459,6 @@ def test_what_cannot_be_shown_is_said_in_a_sentence(tmp_path, name, out, remedy)
     (tmp_path / "foreign.jsonl").write_text('{"event": "start", "game": "Chess-v0"}\n')
     with pytest.raises(sp.SmartPlayError, match=remedy):
         write_report(tmp_path / name, tmp_path / out)
-
-
-def test_without_jinja2_the_remedy_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "jinja2", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'smartplay-tools\[evaluation\]'"):
-        write_report(record(tmp_path / "hanoi.jsonl", HANOI), tmp_path / "p.html")
 
 
 @pytest.mark.slow
