@@ -318,7 +318,7 @@ TOOLS = {game: tools_of(game) for game in [*GAMES, "MessengerL3-v0", "Crafter-v0
 
 
 @pytest.mark.parametrize(("player", "game"), [*(("rule", game) for game in TOOLS), ("rule-notes", "Crafter-v0")])
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=settings().max_examples // 5, deadline=None)
 @given(rounds=st.lists(ROUND, max_size=3), system=OBSERVED | st.text(max_size=20))
 def test_no_observation_makes_a_rule_player_fail(app, game, player, rounds, system):
     messages = [{"role": "system", "content": system}, {"role": "user", "content": "Play."}]

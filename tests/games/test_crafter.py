@@ -204,7 +204,7 @@ def test_without_any_seed_worlds_differ() -> None:
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
-@pytest.mark.parametrize("steps", [0, 3, 210])
+@pytest.mark.parametrize("steps", [3, 210])
 def test_a_copy_continues_identically(copied: object, steps: int) -> None:
     game = started(11)
     random_steps(game, steps)
@@ -310,11 +310,17 @@ class Stage:
         return self.world[at]
 
 
-@pytest.mark.parametrize("size", [65, 128, 576])
-def test_larger_pictures_are_the_packages_too(size: int) -> None:
-    package = ReferenceEngine(3, 1)
+@pytest.fixture(scope="module")
+def package() -> ReferenceEngine:
+    """The package's own world after some steps."""
+    played = ReferenceEngine(3, 1)
     for step in range(60):
-        package.step([0, 1, 5, 3][step % 4])
+        played.step([0, 1, 5, 3][step % 4])
+    return played
+
+
+@pytest.mark.parametrize("size", [65, 128, 576])
+def test_larger_pictures_are_the_packages_too(package: ReferenceEngine, size: int) -> None:
     unit = np.array([size // 9] * 2)
     textures = engine.Textures(constants.root / "assets")
     view = engine.LocalView(Stage(package), textures, [9, 7])(package.env._player, unit)
