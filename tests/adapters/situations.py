@@ -186,7 +186,7 @@ def lacking(reason: str, *also: str) -> dict[str, str]:
 LOOP = lacking("a loop of ours or yours: there is no agent of a host's that could do anything beside playing")
 REFUSED = {
     "no calls": "tool choice `none`",
-    "no tools": "has the game's tools|has taken act, observe, read_manual from the request",
+    "no tools": "has the game's tools|has removed act, observe, read_manual",
     "schema": "cannot have a",
 }
 """How an adapter in a framework's agent refuses what is not for a move (`Window.refuses`)."""
