@@ -34,10 +34,10 @@ from smartplay_langchain.calls import (
     TURN,
     CallPlayer,
     after_latest_reply,
-    artifact_of,
     is_ours,
 )
 from smartplay_langchain.messages import from_langchain, to_langchain
+from smartplay_langchain.toolkit import artifact_of
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.conversation import HostChat, HostHistory

@@ -182,6 +182,20 @@ def lacking(reason: str, *also: str) -> dict[str, str]:
     return dict.fromkeys(also or SITUATIONS, reason)
 
 
+LOOP = lacking("a loop of ours or yours: there is no agent of a host's that could do anything beside playing")
+REFUSED = {
+    "no calls": "tool choice `none`",
+    "no tools": "has the game's tools|has removed act, observe, read_manual",
+    "schema": "cannot have a",
+}
+"""How an adapter in a framework's agent refuses what is not for a move (`Window.refuses`)."""
+
+
+def weather(city: str = "") -> str:
+    """Tell the weather."""
+    raise AssertionError("its arguments are not JSON")
+
+
 class SituationConformance:
     """The situations for a framework that has an environment of its own: its test file has a class of this."""
 
