@@ -125,10 +125,10 @@ class Rebuilder:
     ) -> None:
         self._turns, self._pictures = turns, pictures
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
+        words = Wording.recorded(events[0])
+        self._version = words.version
         # What a prompt says does not depend on how it is counted.
-        self._form = summaries_of(
-            ResolvedBudget(**events[0]["budget"]), shared_counter("approximate"), Wording.recorded(events[0])
-        )
+        self._form = summaries_of(ResolvedBudget(**events[0]["budget"]), shared_counter("approximate"), words)
 
     def use_head(self, head: Event) -> None:
         """Rebuild the following prompts with another head and its tools."""
@@ -155,7 +155,7 @@ class Rebuilder:
         named = [part["sha256"] for message in messages for part in pictures_of(message)] if self._pictures else []
         shown_pictures = {sha256: self._pictures[sha256] for sha256 in named}
         cap, asked = view["max_tokens"], purpose_of(view)
-        prompt = Prompt(messages, self._tools, cap, purpose=asked, pictures=shown_pictures)
+        prompt = Prompt(messages, self._tools, cap, purpose=asked, pictures=shown_pictures, version=self._version)
         return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(lines, self._tools_bytes))
 
     def shown(self, view: Event) -> PromptParts:

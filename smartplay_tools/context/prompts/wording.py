@@ -8,7 +8,6 @@ Games bring their own texts (observations, manuals), and the sentences of the pa
 from __future__ import annotations
 
 import functools
-import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any
@@ -35,6 +34,8 @@ class Wording:
             raise InvalidArgumentError(
                 f"There are no prompts {version!r} in this release; it knows {', '.join(versions())}."
             )
+        import tomllib  # slow to import, and programs that play nothing need no words
+
         file = resources.files(__package__).joinpath(f"{version}.toml")
         return Wording(version, tomllib.loads(file.read_text(encoding="utf-8")))
 
