@@ -23,7 +23,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.context.prompts import GAME_IS_OVER
+from smartplay_tools.context.prompts.wording import in_any_version
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.crafter.creatures import light
 from smartplay_tools.games.crafter.facts import (
@@ -293,5 +293,6 @@ def in_words(prompt: Prompt) -> list[Message]:
 
 def _worded(message: Message, text: str) -> Message:
     worded = message.copy()
-    worded["content"] = f"{text}\n{GAME_IS_OVER}" if text_of(message).endswith(GAME_IS_OVER) else text
+    over = next((line for line in in_any_version("game_is_over") if text_of(message).endswith(line)), None)
+    worded["content"] = text if over is None else f"{text}\n{over}"
     return worded

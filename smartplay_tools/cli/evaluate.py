@@ -157,6 +157,7 @@ def print_run(run: Run, gates: Sequence[Gate] = (), *, as_json: bool) -> None:
             "finished": len(run.rows),
             "stopped": run.stopped,
             "refused": run.refused,
+            "began_again": run.folder.beginnings(),
         }
         facts |= {"paused": run.status.paused, "spending": run.spending.to_json(), "warnings": unplayed(run.rows)}
         facts |= {"checks": plain(list(gates))} if gates else {}

@@ -49,8 +49,8 @@ class Paid(FirstMoves):
 
 @pytest.fixture(scope="module")
 def small_suite() -> Iterator[Suite]:
-    """A fixed suite that takes a second."""
-    suite = Suite("small", {HANOI: 1, BANDIT: 2}, (sp.Budget(),))
+    """A fixed suite that takes a second; of the last message of a long episode one call is refused."""
+    suite = Suite("small", {HANOI: 1, BANDIT: 2}, (sp.Budget(tool_calls=59),))
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(SUITES, "small", suite)
         yield suite
@@ -385,8 +385,12 @@ def a_finished_episode_among_the_attempts(files: Files) -> None:
 def the_best_of_several_plays(files: Files) -> None:
     """Another play of the same seed, which is as true as the first."""
     name = records(files, BANDIT)[0]
-    events = events_of(files, name)
-    files[name] = bundles.chained(played_again(events, reply=lambda message: act("2")))
+    other = act("2")["tool_calls"]
+
+    def reply(message: sp.Message) -> sp.Message:
+        return {**message, "tool_calls": [*other, *message["tool_calls"][1:]]}
+
+    files[name] = bundles.chained(played_again(events_of(files, name), reply=reply))
 
 
 @unprovable("attempts that were left out")
