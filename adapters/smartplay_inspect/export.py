@@ -33,7 +33,6 @@ from inspect_ai.model import (
     ModelUsage,
 )
 from inspect_ai.scorer import Score
-from inspect_ai.tool import ToolInfo
 
 from smartplay_inspect.messages import InspectChat, tool_infos
 from smartplay_inspect.scorer import score_of
@@ -75,7 +74,8 @@ def _log(samples: list[EvalSample]) -> EvalLog:
 
 
 def _sample(episode: Record) -> EvalSample:
-    chat, tools = InspectChat(_model(episode.player)), _tools(episode)
+    chat = InspectChat(_model(episode.player))
+    tools = tool_infos(ToolSpec(**tool["function"]) for tool in episode.conversation.tools)
     events = []
     for sent in episode.prompts:
         output = _output(episode, chat, sent.turn)
@@ -100,10 +100,6 @@ def _sample(episode: Record) -> EvalSample:
         metadata={"game": episode.result.game, "seed": episode.result.seed, "config": episode.config.to_json()},
         events=list(events),
     )
-
-
-def _tools(episode: Record) -> list[ToolInfo]:
-    return tool_infos(ToolSpec(**tool["function"]) for tool in episode.conversation.tools)
 
 
 def _output(episode: Record, chat: InspectChat, turn: int) -> ModelOutput:

@@ -148,7 +148,6 @@ class _Watch:
 
     def __init__(self, console: Console | None) -> None:
         self._console = console
-        self._print = None if console is None else TurnPrinter(console)
         self.largest = self.dropped = 0
 
     def __call__(self, conversation: BaseConversation) -> None:
@@ -156,10 +155,10 @@ class _Watch:
         self.largest = max(self.largest, conversation.view.tokens)
         self.dropped = max(self.dropped, conversation.view.dropped_turns)
         number = conversation.episode.stats.turns - 1
-        if self._console is None or self._print is None:
+        if self._console is None:
             return
         if number < SHOWN_TURNS or conversation.result is not None:
-            self._print(conversation)
+            TurnPrinter(self._console)(conversation)
         elif number == SHOWN_TURNS:
             self._console.print("[dim]...[/]")
 

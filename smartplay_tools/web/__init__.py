@@ -24,7 +24,6 @@ if TYPE_CHECKING:
         carries as carries,
         check_address as check_address,
         guarded as guarded,
-        is_bearer as is_bearer,
         is_from_own_page as is_from_own_page,
         is_loopback as is_loopback,
     )
@@ -42,7 +41,7 @@ if not TYPE_CHECKING:
         __name__,
         {
             "smartplay_tools.web.guard": (
-                "LOCAL Guard Names carries check_address guarded is_bearer is_from_own_page is_loopback"
+                "LOCAL Guard Names carries check_address guarded is_from_own_page is_loopback"
             ),
             "smartplay_tools.web.bodies": "LARGEST_REQUEST UNAUTHORIZED Bounded hosted_or_refusal",
             "smartplay_tools.web.hosted": "HostedEpisode check_budget",

@@ -2,8 +2,6 @@
 
 A Host and, from a browser, an Origin that were allowed by name, because pages of other sites can reach servers on this
 machine; and the token, if there is one. Then the body is read, if it is not too large.
-
-Whether a request may come in: by its Host, its Origin and its token.
 """
 
 from __future__ import annotations
@@ -49,12 +47,6 @@ class Names:
     def knows_origin(self, origin: str | None) -> bool:
         """Return whether an Origin header may use this server; only browsers send one."""
         return origin is None or self._origin.fullmatch(origin) is not None
-
-
-def is_bearer(authorization: str | None, token: str) -> bool:
-    """Return whether an Authorization header carries the token, in the same time for every wrong one."""
-    sent = (authorization or "").encode("latin-1")  # as which a server decodes the bytes of a header
-    return hmac.compare_digest(sent, f"Bearer {token}".encode())
 
 
 def is_loopback(host: str) -> bool:
@@ -113,9 +105,14 @@ def guarded(
 
 
 def carries(request: Request, token: str, *, key_header: str | None = None) -> bool:
-    """Whether a request carries a token: as a bearer token, or alone in the header with this name."""
-    sent = request.headers.get(key_header) if key_header else None
-    return is_bearer(request.headers.get("authorization") if sent is None else f"Bearer {sent}", token)
+    """Whether a request carries a token: as a bearer token, or alone in the header with this name.
+
+    The answer takes the same time for every wrong one.
+    """
+    alone = request.headers.get(key_header) if key_header else None
+    sent = request.headers.get("authorization", "") if alone is None else f"Bearer {alone}"
+    # A server decodes the bytes of a header as Latin-1.
+    return hmac.compare_digest(sent.encode("latin-1"), f"Bearer {token}".encode())
 
 
 def check_address(host: str, token: str | None, hosts: Sequence[str]) -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-
 import pytest
 from typer.testing import CliRunner
 
@@ -47,29 +44,6 @@ def test_turns_are_an_animation(tmp_path):
     assert done.exit_code == 0, done.output
     with Image.open(tmp_path / "turns.gif") as animation:
         assert (animation.n_frames, animation.info["duration"]) == (3, cards.FRAME_MILLISECONDS)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("ffprobe") is None, reason="ffmpeg is not installed")
-def test_turns_are_a_film_where_ffmpeg_is_installed(tmp_path):
-    record = played(tmp_path / "game.jsonl", "Hanoi3Disk-v0", sp.Budget(history=2, tool_calls=6))
-    out = tmp_path / "turns.mp4"
-    done = CliRunner().invoke(app, ["share", str(record), "--turns", "2-4", "--out", str(out)])
-    assert done.exit_code == 0, done.output
-    asked = "stream=codec_name,width,height,pix_fmt,duration"
-    command = ["ffprobe", "-v", "error", "-show_entries", asked, "-of", "default=nokey=1:noprint_wrappers=1", str(out)]
-    *facts, seconds = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
-    assert facts == ["h264", *map(str, cards.SIZE), "yuv420p"]
-    assert float(seconds) == pytest.approx(3 * cards.FRAME_MILLISECONDS / 1000, abs=0.15)
-
-
-def test_a_film_without_ffmpeg_says_what_to_do(tmp_path, monkeypatch):
-    record = played(tmp_path / "game.jsonl", "Hanoi3Disk-v0", sp.Budget(tool_calls=3))
-    monkeypatch.setenv("PATH", str(tmp_path))
-    done = CliRunner().invoke(app, ["share", str(record), "--out", str(tmp_path / "turns.mp4")])
-    assert done.exit_code != 0
-    assert "apt install ffmpeg" in done.output
-    assert not isinstance(done.exception, OSError)
 
 
 def test_turns_that_are_not_there_are_named(tmp_path):

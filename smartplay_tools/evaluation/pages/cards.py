@@ -1,27 +1,22 @@
-"""Pictures of an episode to share: a card of one turn as PNG, and turns as a GIF or MP4, with what prompts could see.
+"""Pictures of an episode to share: a card of one turn as PNG, and turns as a GIF, with what prompts could see.
 
 A game that draws itself, as Crafter does, is shown as it draws itself, from its verified record played again; of any
 other game the picture has the text that the player read. Below is the context band, a cell for each turn so far: blue
 where the prompt of the turn showed it, orange where a part of it was left out, grey where it was gone.
-
-An MP4 is encoded by the program ffmpeg, where it is installed. The packages that bring an encoder of their own
-(imageio-ffmpeg, PyAV) have 36 to 68 MB, more than all else that a page needs.
 """
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.tools import Tools
-from smartplay_tools.errors import EngineError, InvalidArgumentError, extra_named
+from smartplay_tools.errors import InvalidArgumentError, extra_named
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.accounts import ShownAs, shown_turns
 from smartplay_tools.records.record import Record
@@ -79,37 +74,6 @@ def write_card(record: str | Path, out: str | Path, *, turn: int | None = None) 
 
 def write_gif(record: str | Path, out: str | Path, *, turns: tuple[int, int] | None = None) -> Path:
     """Write the turns from the first to the last of `turns`, or all, as an animated GIF; return its path."""
-    return _save(Path(out), list(_frames(record, turns)))
-
-
-def write_mp4(record: str | Path, out: str | Path, *, turns: tuple[int, int] | None = None) -> Path:
-    """Write the same turns as an MP4 (H.264); return its path. Without ffmpeg it is an `EngineError`."""
-    program = shutil.which("ffmpeg")
-    if program is None:
-        raise EngineError(
-            "An MP4 is made by ffmpeg, which is not installed (apt install ffmpeg, brew install ffmpeg); a GIF needs "
-            "nothing else: --out turns.gif."
-        )
-    frames, out = _frames(record, turns), Path(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    size, rate = "x".join(map(str, SIZE)), str(1000 / FRAME_MILLISECONDS)
-    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-framerate", rate, "-i", "-"]
-    # Each picture stays as long as in a GIF; ten a second, since some players do not show two well.
-    made = ["-c:v", "h264", "-pix_fmt", "yuv420p", "-r", "10", "-movflags", "+faststart", "-f", "mp4", str(out)]
-    command = [program, "-loglevel", "error", "-y", *given, *made]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
-        assert encoder.stdin is not None
-        with suppress(BrokenPipeError):  # what ended it is on its standard error
-            for picture in frames:
-                encoder.stdin.write(picture.tobytes())
-        messages = encoder.communicate()[1].decode(errors="replace").split("\n")
-    if encoder.returncode:
-        raise EngineError(f"ffmpeg could not make {out}: {' '.join(messages[-2:]).strip()}")
-    return out
-
-
-def _frames(record: str | Path, turns: tuple[int, int] | None) -> Iterator[Image]:
-    """Return the pictures of the turns from the first to the last of `turns`, or of all, made one by one."""
     episode = Record.read(record)
     shots = list(_shots(episode))
     first, last = (0, shots[-1].turn) if turns is None else turns
@@ -118,7 +82,7 @@ def _frames(record: str | Path, turns: tuple[int, int] | None) -> Iterator[Image
         raise InvalidArgumentError(
             f"An animation has 1 to {MOST_FRAMES} turns; {record} has turns 0 to {shots[-1].turn} (--turns)."
         )
-    return (_picture(episode, shot, shots[-1].turn) for shot in chosen)
+    return _save(Path(out), [_picture(episode, shot, shots[-1].turn) for shot in chosen])
 
 
 def _save(out: Path, pictures: Sequence[Image]) -> Path:
