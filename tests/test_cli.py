@@ -108,12 +108,6 @@ def test_replay_tells_the_first_difference_and_fails(tmp_path):
     assert json.loads(run("replay", path, "--json").output)["differences"]
 
 
-def test_frames_are_pictures_of_every_step(tmp_path):
-    result = run("play", "Crafter-v0", "--tool-calls", 5, "--player", "random", "--frames", tmp_path, "--quiet")
-    assert result.exit_code == 0, result.output
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{step:05}.png" for step in range(6)]
-
-
 @pytest.mark.slow
 def test_demo_plays_trims_and_verifies(tmp_path):
     pytest.importorskip("openai")
