@@ -134,31 +134,6 @@ def test_every_command_is_in_one_group_of_the_help():
     assert all(panel in listed for panel in PANELS)
 
 
-@pytest.mark.parametrize("family", {spec.family: name for name, spec in sp.GAMES.items()}.values())
-def test_every_game_has_frames(family, tmp_path):
-    from PIL import Image
-
-    result = run("play", family, "--steps", 2, "--player", "random", "--frames", tmp_path, "--quiet")
-    assert result.exit_code == 0, result.output
-    pictures = [Image.open(file) for file in sorted(tmp_path.glob("*.png"))]
-    assert len(pictures) == 3
-    assert len({picture.size for picture in pictures}) == 1, "of one size, so that they make a video"
-    assert all(
-        len(picture.convert("L").histogram()) and len(set(picture.convert("L").tobytes())) > 5 for picture in pictures
-    )
-
-
-@pytest.mark.slow
-def test_a_text_of_any_length_is_a_frame():
-    from smartplay_tools.cli.frames import SIZE, text_picture
-
-    assert text_picture("short", 0).size == SIZE
-    assert text_picture("a-word-without-a-space" * 40, 0).size == SIZE
-    width, height = text_picture("line\n" * 200, 0).size
-    assert width == SIZE[0]
-    assert height > SIZE[1]
-
-
 def test_the_version():
     from importlib.metadata import version
 

@@ -13,7 +13,6 @@ from collections.abc import Callable
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.conversation import SUB_AGENT
 from tests.adapters.conformance import (
     EACH,
     PLACE,
@@ -96,7 +95,7 @@ def picture(row: Window, log: pytest.LogCaptureFixture) -> None:
 def sub_agent(row: Window, log: pytest.LogCaptureFixture) -> None:
     """An agent in a tool of the agent's own, with the same model and tools, gets words, and plays nothing."""
     _, held = played(row, [calling(("helper", {})), *MOVES], "sub-agent")
-    assert SUB_AGENT in result_of(held)
+    assert held.episode.words("sub_agent") in result_of(held)
 
 
 def another_purpose(situation: str) -> Callable[[Window, pytest.LogCaptureFixture], None]:
