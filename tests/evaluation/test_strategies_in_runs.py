@@ -6,11 +6,10 @@ import json
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation import Run
+from tests.evaluation.command import run
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 ROOM: dict[str, Any] = {"history": 10, "prompt_tokens": 900, "slack": 0.5}
@@ -39,11 +38,6 @@ prompt_tokens = 900
 slack = 0.5
 summary_tokens = 100
 """
-
-
-def run(*arguments: object) -> tuple[int, str, str]:
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    return done.exit_code, done.stdout, done.stderr
 
 
 def spent(played: Run) -> int:
