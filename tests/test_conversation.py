@@ -79,11 +79,6 @@ class TestEnds:
             1,
         )
 
-    def test_rollout(self):
-        with sp.Episode(RPS, seed=0) as episode:
-            result = sp.play(episode, sp.get_player("rule"))
-        assert (result.end_reason, result.steps) == ("rollout", 50)
-
     def test_tool_calls(self):
         with sp.Episode(RPS, seed=0, budget=sp.Budget(tool_calls=3)) as episode:
             result = sp.play(episode, sp.ScriptedPlayer([calling(("observe", ""))] * 9))
@@ -165,11 +160,6 @@ class TestEnds:
         assert (result.end_reason, result.steps) == ("player_error", 1)
         assert result.error.startswith("StopIteration")
         assert "Traceback" in sp.read_transcript(path)[-1]["traceback"]
-
-    def test_closed(self):
-        with sp.Episode(RPS, seed=0) as episode:
-            sp.Conversation(episode).receive(acting())
-        assert episode.result.end_reason == "closed"
 
     def test_run_budget(self):
         with sp.Episode(RPS, seed=0) as episode:

@@ -52,8 +52,11 @@ def judged_episode(seed: int) -> tuple[scripts.Played, dict[str, int]]:
     return played, {"recalls": played.result.recalls, "pages": played.result.pages}
 
 
-def test_every_answer_is_what_the_definition_says():
-    counts = [judged_episode(seed)[1] for seed in range(8)]
+@pytest.mark.parametrize(
+    "seeds", [range(8), *(pytest.param(range(at, at + 250), marks=pytest.mark.slow) for at in range(0, 1_000, 250))]
+)
+def test_every_answer_is_what_the_definition_says(seeds):
+    counts = [judged_episode(seed)[1] for seed in seeds]
     assert sum(count["recalls"] for count in counts) > 20
     assert sum(count["pages"] for count in counts) > 3
 
@@ -65,10 +68,3 @@ def test_their_records_replay_and_are_continued(seed):
     half = played.events[: len(played.events) // 2]
     with sp.records.resume(half, transcript=[], tokenizer=WORDS) as resumed:
         assert resumed.conversation is not None
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("first", range(0, 1_000, 250))
-def test_a_thousand_lively_episodes(first):
-    for seed in range(first, first + 250):
-        judged_episode(seed)

@@ -395,21 +395,13 @@ def test_a_sweep_leaves_out_pictures_of_words_and_keeps_the_rest():
     assert "newest_pictures has nothing to leave out" in drawn.left_out[0]
 
 
+@pytest.mark.parametrize("many", [20, pytest.param(2_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("form", ["picture", "both"])
-def test_prompts_with_pictures_are_judged(form):
+def test_prompts_with_pictures_are_judged(form, many):
     counts, number = Counter(), 0
-    while counts["pictures in prompts"] < 20:
+    while counts["pictures in prompts"] < many:
         number += 1
         fuzz.hostile_conversation(random.Random(f"pictures {number}"), counts, form)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("form", ["picture", "both"])
-def test_many_prompts_with_pictures_are_judged(form):
-    counts, number = Counter(), 0
-    while counts["prompts"] < 2_000:
-        number += 1
-        fuzz.hostile_conversation(random.Random(f"many pictures {number}"), counts, form)
 
 
 # Who may see them.

@@ -336,13 +336,6 @@ async def test_another_run_config_is_refused_in_a_sentence():
             await Runner.run(Agent("player", model=model, tools=model.tools), [])
 
 
-async def test_a_failed_model_ends_as_player_error():
-    episode, _ = fresh()
-    with pytest.raises(ConnectionError), episode:
-        await run(episode, [ModelStep.raise_error(ConnectionError("down"))])
-    assert (episode.result.end_reason, episode.result.error) == ("player_error", "ConnectionError: down")
-
-
 async def test_new_words_wait_for_the_reply_to_a_prompt_that_was_made(caplog):
     episode, _ = fresh()
     down = ModelStep.raise_error(ConnectionError("down"))

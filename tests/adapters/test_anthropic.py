@@ -75,11 +75,6 @@ def test_whatever_a_compatible_server_has_put_into_words_and_usage_is_read():
     assert reply(answer) == sp.Reply({"role": "assistant", "content": "Hi"}, sp.Usage(reply=2))
 
 
-def test_a_busy_server_is_asked_again_and_each_attempt_counts():
-    result = play(AnthropicStub([calling(act("A->C"))], faults=[529, 500]), sp.Budget(tool_calls=1))
-    assert result.tokens.provider.requests == 3
-
-
 def test_an_answer_that_is_not_utf_8_is_asked_for_again():
     class Latin(AnthropicStub):
         def encoded(self, answered: dict[str, object]) -> bytes:
@@ -87,12 +82,6 @@ def test_an_answer_that_is_not_utf_8_is_asked_for_again():
 
     result = play(Latin([calling(act("A->C"))] * 2), sp.Budget(tool_calls=1))
     assert (result.end_reason, result.tokens.provider.requests) == ("tool_calls", 2)
-
-
-@pytest.mark.parametrize(("faults", "options"), [([400], {}), ([529, 529], {"retries": 1})])
-def test_a_server_that_refuses_ends_the_episode_on_the_record(faults, options):
-    result = play(AnthropicStub([], faults=faults), sp.Budget(), **options)
-    assert result.end_reason == "player_error"
 
 
 def test_thinking_goes_back_with_its_turn_and_is_counted():

@@ -17,7 +17,6 @@ from langchain_tests.integration_tests import ToolsIntegrationTests
 from langchain_tests.unit_tests import ToolsUnitTests
 from smartplay_langchain import (
     GraphSession,
-    LangChainPlayer,
     PlayerChatModel,
     SmartPlayMiddleware,
     SmartPlayToolkit,
@@ -271,14 +270,6 @@ def test_arguments_with_half_a_character_in_a_name_or_deeply_nested_go_back(argu
 def test_all_system_messages_become_one():
     head = [{"role": "system", "content": "a"}, {"role": "user", "content": "b"}, {"role": "system", "content": "c"}]
     assert [(type(m), m.content) for m in to_langchain(head)] == [(SystemMessage, "a\n\nc"), (HumanMessage, "b")]
-
-
-def test_our_players_play_as_chat_models():
-    episode, _ = fresh()
-    with episode:
-        model = PlayerChatModel(player=sp.get_player("rule"))
-        result = sp.play(episode, LangChainPlayer(model))
-    assert result.completed
 
 
 def test_the_player_needs_a_model():

@@ -271,13 +271,6 @@ def test_a_model_failure_ends_the_episode_after_the_retries_that_were_asked_for(
     assert sp.replay(events).identical
 
 
-def test_a_failed_model_without_retries_raises_and_ends_as_player_error():
-    episode, _ = fresh()
-    with Broken([]) as stub, pytest.raises(Exception, match="down"), episode:
-        create_agent(client(stub), middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
-    assert episode.result.end_reason == "player_error"
-
-
 def test_after_a_failure_the_agent_may_be_invoked_again():
     episode, events = fresh()
     script = iter([*map(calling, map(act, WAY))])

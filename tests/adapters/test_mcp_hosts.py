@@ -310,11 +310,6 @@ HALF = {"action": "half \ud83d a character"}
 class TestHalfCharacters:
     """A model may write half of a surrogate pair, which JSON can carry and UTF-8 cannot."""
 
-    @pytest.mark.slow
-    def test_on_stdio_they_are_answered(self):
-        (answer,) = talk(request("tools/call", name="act", arguments=HALF))
-        assert answer["result"]["isError"]
-
     def test_over_http_they_are_answered(self):
         store = EpisodeStore()
         with HttpServer(store, port=0) as server:

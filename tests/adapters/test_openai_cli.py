@@ -105,10 +105,3 @@ def test_a_player_of_a_file_is_served_with_its_options_under_a_name(tmp_path):
 def test_one_name_is_not_for_two_players():
     shown = CliRunner().invoke(app, ["serve", "openai", "--player", "rule", "--player", "random", "--name", "a"])
     assert (shown.exit_code, "--name is for one player, and these are 2" in shown.stderr) == (2, True)
-
-
-@pytest.mark.slow
-def test_an_unknown_model_is_named_in_the_result(served):
-    result, _ = play("--player", "openai:gpt", "--base-url", served)
-    assert result.exit_code == 1
-    assert "There is no model 'gpt' here; known: rule, random" in json.loads(result.stdout)["error"]

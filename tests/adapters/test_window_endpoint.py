@@ -6,7 +6,6 @@ import asyncio
 import json
 import threading
 import time
-from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
@@ -31,21 +30,11 @@ from tests.adapters.window_host import (
     client_of,
     openai_client,
     play_through,
+    scripted,
 )
 
 BUDGET = sp.Budget(prompt_tokens=700)
 GAME = "Hanoi3Disk-v0"
-
-
-@pytest.fixture
-def endpoint() -> Iterator[WindowEndpoint]:
-    with WindowEndpoint(sp.get_player("rule")) as running:
-        yield running
-
-
-def scripted(*messages: sp.Message, **options: Any) -> tuple[WindowEndpoint, sp.ScriptedPlayer]:
-    player = sp.ScriptedPlayer(messages)
-    return WindowEndpoint(player, **options), player
 
 
 def played(events: list[Any]) -> list[str]:
@@ -255,17 +244,6 @@ class TestHosts:
         assert ignored == "system messages (55 characters), user messages (5 characters), temperature"
         assert endpoint.ignored(handle) == ignored
         assert [record.levelname for record in caplog.records if ignored in record.getMessage()] == ["WARNING"]
-
-    def test_names_that_a_client_puts_in_front_are_taken_off(self):
-        endpoint, _ = scripted(calling(act(WAY[0])))
-        renamed = [
-            {**tool, "function": {**tool["function"], "name": f"mcp__smartplay__{tool['function']['name']}"}}
-            for tool in TOOLS
-        ]
-        with endpoint:
-            host = HostAgent(endpoint, endpoint.open(GAME, seed=7), tools=renamed)
-            (call,) = host.post()["tool_calls"]
-        assert call["function"]["name"] == "mcp__smartplay__act"
 
     def test_what_a_host_refuses_to_run_is_recorded_as_refused(self):
         endpoint, player = scripted(calling(("observe", {}), act(WAY[0])), calling(act(WAY[0])))

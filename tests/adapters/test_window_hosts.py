@@ -6,7 +6,6 @@ Each of these has ended a game, misled a model or misinformed a host.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import httpx2
@@ -16,7 +15,7 @@ from smartplay_openai import WindowEndpoint
 import smartplay_tools as sp
 from smartplay_tools.records import replay
 from tests.adapters.conformance import WAY, act, calling
-from tests.adapters.window_host import INTERFACES, TOOLS, HostAgent, client_of
+from tests.adapters.window_host import INTERFACES, TOOLS, HostAgent, client_of, scripted
 
 BUDGET = sp.Budget(prompt_tokens=700)
 GAME = "Hanoi3Disk-v0"
@@ -30,17 +29,6 @@ def other(name: str, **parameters: Any) -> dict[str, Any]:
 
 
 WEATHER = other("weather", city={"type": "string"}, unit=True)
-
-
-@pytest.fixture
-def endpoint() -> Iterator[WindowEndpoint]:
-    with WindowEndpoint(sp.get_player("rule")) as running:
-        yield running
-
-
-def scripted(*messages: sp.Message, **options: Any) -> tuple[WindowEndpoint, sp.ScriptedPlayer]:
-    player = sp.ScriptedPlayer(messages)
-    return WindowEndpoint(player, **options), player
 
 
 def post(endpoint: WindowEndpoint, path: str, body: dict[str, Any], **headers: str) -> Any:

@@ -6,7 +6,6 @@ The three ways of the client that keep the messages on this side are in `test_wi
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import anthropic
@@ -22,12 +21,6 @@ from tests.adapters.window_host import MESSAGES_TOOLS, anthropic_client
 BUDGET = sp.Budget(prompt_tokens=700)
 GAME = "Hanoi3Disk-v0"
 USER = {"role": "user", "content": "Play."}
-
-
-@pytest.fixture
-def endpoint() -> Iterator[WindowEndpoint]:
-    with WindowEndpoint(sp.get_player("rule")) as running:
-        yield running
 
 
 def request(endpoint: WindowEndpoint, handle: str, **fields: Any) -> dict[str, Any]:

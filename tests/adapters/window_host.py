@@ -114,6 +114,12 @@ class HostAgent:
         raise AssertionError("the game does not end")
 
 
+def scripted(*messages: sp.Message, **options: Any) -> tuple[WindowEndpoint, sp.ScriptedPlayer]:
+    """A window endpoint whose model says these messages."""
+    player = sp.ScriptedPlayer(messages)
+    return WindowEndpoint(player, **options), player
+
+
 def openai_client(endpoint: WindowEndpoint) -> openai.OpenAI:
     http = openai.DefaultHttpxClient(trust_env=False, verify=False)
     return openai.OpenAI(base_url=endpoint.base_url, api_key="none", http_client=http)

@@ -10,9 +10,9 @@ from typing import Any
 import smartplay_tools as sp
 
 
-def act(action: str) -> sp.Message:
+def act(action: str, say: str | None = None) -> sp.Message:
     call = {"id": "1", "type": "function", "function": {"name": "act", "arguments": f'{{"action": "{action}"}}'}}
-    return {"role": "assistant", "content": None, "tool_calls": [call]}
+    return {"role": "assistant", "content": say, "tool_calls": [call]}
 
 
 class FirstMoves:

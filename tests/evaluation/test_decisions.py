@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
@@ -155,5 +155,5 @@ def test_the_power_that_is_promised_is_had(cell, difference):
     weights = tilted(population.values, difference)
     spread = np.sqrt(weights @ (population.values - difference) ** 2)
     samples = simulations.draw(population, pairs_needed(difference, spread, 0.8), 0, weights)
-    seen = np.mean(stats.ttest_1samp(samples, 0, axis=1).pvalue < 0.05)
+    seen = np.mean(scipy.stats.ttest_1samp(samples, 0, axis=1).pvalue < 0.05)
     assert 0.75 <= seen <= 0.87

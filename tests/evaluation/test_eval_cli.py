@@ -8,20 +8,14 @@ from functools import partial
 
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.cli.progress import showing
 from smartplay_tools.evaluation.run_folder import RunFolder
 from smartplay_tools.evaluation.runs import RunOptions, make_cells, plan_episodes, run_plan
+from tests.evaluation.command import run
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
-
-
-def run(*arguments: object) -> tuple[int, str, str]:
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    return done.exit_code, done.stdout, done.stderr
 
 
 def test_a_run_ends_with_its_tables(tmp_path):

@@ -57,7 +57,8 @@ def children(pid: int) -> list[int]:
     return numbers
 
 
-def kill_and_run_to_the_end(tmp_path: Path, executor: str, *, kills: int, trials: int) -> None:
+@pytest.mark.parametrize(("executor", "kills", "trials"), [("inline", 1, 2), ("inline", 10, 20), ("processes", 10, 20)])
+def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path, executor, kills, trials):
     games, chance = [BANDIT, HANOI], random.Random(f"kills {executor}")
     with start(tmp_path / "whole", executor, games=games, trials=trials, seconds=0.001) as process:
         assert process.wait(120) == 0
@@ -73,15 +74,6 @@ def kill_and_run_to_the_end(tmp_path: Path, executor: str, *, kills: int, trials
     assert whole.read_bytes() == killed.read_bytes()
     assert {failure["end_reason"] for failure in RunFolder(tmp_path / "killed").failures()} <= {"interrupted"}
     assert list((tmp_path / "killed" / "running").iterdir()) == []
-
-
-def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path):
-    kill_and_run_to_the_end(tmp_path, "inline", kills=1, trials=2)
-
-
-@pytest.mark.parametrize("executor", ["inline", "processes"])
-def test_a_run_that_was_killed_many_times_has_the_rows_of_one_that_was_not(tmp_path, executor):
-    kill_and_run_to_the_end(tmp_path, executor, kills=10, trials=20)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import random
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from smartplay_tools.evaluation.analysis import intervals
 from smartplay_tools.evaluation.analysis.intervals import (
@@ -30,15 +30,15 @@ def weighted(samples: list[list[float]], weights: list[float]) -> MeanEstimate:
 
 def expanded(n: int, confidence: float = 0.95) -> float:
     """The level at which a bootstrap interval of `n` normal values is as wide as Student's."""
-    return 2 * stats.norm.cdf(stats.t.ppf((1 + confidence) / 2, n - 1) * (n / (n - 1)) ** 0.5) - 1
+    return 2 * scipy.stats.norm.cdf(scipy.stats.t.ppf((1 + confidence) / 2, n - 1) * (n / (n - 1)) ** 0.5) - 1
 
 
 def test_each_end_is_the_wider_of_students_and_the_bootstraps():
     ours = mean_estimate(SCORES)
-    bootstrap = stats.bootstrap(
+    bootstrap = scipy.stats.bootstrap(
         (SCORES,), np.mean, n_resamples=20_000, method="BCa", rng=1, confidence_level=expanded(10)
     ).confidence_interval
-    student = stats.t.interval(0.95, 9, np.mean(SCORES), stats.sem(SCORES))
+    student = scipy.stats.t.interval(0.95, 9, np.mean(SCORES), scipy.stats.sem(SCORES))
     assert ours.mean == pytest.approx(np.mean(SCORES))
     assert ours.low == pytest.approx(bootstrap.low, abs=2)  # a few bad episodes: the bootstrap leans towards them
     assert bootstrap.low < student[0]
@@ -56,7 +56,7 @@ def test_the_bootstrap_is_scipys_of_the_same_resamples(sizes):
     def total(*drawn, axis: int):
         return np.round(sum(w * each.mean(axis=axis) for w, each in zip(weights, drawn, strict=True)), intervals.DIGITS)
 
-    theirs = stats.bootstrap(
+    theirs = scipy.stats.bootstrap(
         samples,
         total,
         n_resamples=intervals.RESAMPLES,
@@ -74,7 +74,7 @@ def test_shares_have_scipys_intervals(successes, n):
     values = [1.0] * successes + [0.0] * (n - successes)
     for method, name in ((Method(), "wilson"), (Method(exact=True), "exact")):
         ours = mean_estimate(values, PASSES, method)
-        theirs = stats.binomtest(successes, n).proportion_ci(method=name)
+        theirs = scipy.stats.binomtest(successes, n).proportion_ci(method=name)
         assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
 
 
@@ -100,7 +100,7 @@ def test_a_declaration_that_a_score_contradicts_counts_as_none():
 
 def test_an_interval_ends_where_the_mean_cannot_be():
     assert mean_estimate([0.0, 1.0], Bounds(0, 1)).high == 1
-    assert mean_estimate([0.0, 1.0]).high == pytest.approx(stats.t.interval(0.95, 1, 0.5, 0.5)[1])
+    assert mean_estimate([0.0, 1.0]).high == pytest.approx(scipy.stats.t.interval(0.95, 1, 0.5, 0.5)[1])
 
 
 def test_it_depends_on_the_values_alone():

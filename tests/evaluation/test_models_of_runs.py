@@ -6,20 +6,14 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder import RunFolder
+from tests.evaluation.command import run
 from tests.evaluation.servers import calling, completion, refusal, serving
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 MODEL = "openai:m"
-
-
-def run(*arguments: object) -> tuple[int, str, str]:
-    done = CliRunner(env={"COLUMNS": "80"}).invoke(app, [str(argument) for argument in arguments])
-    return done.exit_code, done.stdout, done.stderr
 
 
 def play(out: Path, url: str, *more: object) -> tuple[int, str, str]:

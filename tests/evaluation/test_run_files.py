@@ -7,13 +7,12 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder import RunFolder
 from smartplay_tools.evaluation.runs import PlayerConfig, RunOptions, make_cells, plan_episodes, run_plan
 from smartplay_tools.evaluation.runs.run_options import read_run_file
+from tests.evaluation.command import run
 from tests.evaluation.players import Waiting
 from tests.evaluation.servers import calling, completion, serving
 
@@ -39,11 +38,6 @@ options = {{ parameters = {{ temperature = 0 }} }}
 [[players]]
 name = "rule"
 """
-
-
-def run(*arguments: object) -> tuple[int, str, str]:
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    return done.exit_code, done.stdout, done.stderr
 
 
 @pytest.fixture

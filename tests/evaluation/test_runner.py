@@ -255,18 +255,6 @@ def test_a_torn_row_and_a_lost_row_are_made_again_from_the_records(tmp_path):
     assert len(run.folder.timings()) == 4
 
 
-def test_a_record_that_was_being_written_is_an_interrupted_attempt(tmp_path):
-    run = sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline")
-    (record,) = (tmp_path / "episodes").iterdir()
-    whole = results(tmp_path)
-    text = record.read_text()
-    (tmp_path / "running" / f"{record.stem}.1.jsonl").write_text(text[: len(text) // 2])
-    record.unlink()
-    run = sp.evaluate([HANOI], out=tmp_path, trials=1, executor="inline")
-    assert results(tmp_path) == whole
-    assert [(f["end_reason"], f["game"]) for f in run.failures] == [("interrupted", HANOI)]
-
-
 # Many at once, and many machines.
 
 

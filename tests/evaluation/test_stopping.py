@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
@@ -129,7 +129,7 @@ def test_looking_at_an_ordinary_interval_after_every_pair_errs_more_often():
     n = np.arange(1, 101)
     mean = np.cumsum(drawn, axis=1) / n
     variance = (np.cumsum(drawn**2, axis=1) - n * mean**2)[:, 4:] / (n[4:] - 1)
-    half = stats.t.ppf(0.975, n[4:] - 1) * np.sqrt(variance / n[4:])
+    half = scipy.stats.t.ppf(0.975, n[4:] - 1) * np.sqrt(variance / n[4:])
     assert np.mean(np.any(np.abs(mean[:, 4:]) > half, axis=1)) >= 0.2
 
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation import Run
+from tests.evaluation.command import run
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 ROOM: dict[str, Any] = {"history": 10, "prompt_tokens": 900, "slack": 0.5}
@@ -40,11 +38,6 @@ prompt_tokens = 900
 slack = 0.5
 summary_tokens = 100
 """
-
-
-def run(*arguments: object) -> tuple[int, str, str]:
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    return done.exit_code, done.stdout, done.stderr
 
 
 def spent(played: Run) -> int:
@@ -119,26 +112,6 @@ def test_the_longest_episode_of_a_model_has_room_for_its_summaries():
     (plain,) = json.loads(run(*command, *room)[1])
     (asking,) = json.loads(run(*command, *room, "--summary-tokens", 100)[1])
     assert asking["calls"]["high"] > 1.1 * plain["calls"]["high"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["notes", "summaries", "all"])
-def test_caps_on_a_run_count_everything_and_a_higher_one_goes_on(strategy, tmp_path):
-    budget = sp.Budget(**ROOM, **STRATEGIES[strategy])
-
-    def play(out: Path, **caps: Any) -> Run:
-        return sp.evaluate([BANDIT], ["rule-notes"], budgets=[budget], trials=2, out=out, executor="inline", **caps)
-
-    whole = play(tmp_path / "whole")
-    cap = spent(whole) * 3 // 4
-    paused = play(tmp_path / "run", run_tokens=cap)
-    assert paused.cap_reached
-    assert 0 < spent(paused) <= cap
-    assert len(paused.rows) == 1
-    more = play(tmp_path / "run", run_tokens=2 * spent(whole))
-    assert more.complete
-    results = [(tmp_path / name / "results.jsonl").read_text() for name in ("whole", "run")]
-    assert results[0] == results[1]
 
 
 def test_a_cap_can_pause_an_episode_before_a_summary_and_a_higher_one_goes_on(tmp_path):

@@ -16,6 +16,7 @@ from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows
 from smartplay_tools.evaluation.pages.report.summary_tables import lines
 from smartplay_tools.records.prices import Price
+from tests.evaluation.players import act
 from tests.evaluation.runs import failed_row, play_row, play_rows
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
@@ -24,11 +25,6 @@ BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0"
 def cell_summary(rows):
     (summary,) = summarize(rows).cells
     return summary
-
-
-def act(action: str, say: str | None = None) -> sp.Message:
-    function = {"name": "act", "arguments": f'{{"action": "{action}"}}'}
-    return {"role": "assistant", "content": say, "tool_calls": [{"id": "c", "type": "function", "function": function}]}
 
 
 # How well it plays.

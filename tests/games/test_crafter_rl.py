@@ -108,11 +108,6 @@ def test_a_reset_without_a_seed_begins_the_next_episode_of_the_seed() -> None:
     assert np.array_equal(env.reset(seed=7)[0], first)
 
 
-def test_without_any_seed_worlds_differ() -> None:
-    one, other = (gymnasium.make(ID, observation="symbolic").reset()[0] for _ in range(2))
-    assert not np.array_equal(one, other)
-
-
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
@@ -182,24 +177,6 @@ def test_a_copy_continues_identically(copied: object) -> None:
         for one, other in zip(env.step(action)[:4], twin.step(action)[:4], strict=True):
             assert np.array_equal(one, other)
     assert (twin.state(), twin.fingerprint()) == (env.state(), env.fingerprint())
-
-
-@pytest.mark.parametrize("observation", ["text", *SEEN])
-def test_a_vector_is_gymnasiums_own_of_single_worlds(observation: str) -> None:
-    vector = gymnasium.make_vec(ID, num_envs=2, observation=observation)
-    singles = [gymnasium.make(ID, observation=observation) for _ in range(2)]
-    expected = [env.reset(seed=30 + number)[0] for number, env in enumerate(singles)]
-    assert_equal(vector.reset(seed=30)[0], expected)
-    for row in random_actions(40).reshape(20, 2):
-        seen, rewards, *_ = vector.step(row)
-        steps = [env.step(action) for env, action in zip(singles, row, strict=True)]
-        assert_equal(seen, [step[0] for step in steps])
-        assert rewards.tolist() == [step[1] for step in steps]
-    vector.close()
-
-
-def assert_equal(batch: object, singles: list) -> None:
-    assert all(np.array_equal(one, other) for one, other in zip(batch, singles, strict=True))
 
 
 @pytest.mark.parametrize("game", [ID, "smartplay/Hanoi3Disk-v0"])

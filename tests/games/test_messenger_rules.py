@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from smartplay_tools.games.base import history_text
 from smartplay_tools.games.messenger import rules, text
@@ -117,7 +117,7 @@ def test_movers_draw_uniformly_from_their_choices(movement: rules.Movement, offs
     drawn = Counter(rules.step(state, 4, chance).state.places[0] for _ in range(2000))
     assert set(drawn) == {(8 + x, 8 + y) for x, y in choices}
     if count > 1:
-        assert stats.chisquare(list(drawn.values())).pvalue > 0.001
+        assert scipy.stats.chisquare(list(drawn.values())).pvalue > 0.001
 
 
 @pytest.mark.parametrize("level", [2, 3])
@@ -136,7 +136,7 @@ def test_the_seeded_dynamics_follow_the_stated_probabilities(level: int) -> None
             expected += [400 * probability for probability in table.values()]
     situations = sum(expected) / 400
     statistic = sum((o - e) ** 2 / e for o, e in zip(observed, expected, strict=True))
-    assert stats.chi2.sf(statistic, len(expected) - situations) > 0.001
+    assert scipy.stats.chi2.sf(statistic, len(expected) - situations) > 0.001
 
 
 def test_movers_choose_independently() -> None:
@@ -144,7 +144,7 @@ def test_movers_choose_independently() -> None:
     chance = np.random.default_rng(5)
     drawn = Counter(rules.step(state, 4, chance).state.places for _ in range(4000))
     assert len(drawn) == 4
-    assert stats.chisquare(list(drawn.values())).pvalue > 0.001
+    assert scipy.stats.chisquare(list(drawn.values())).pvalue > 0.001
 
 
 def test_a_fleeing_thing_in_a_corner_can_lose_its_tick() -> None:
@@ -190,11 +190,11 @@ def test_starts_are_uniform(level: int, layouts: int, variants: int) -> None:
     places = Counter((state.places, state.avatar) for state in starts)
     movements = Counter(state.movements for state in starts)
     assert (len(places), len(movements)) == (layouts, variants)
-    assert stats.chisquare(list(places.values())).pvalue > 0.001
+    assert scipy.stats.chisquare(list(places.values())).pvalue > 0.001
     if variants > 1:
-        assert stats.chisquare(list(movements.values())).pvalue > 0.001
+        assert scipy.stats.chisquare(list(movements.values())).pvalue > 0.001
     with_message = sum(state.has_message for state in starts)
-    assert stats.binomtest(with_message, number, 0.2).pvalue > 0.001 if level == 1 else with_message == 0
+    assert scipy.stats.binomtest(with_message, number, 0.2).pvalue > 0.001 if level == 1 else with_message == 0
 
 
 def test_level_1_is_won_at_the_message_or_with_it_at_the_goal() -> None:

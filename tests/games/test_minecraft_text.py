@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy import ndimage
+import scipy
 
 from smartplay_tools.games.minecraft.observation import Observation, malmo_rays, rays, true_rays
 from smartplay_tools.games.minecraft.text import components, describe
@@ -410,12 +410,12 @@ def test_entities_before_null_in_the_alphabet_are_lumped_together():
 @pytest.mark.parametrize("shape", [(17, 17), (9, 6, 9)])
 def test_groups_are_those_of_scipys_labelling(shape):
     """Blocks connect through faces, cells of the view also through corners."""
-    random, neighbours = np.random.default_rng(0), ndimage.generate_binary_structure(len(shape), 4 - len(shape))
+    random, neighbours = np.random.default_rng(0), scipy.ndimage.generate_binary_structure(len(shape), 4 - len(shape))
     for share in (0.2, 0.5, 0.8):
         names = np.where(random.random(shape) < share, "air", random.choice(["acacia wood", "dirt", "stone"], shape))
         expected = []
         for name in ("acacia wood", "dirt", "stone"):
-            labels, count = ndimage.label(names == name, neighbours)
+            labels, count = scipy.ndimage.label(names == name, neighbours)
             expected += [(name, np.flatnonzero(labels == label).tolist()) for label in range(1, count + 1)]
         groups = components(names, ignored=frozenset({"air"}), mode="corrected")
         assert groups == sorted(expected, key=lambda group: group[1])

@@ -9,7 +9,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from scipy import ndimage
+import scipy
 
 import smartplay_tools as sp
 from smartplay_tools.games.minecraft.engines import CORRECTED_GOALS, Stride
@@ -338,7 +338,7 @@ def test_distances_to_a_goal_are_those_of_scipy():
     for share in np.geomspace(1e-4, 0.5, 1500):
         goal = random.random((side, side)) < share
         if goal.any():
-            whole = ndimage.distance_transform_edt(~goal) * start._SCALE
+            whole = scipy.ndimage.distance_transform_edt(~goal) * start._SCALE
             assert np.array_equal(start.goal_distances(goal), whole[start._INNER, start._INNER])
 
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, SPACING, Biome, biomes, climate, heights
 
@@ -85,9 +84,11 @@ def _walking_time(
             rows.append(number[b].ravel())
             columns.append(number[a].ravel())
             costs.append(((effort[a] + effort[b]) / 2 + _CLIMB * climb).ravel())
-    graph = sparse.csr_array(
+    graph = scipy.sparse.csr_array(
         (np.concatenate(costs), (np.concatenate(rows), np.concatenate(columns))), shape=(biome.size, biome.size)
     )
     at_goal = np.flatnonzero(np.isin(biome, list(goals)))
-    time: NDArray[np.float64] = csgraph.dijkstra(graph, indices=at_goal, min_only=True).reshape(biome.shape)
+    time: NDArray[np.float64] = scipy.sparse.csgraph.dijkstra(graph, indices=at_goal, min_only=True).reshape(
+        biome.shape
+    )
     return time

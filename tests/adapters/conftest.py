@@ -1,0 +1,18 @@
+"""A window endpoint for the tests of its clients."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+import smartplay_tools as sp
+
+
+@pytest.fixture
+def endpoint() -> Iterator[Any]:
+    """The rule player behind a window endpoint."""
+    so = pytest.importorskip("smartplay_openai")
+    with so.WindowEndpoint(sp.get_player("rule")) as running:
+        yield running
