@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import hashlib
+import io
 import json
 import random
 import re
@@ -10,7 +12,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 from hypothesis import strategies as st
+from PIL import Image
 
 import smartplay_tools as sp
 from smartplay_tools.context import View
@@ -39,6 +43,19 @@ NOTE = sp.ToolSpec(
     },
 )
 HOST_HEAD = {"role": "user", "content": [{"type": "text", "text": "Be brief."}], "name": "host"}
+
+
+def pixels_of(png: bytes) -> np.ndarray:
+    """The pixels of a PNG file: rows x columns x red, green and blue."""
+    with Image.open(io.BytesIO(png)) as image:
+        return np.array(image)
+
+
+def picture_digest(png: bytes) -> str:
+    """The digest of a picture, from its file alone and as `Picture.sha256` defines it."""
+    pixels = pixels_of(png)
+    height, width, _ = pixels.shape
+    return hashlib.sha256(b"%d %d\n" % (width, height) + pixels.tobytes()).hexdigest()
 
 
 class Words:

@@ -18,13 +18,14 @@ from typer.testing import CliRunner, Result
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder import RunFolder
-from smartplay_tools.records import Record, sent_prompts
+from smartplay_tools.records import Record, recorded_pictures, sent_prompts
 
 DATA = Path(__file__).parent / "data" / "first_layout"
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 PLAYED = ("tools", "paper", "host-chat", "host-context", "oracle", "messenger", "continued")
 STRATEGIES = ("masking", "summaries", "notes", "recall", "offload", "memory")
 PICTURES = ("pictures", "only-pictures", "asked-picture")
+NOT_COMPARED = "Pictures are not compared, because the record has digests of PNG files and not of pixels."
 SCORES = re.compile(r"<td[^>]*>[^<]*")
 EVENTS = {"start", "head", "view", "message", "usage", "summary", "choice", "call", "sent", "reveal", "picture"}
 STRATEGY = "newest_two.py:NewestTwo"
@@ -79,12 +80,37 @@ def test_a_record_is_replayed_bit_for_bit(files, name):
 
 @pytest.mark.parametrize("name", PICTURES)
 def test_a_record_with_pictures_is_replayed(files, name):
-    """Its digests are of files; a version that makes other files says so, and finds no difference."""
+    """Its digests are of files, which are no longer made to the byte: replay says so, and finds no difference."""
     path = files / "records" / f"{name}.jsonl"
     recorded, replayed = Record.read(path), sp.replay(path)
     assert replayed.differences == []
     assert replayed.identical
     assert replayed.result == recorded.result
+    sentence = None if name == "asked-picture" else NOT_COMPARED
+    assert replayed.not_compared == sentence
+    printed = run("replay", path).output.splitlines()[1:]
+    assert printed == [sentence] * (sentence is not None)
+
+
+@pytest.mark.parametrize("name", ["pictures", "only-pictures"])
+def test_prompts_have_their_pictures_under_the_recorded_digests(files, name):
+    events = sp.read_transcript(files / "records" / f"{name}.jsonl")
+    shown = recorded_pictures(events)
+    named = [event["data"]["picture"] for event in events if "picture" in event.get("data", ())]
+    assert [shown[facts["sha256"]].facts for facts in named] == named != []
+    assert all(shown[facts["sha256"]].png.startswith(b"\x89PNG") for facts in named)
+    for sent in sent_prompts(events, pictures=shown):
+        assert sent.sha256 == sent.recorded_sha256
+    assert sent.prompt.pictures
+
+
+def test_a_record_with_pictures_is_continued(files, tmp_path):
+    """Pictures of before keep their digests, so that the prompts stay what they were."""
+    with sp.fork(files / "records" / "pictures.jsonl", 2, transcript=tmp_path / "further.jsonl") as forked:
+        sp.play(forked.conversation, sp.get_player("random"))
+    replayed = sp.replay(tmp_path / "further.jsonl")
+    assert replayed.identical
+    assert replayed.not_compared == NOT_COMPARED
 
 
 def test_a_record_of_a_strategy_in_a_file_is_replayed_if_the_file_is_named(files):

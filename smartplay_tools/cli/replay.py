@@ -63,6 +63,8 @@ def _replay_file(path: Path, tokenizer: str | None, *, as_json: bool) -> bool:
         _say(f"[yellow]incomplete[/]: {what}", stderr=True)
     else:
         _say(f"[red]differs[/]: {replayed.differences[0]}", stderr=True)
+    if not as_json and replayed.not_compared is not None:
+        _say(replayed.not_compared)
     return replayed.identical
 
 
@@ -79,6 +81,8 @@ def _replay_run(path: Path, workers: int | None, tokenizer: str | None, strategy
         print(json.dumps([asdict(finding) for finding in findings], indent=2))
     else:
         _print_findings(path, total, differing)
+        for sentence in sorted({finding.not_compared for finding in findings if finding.not_compared is not None}):
+            _say(sentence)
         _print_unfinished(folder)
     return not differing
 

@@ -87,18 +87,17 @@ class WindowState:
 
     def run(self, first: int, stop: int) -> int:
         """Tokens of the turns from `first` to before `stop`, as they are shown: without what is too old."""
-        boundary, index = self.boundary, self.index
-        if first > boundary:
-            tokens = index.whole(first, stop)
-        elif stop <= boundary:
-            tokens = index.masked(first, stop)
+        if first > self.boundary:
+            tokens = self.index.whole(first, stop)
+        elif stop <= self.boundary:
+            tokens = self.index.masked(first, stop)
         else:
-            tokens = index.masked(first, boundary) + index.whole(boundary, stop) - self.saved
+            tokens = self.index.masked(first, self.boundary) + self.index.whole(self.boundary, stop) - self.saved
         if self.pictures:
-            low = max(first, boundary + 1)
-            tokens -= index.unpictured(low, min(stop, self.pictured))
+            low = max(first, self.boundary + 1)
+            tokens -= self.index.unpictured(low, min(stop, self.pictured))
             tokens -= self.left_out if low <= self.pictured < stop else 0
-        return tokens if first >= self.spoken else tokens - index.spoken(first, min(stop, self.spoken))
+        return tokens if first >= self.spoken else tokens - self.index.spoken(first, min(stop, self.spoken))
 
     def tokens(self, first: int) -> int:
         """V: tokens of head, the run from `first` to the newest turn, and the pinned turns before it."""

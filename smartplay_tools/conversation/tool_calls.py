@@ -51,6 +51,7 @@ class ToolConversation(BaseConversation):
             from smartplay_tools.context.choosing import ChoosingWindow
 
             kind = ChoosingWindow
+        self._has_strategies = bool(episode.budget.strategies)
         self._window = kind(whole_head, tools, episode.budget, episode.counter, episode._strategies)
         self._idle_in_a_row = 0
         self._results: dict[int, ToolResult] = {}
@@ -184,7 +185,7 @@ class ToolConversation(BaseConversation):
         chosen = view.selection
         turns = chosen.ranges
         sha256 = prompt_sha256(self._window.canonical(view), self._tools_bytes)
-        if not self.episode.budget.strategies:
+        if not self._has_strategies:
             return {"turns": turns, "masked": view.masked_results, "sha256": sha256}
         # What is masked follows from these; a list of it would grow with the window.
         why: dict[str, Any] = {"oldest": chosen.oldest, "notes": chosen.hidden}
@@ -224,7 +225,7 @@ class ToolConversation(BaseConversation):
             return self._results[position]
         call = self._builder.calls[position]
         is_foreign = call.name in self._foreign
-        if refusal is None and not is_foreign and any(at > position for at in self._answered()):
+        if refusal is None and not is_foreign and position < max(self._answered(), default=-1):
             raise InvalidArgumentError(
                 f"The call {call.id} comes before one that has been answered: answer the calls of a message in their "
                 "order, or refuse the earlier one."

@@ -219,6 +219,8 @@ class Episode:
         self._on_view: Callable[[int, int], None] | None = None
         """Called with the tokens of a new prompt and of its longest reply, before it is sent; may end the episode."""
         self._begun = self._is_privileged = self._has_shown_pictures = self._step_is_unrecorded = False
+        self._names_pictures_by_pixels = config.observation != "text"
+        """Whether the record says so, which those do not that were written before pictures had these names."""
         self._listeners = listeners_of(self)
 
     # For the agent.
@@ -368,7 +370,7 @@ class Episode:
         update = {"player": self.config.player or player, "protocol": protocol}
         self.config = self.config.model_copy(update=update)
         cut = self.config.manual == "pinned" and self._session.manual_is_cut
-        start = {
+        start: Event = {
             "event": "start",
             "format": FORMAT,
             "config": self.config.to_json(),
@@ -376,9 +378,11 @@ class Episode:
             "cut_results": int(cut),
             "versions": self._versions(),
         }
-        self._record(
-            start if self.carried is None else {**start, "carried": self.carried.model_dump(exclude_none=True)}
-        )
+        if self._names_pictures_by_pixels:
+            start["pictures"] = "pixels"
+        if self.carried is not None:
+            start["carried"] = self.carried.model_dump(exclude_none=True)
+        self._record(start)
 
     def _answer(
         self,

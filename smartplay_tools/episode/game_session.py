@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -64,6 +64,8 @@ class GameSession:
         check_carry(config, asked)
         self.strategies = Strategies(asked, counter, self.words)
         self.tools = Tools(game, self.words, self.strategies.tools)
+        self.on_picture: Callable[[Picture], Picture] | None = None
+        """Called with every picture before it is shown; returns the picture under its name in the record."""
         self.steps = self.tool_calls = 0
         self.end_reason: EndReason | None = None
         self.game_seconds = 0.0
@@ -214,7 +216,7 @@ class GameSession:
         words, data = self._beginning(shown), {"step": self.steps, "observation_step": self.steps, **data}
         if self.observation == "text":
             return Answer(words, data, cut=words != shown)
-        picture = self.game.picture()
+        picture = self.game.picture() if self.on_picture is None else self.on_picture(self.game.picture())
         return Answer(words, {**data, "picture": picture.facts}, cut=words != shown, picture=picture)
 
     def _beginning(self, observation: str) -> str:

@@ -108,11 +108,12 @@ class EpisodeStats:
         mistake = data.get("mistake")
         self.turns = max(self.turns, event["turn"] + 1)
         self.tool_calls += mistake not in UNANSWERED
-        self.illegal_actions += mistake == "illegal"
-        self.malformed_calls += mistake == "malformed"
-        self.refused_calls += mistake == "refused" or mistake in UNANSWERED
-        self.refused_notes += mistake == "notes"
-        self.refused_memory += mistake == "memory"
+        if mistake is not None:
+            self.illegal_actions += mistake == "illegal"
+            self.malformed_calls += mistake == "malformed"
+            self.refused_calls += mistake == "refused" or mistake in UNANSWERED
+            self.refused_notes += mistake == "notes"
+            self.refused_memory += mistake == "memory"
         self.recalls += "recalled" in data
         self.pages += "page" in data
         self.cut_results += event["cut"]
@@ -168,14 +169,14 @@ class Stalls:
     def apply(self, event: Mapping[str, Any]) -> None:
         """Take note of an event."""
         match event["event"]:
-            case "message" if event["by"] == "player":
-                self._open(event["turn"])
-            case "message" if "position" in event:
-                self._is_foreign = True
             case "call":
                 self._open(event["turn"])
                 if not event["is_error"] and self._shows_something_new(event):
                     self._is_new = True
+            case "message" if event["by"] == "player":
+                self._open(event["turn"])
+            case "message" if "position" in event:
+                self._is_foreign = True
 
     def _open(self, turn: int) -> None:
         """Begin a turn, unless it is the latest."""

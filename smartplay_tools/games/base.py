@@ -225,7 +225,7 @@ class TextGame(gymnasium.Env[str, Any]):
         raise NotImplementedError(f"{type(self).__name__} has no pictures.")
 
     def picture(self) -> Picture:
-        """Return the current observation as a picture: the same for the same state, to the byte.
+        """Return the current observation as a picture: the same for the same state, to the pixel.
 
         It shows the state of the latest step, and looking changes nothing. Only with `shows_pictures`.
         """

@@ -6,7 +6,8 @@ contents of each prompt, counts) is produced again. Any difference between the t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby, zip_longest
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -17,11 +18,12 @@ from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.transcript.events import ErrorLocation, Event, concerns_summary
+from smartplay_tools.transcript.events import ErrorLocation, Event, compares_pictures, concerns_summary
 from smartplay_tools.transcript.file import MemoryRecord
 from smartplay_tools.types import SampledTokens, ToolCall, ToolSpec, Usage
 from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.messages import Message
+from smartplay_tools.types.pictures import Picture
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -59,9 +61,10 @@ class Driver:
         kind: type[Conversation] | type[AgentSession] = Conversation,
         tokenizer: str | Tokenizer | None = None,
         on_step: Callable[[TextGame], None] | None = None,
+        on_picture: Callable[[Picture], object] | None = None,
         config: EpisodeConfig | None = None,
     ) -> None:
-        """`config` is the record's, if it has been read already."""
+        """`on_picture` is called with every picture of a result; `config` is the record's, if it has been read."""
         self.recorded = [event for event in recorded if event["event"] not in NOT_REPLAYED]
         self.record = MemoryRecord()
         """The new record."""
@@ -72,6 +75,10 @@ class Driver:
             config, tokenizer=tokenizer, transcript=self.record, is_recorded=True, carried=carried
         )
         self.episode.on_step(on_step)
+        names: Iterator[str] = iter(())
+        if not compares_pictures(recorded[0]):
+            self.episode._names_pictures_by_pixels, names = False, picture_names(self.recorded)
+        self.episode._session.on_picture = _naming(names, on_picture)
         self.conversation: Driven | None = None
         self.has_host_part = False
         """Whether a host added messages or tools to a head."""
@@ -200,6 +207,23 @@ class Driver:
                 turn = f", turn {was['turn']}" if "turn" in was else ""
                 where = f"Event {number} ({was['event']}{turn})"
                 yield from _field_differences(where, unchained(was), unchained(now), was["event"])
+
+
+def picture_names(events: Iterable[Event]) -> Iterator[str]:
+    """Yield the sha256 of every picture that a result of a record shows."""
+    return (event["data"]["picture"]["sha256"] for event in events if "picture" in event.get("data", ()))
+
+
+def _naming(names: Iterator[str], on_picture: Callable[[Picture], object] | None) -> Callable[[Picture], Picture]:
+    """Return a function that gives each picture the next name, as long as there are any."""
+
+    def named(picture: Picture) -> Picture:
+        picture = replace(picture, recorded_sha256=next(names, None))
+        if on_picture is not None:
+            on_picture(picture)
+        return picture
+
+    return named
 
 
 def unchained(event: Event) -> Event:

@@ -9,7 +9,8 @@ Anything wrong with a record is a difference, even where it stops the replay: ev
 or come in an order in which nothing can be played. An exception means that there is nothing to compare: the file is not
 a transcript, or the episode that it names cannot be played on this machine.
 
-The pictures of a record, which holds only their digests: made again by replay, and compared with these.
+A record holds the digests of its pictures, and a replay makes them again and compares them. Older records hold digests
+of PNG files, which are no longer made to the byte: their pictures keep the recorded digests and are not compared.
 """
 
 from __future__ import annotations
@@ -17,22 +18,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
-from smartplay_tools.records.driver import Driver
+from smartplay_tools.records.driver import Driver, picture_names
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.events import SENSELESS, Event
+from smartplay_tools.transcript.events import SENSELESS, Event, compares_pictures
 from smartplay_tools.transcript.file import broken_links, check_format, is_event, read_transcript
 from smartplay_tools.transcript.hashing import event_line
 from smartplay_tools.types import EpisodeResult
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
-if TYPE_CHECKING:
-    from smartplay_tools.games.base import TextGame
+PICTURES_ARE_NOT_COMPARED = "Pictures are not compared, because the record has digests of PNG files and not of pixels."
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,8 @@ class Replay:
     """The events, counted from 1, at which the episode was continued from its record."""
     has_host_part: bool = False
     """Whether a host added messages or tools to the prompts."""
+    not_compared: str | None = None
+    """A sentence that says what could not be compared; None if everything was."""
 
     @property
     def complete(self) -> bool:
@@ -91,7 +92,8 @@ def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None) -
         driver.episode.game.close()
     resumed = tuple(number for number, event in enumerate(recorded, start=1) if event["event"] == "resume")
     result = driver.episode.result if record.is_complete else None
-    return Replay(len(recorded), differences, result, resumed, driver.has_host_part)
+    not_compared = None if compares_pictures(recorded[0]) else PICTURES_ARE_NOT_COMPARED
+    return Replay(len(recorded), differences, result, resumed, driver.has_host_part, not_compared)
 
 
 def _driver(record: Record, tokenizer: str | Tokenizer | None) -> Driver:
@@ -148,26 +150,21 @@ def recorded_pictures(
 ) -> Mapping[str, Picture]:
     """Return every picture that the model of a record was shown, by its sha256.
 
-    The record is played again. A picture that the record names and the replay does not make is a `TranscriptError`.
+    The record is played again. A picture that the record names and the replay does not make is a `TranscriptError`,
+    except where pictures are not compared (`Replay.not_compared`).
     `tokenizer` is required if the record was counted with a tokenizer object of yours.
     """
     events = read_events(source)
     if not events or EpisodeConfig.from_event(events[0]).observation == "text":
         return NO_PICTURES
-    made: dict[str, Picture] = {}
-
-    def keep(game: TextGame) -> None:
-        picture = game.picture()
-        made[picture.sha256] = picture
-
-    driver = Driver(events, tokenizer=tokenizer, on_step=keep)
+    made: list[Picture] = []
+    driver = Driver(events, tokenizer=tokenizer, on_picture=made.append)
     try:
-        keep(driver.episode.game)
         driver.run()
     finally:
         driver.episode.game.close()
-    calls = [event["data"] for event in events if event["event"] == "call"]
-    shown = [data["picture"]["sha256"] for data in calls if "picture" in data]
-    if missing := [sha256 for sha256 in shown if sha256 not in made]:
+    pictures = {picture.sha256: picture for picture in made}
+    shown = list(picture_names(events))
+    if missing := [sha256 for sha256 in shown if sha256 not in pictures]:
         raise TranscriptError(f"The record shows a picture that its game does not make here: {missing[0]}.")
-    return {sha256: made[sha256] for sha256 in shown}
+    return {sha256: pictures[sha256] for sha256 in shown}

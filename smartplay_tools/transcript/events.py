@@ -36,6 +36,9 @@ class StartEvent(TypedDict):
     cut_results: int
     """1 if the manual was pinned and cut to its cap, else 0."""
     versions: dict[str, str]
+    pictures: NotRequired[Literal["pixels"]]
+    """With pictures as observations: what their sha256 are of (`Picture.sha256`). Absent in records that were written
+    before there was this field, whose sha256 are of PNG files."""
     carried: NotRequired[dict[str, Any]]
     """What it takes over from the trial before it: the digest of its `record`, `result`, `notes` or `files`."""
 
@@ -254,6 +257,14 @@ def purpose_of(event: Mapping[str, Any]) -> Purpose:
     """Return what the prompt of a `view` or `usage` event asked for."""
     purpose: Purpose = event.get("purpose", "play")
     return purpose
+
+
+def compares_pictures(start: Mapping[str, Any]) -> bool:
+    """Whether the pictures of a record can be compared with those that a replay makes; `start` is its start event.
+
+    The bytes of PNG files, of which older records hold the sha256, are not made again.
+    """
+    return start["config"].get("observation", "text") == "text" or start.get("pictures") == "pixels"
 
 
 SENSELESS = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import json
 from functools import partial
 
@@ -11,6 +10,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.records import recorded_pictures
+from tests import scripts
 
 OBSERVE, NOOP = ("observe", "{}"), ("act", '{"action": "Noop"}')
 SHOWN = "The picture shows the current observation."
@@ -176,7 +176,7 @@ def test_langchains_tools_return_content_blocks():
         assert text == {"type": "text", "text": SHOWN}
         assert (picture["type"], picture["mime_type"]) == ("image", "image/png")
         file = base64.b64decode(picture["base64"])
-        assert hashlib.sha256(file).hexdigest() == message.artifact["picture"]["sha256"]
+        assert scripts.picture_digest(file) == message.artifact["picture"]["sha256"]
         assert message.content_blocks[1]["type"] == "image"
 
 
@@ -232,7 +232,7 @@ async def test_mcp_has_the_picture_as_content_of_the_result():
             assert text.text == SHOWN
             assert (picture.type, picture.mime_type) == ("image", "image/png")
             shown = episode.call("observe").data["picture"]["sha256"]
-            assert hashlib.sha256(base64.b64decode(picture.data)).hexdigest() == shown
+            assert scripts.picture_digest(base64.b64decode(picture.data)) == shown
             (refused,) = (await client.call_tool("act", {"action": "Fly"})).content
             assert refused.text.startswith("Error: ")
 

@@ -134,6 +134,9 @@ class TokenCounter:
 
     def content(self, message: Mapping[str, Any]) -> int:
         """Count the text and the pictures of a message."""
+        content = message.get("content")
+        if content is None or isinstance(content, str):
+            return self.text(content or "")
         text, pictures = text_and_pictures(message)
         return self.text(text) + sum([self.image(part["width"], part["height"]) for part in pictures])
 
@@ -142,8 +145,8 @@ class TokenCounter:
 
         `arguments` are those of its calls in canonical form, for callers that have read them.
         """
-        role, content = message["role"], message.get("content")
-        count = 3 + self.text(role) + (self.text(content) if isinstance(content, str) else self.content(message))
+        role = message["role"]
+        count = 3 + self.text(role) + self.content(message)
         if message.get("name"):
             count += 1 + self.text(message["name"])
         for position, call in enumerate(calls_of(message)):

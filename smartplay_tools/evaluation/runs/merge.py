@@ -110,6 +110,8 @@ class EpisodeAudit:
     game: str
     differences: tuple[str, ...]
     """One sentence each; empty if everything agrees."""
+    not_compared: str | None = None
+    """What could not be compared (`Replay.not_compared`)."""
 
 
 def audit(
@@ -145,17 +147,18 @@ def _audit_all(
 
 
 def _audit(record: Path, before: Path | None, row: Row, *, tokenizer: str | None) -> EpisodeAudit:
+    not_compared = None
     try:
         read = Record.read(record)
         replayed = replay_record(read, tokenizer=tokenizer)
-        differences = [*replayed.differences]
+        differences, not_compared = [*replayed.differences], replayed.not_compared
         if replayed.complete or not read.is_complete:
             differences += _row_differences(read, row)
         if fault := chain_fault(read, before):
             differences.append(fault)
     except SmartPlayError as error:
         differences = [str(error)]
-    return EpisodeAudit(row["key"], row["game"], tuple(differences))
+    return EpisodeAudit(row["key"], row["game"], tuple(differences), not_compared)
 
 
 def _row_differences(record: Record, row: Row) -> Iterator[str]:

@@ -129,9 +129,10 @@ class Crafter(TextGame):
 
     def picture(self) -> Picture:
         """Return the picture of the current state, as the original draws it, enlarged."""
-        from smartplay_tools.games.crafter.pictures import encode
+        from smartplay_tools.games.crafter.pictures import draw
 
-        return encode(self._world.scene(), *self._cell)
+        unit, scale = self._cell
+        return Picture.from_array(draw(self._world.scene(), unit * VIEW[0]), scale)
 
     def drawing(self) -> dict[str, Any]:
         """The part of the scene that the player sees: ground and things by cell, body, inventory, light."""

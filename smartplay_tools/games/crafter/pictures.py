@@ -1,20 +1,17 @@
 """Pictures of a scene, equal to those of PyPI `crafter` to the pixel, from a copy: looking changes nothing.
 
+The textures are the image files of PyPI `crafter`, scaled and laid over each other with its arithmetic: nearest pixels,
+blending in single precision. Only the files are read; the package is not imported. Every cell that can be seen is
+computed once and then looked up.
+
 At Crafter's usual size, 64, the noise of the night is made of the numbers that the step has drawn. Larger pictures
 show larger textures under the same grain. Every sum is rounded where the original and its imaging library round it.
-
-The pictures of single cells in every combination that can be seen, computed once and then looked up.
-
-The textures are the image files of PyPI `crafter`, scaled and laid over each other with its arithmetic: nearest pixels,
-blending in single precision. Only the files are read; the package is not imported.
 """
 
 from __future__ import annotations
 
 import functools
 import importlib.util
-from collections.abc import Sequence
-from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,8 +20,6 @@ from numpy.typing import NDArray
 
 from smartplay_tools.games.crafter.facts import CARRIED, MATERIALS, MOST, VIEW
 from smartplay_tools.games.crafter.views import Scene
-from smartplay_tools.types.pictures import Picture
-from smartplay_tools.types.png import Canvas, EncodedTiles, Layout, layout_of
 
 Pixels = NDArray[np.uint8]
 
@@ -127,153 +122,39 @@ NIGHT, SLEEP = (0, 16, 64), (0, 0, 16)
 DARKEST_GRAIN, BRIGHTEST_GRAIN = 32, 127
 
 Planes = NDArray[np.uint8]
-"""Red, green and blue, each rows by columns; or first by cell."""
+"""Red, green and blue, each rows by columns."""
 
 
-_FIRST_LAYER = bytes(range(0, len(LAYERS) * (len(MATERIALS) + 1), len(LAYERS))).ljust(256)
-"""By material (0: outside the map), the number of a cell with nothing on it."""
-_LAYER = {texture: number for number, texture in enumerate(LAYERS)}
-_IN_ORDER = itemgetter(*CARRIED)
-"""The amounts of an inventory."""
-
-
-def draw(scene: Scene, size: int = USUAL) -> NDArray[np.uint8]:
+def draw(scene: Scene, size: int = USUAL) -> Pixels:
     """Draw a square picture; the array is rows x columns x red, green and blue."""
-    unit = size // GRID
+    unit, (columns, rows) = size // GRID, VIEW
+    cells, carried = tiles(unit)
+    seen = lit(_joined(cells[cells_seen(scene)]), scene)
+    view = asleep(seen) if scene.sleeping else seen.astype(np.uint8)
+    below = np.zeros((GRID * (GRID - rows), 3, unit, unit), np.uint8)
+    for number, name in enumerate(CARRIED):
+        below[number] = carried[number, scene.inventory[name]]
+    amounts = _joined(below.reshape(GRID - rows, columns, 3, unit, unit))
     border = (size - unit * GRID) // 2
-    picture = np.zeros((size, size, 3), np.uint8)
     inside = slice(border, border + unit * GRID)
-    if scene.daylight < 0.5:
-        view = _by_night(scene, unit)
-    else:
-        different, places = np.unique(np.frombuffer(numbers_seen(scene), np.uint8), return_inverse=True)
-        view = _by_day(different.tolist(), scene, unit).take(places, axis=0)
-    cells = np.concatenate((view, _amounts(unit, [scene.inventory[name] for name in CARRIED])))
-    picture[inside, inside] = _joined(cells, GRID).transpose(1, 2, 0)
+    picture = np.zeros((size, size, 3), np.uint8)
+    picture[inside, inside] = np.concatenate((view, amounts), axis=1).transpose(1, 2, 0)
     return picture
 
 
-def encode(scene: Scene, unit: int, scale: int) -> Picture:
-    """Return the picture that a model is shown: its cells have `unit` pixels and are enlarged `scale` times."""
-    layout = layout_of(GRID, GRID, unit, unit, scale)
-    if scene.daylight < 0.5:
-        view = layout.encoded(_by_night(scene, unit))
-    else:
-        view = _seen_by_day(scene.daylight, scene.sleeping, layout).tiles(numbers_seen(scene), scene, unit)
-    return layout.picture(_with_amounts(layout, unit, *_IN_ORDER(scene.inventory)), view)
-
-
-class _EncodedCells(NamedTuple):
-    """Encoded cells."""
-
-    numbers: bytes
-    """What they are (`numbers_seen`)."""
-    places: bytes
-    """By number, where they are in `tiles`."""
-    tiles: EncodedTiles
-
-
-class _Light:
-    """The cells that were shown in one light by day: in it equal ones look alike, and are encoded once."""
-
-    def __init__(self, layout: Layout) -> None:
-        self._layout = layout
-        self._cells: _EncodedCells | None = None
-        """Replaced as a whole, since episodes in several threads share it."""
-
-    def tiles(self, numbers: bytes, scene: Scene, unit: int) -> EncodedTiles:
-        """Return cells by their numbers."""
-        cells = self._cells
-        if cells is None or numbers.translate(None, cells.numbers):
-            # What was shown in another light will be shown in this one, too; ten cells take little longer than one.
-            shown = _ever_shown(self._layout)
-            shown.update(numbers)
-            asked = bytes(sorted(shown))
-            places = bytes.maketrans(asked, bytes(range(len(asked))))
-            encoded = self._layout.encoded(_by_day([*asked], scene, unit))
-            self._cells = cells = _EncodedCells(asked, places, encoded)
-        return cells.tiles.take(np.frombuffer(numbers.translate(cells.places), np.uint8))
-
-
-@functools.lru_cache(512)
-def _seen_by_day(daylight: float, sleeping: bool, layout: Layout) -> _Light:
-    """The cells in a light, which at a step is the same in every world."""
-    return _Light(layout)
-
-
-@functools.lru_cache(16)
-def _ever_shown(layout: Layout) -> set[int]:
-    """The numbers of the cells that were shown by day."""
-    return set()
-
-
-@functools.lru_cache(128)
-def _with_amounts(layout: Layout, unit: int, *amounts: int) -> Canvas:
-    """The picture without the view: what is below it rarely changes from step to step."""
-    return layout.begun(layout.encoded(_amounts(unit, amounts)), VIEW[1])
-
-
-def _amounts(unit: int, amounts: Sequence[int]) -> NDArray[np.uint8]:
-    """The cells below the view: amounts of vitals and items, and nothing in the others."""
-    shown = [number * (MOST + 1) + amount for number, amount in enumerate(amounts)]
-    nothing = [0] * (GRID * (GRID - VIEW[1]) - len(shown))
-    return _tables(unit).carried.take(shown + nothing, axis=0)
-
-
-def numbers_seen(scene: Scene) -> bytes:
-    """The cells of the view, row by row: `len(LAYERS)` times the material, and the thing on it (its layer)."""
-    ground, rows = scene.ground, VIEW[1]
-    numbers = bytearray(ground.translate(_FIRST_LAYER))
-    for texture, column, row in scene.things:
-        at = column * rows + row
-        numbers[at] = _FIRST_LAYER[ground[at]] + _LAYER[texture]
-    return b"".join([numbers[row::rows] for row in range(rows)])
-
-
 def cells_seen(scene: Scene) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Materials (0: outside the map) and the things on them (`textures.LAYERS`), by row and column of the view."""
-    numbers = np.frombuffer(numbers_seen(scene), np.uint8).reshape(VIEW[::-1])
-    return np.divmod(numbers, np.uint8(len(LAYERS)))
+    """Materials (0: outside the map) and the things on them (by their number in `LAYERS`), by row and column."""
+    materials = np.frombuffer(scene.ground, np.uint8).reshape(VIEW).T
+    layers = np.zeros_like(materials)
+    for texture, column, row in scene.things:
+        layers[row, column] = LAYERS.index(texture)
+    return materials, layers
 
 
-class _Tables(NamedTuple):
-    """All cells by number: planes of red, green and blue, each rows by columns."""
-
-    cells: NDArray[np.uint8]
-    faded: NDArray[np.float64]
-    """The same in the colours of the night."""
-    carried: NDArray[np.uint8]
-    """By vital or item and amount."""
-
-
-@functools.lru_cache(4)
-def _tables(unit: int) -> _Tables:
-    cells, carried = (np.ascontiguousarray(table.reshape(-1, 3, unit, unit)) for table in tiles(unit))
-    faded = _tinted(_faded(cells.swapaxes(0, 1)), NIGHT).swapaxes(0, 1)
-    return _Tables(cells, np.ascontiguousarray(faded), carried)
-
-
-def _by_day(numbers: Sequence[int], scene: Scene, unit: int) -> NDArray[np.uint8]:
-    """Cells by their numbers: by day equal ones look alike."""
-    cells, faded = (table.take(numbers, axis=0) for table in (_tables(unit).cells, _tables(unit).faded))
-    seen = scene.daylight * cells + (1 - scene.daylight) * faded
-    return asleep(seen.swapaxes(0, 1)).swapaxes(0, 1) if scene.sleeping else seen.astype(np.uint8)
-
-
-def _by_night(scene: Scene, unit: int) -> NDArray[np.uint8]:
-    """Every cell of the view, row by row: the noise is not the same in any two."""
-    columns, rows = VIEW
-    cells = _tables(unit).cells.take(np.frombuffer(numbers_seen(scene), np.uint8), axis=0)
-    seen = lit(_joined(cells, columns), scene)
-    shown = asleep(seen) if scene.sleeping else seen.astype(np.uint8)
-    return shown.reshape(3, rows, unit, columns, unit).transpose(1, 3, 0, 2, 4).reshape(-1, 3, unit, unit)
-
-
-def _joined(cells: NDArray[np.uint8], across: int) -> Planes:
-    """The planes of the picture that cells make, row by row."""
-    number, _, unit, _ = cells.shape
-    laid = cells.reshape(-1, across, 3, unit, unit).transpose(2, 0, 3, 1, 4)
-    return laid.reshape(3, number // across * unit, across * unit)
+def _joined(cells: NDArray[np.uint8]) -> Planes:
+    """The planes of the picture that cells make, which are given by row and column."""
+    rows, columns, _, unit, _ = cells.shape
+    return cells.transpose(2, 0, 3, 1, 4).reshape(3, rows * unit, columns * unit)
 
 
 def lit(planes: Planes, scene: Scene) -> NDArray[np.float64]:
@@ -312,11 +193,5 @@ def _brightness(planes: Planes) -> NDArray[np.int32]:
 
 
 def _tinted(planes: NDArray[np.integer], colour: tuple[int, int, int]) -> NDArray[np.float64]:
-    tinted: NDArray[np.float64] = 0.5 * planes.reshape(len(planes), -1) + _halved(colour)
-    return tinted.reshape(3, *planes.shape[1:])
-
-
-@functools.cache
-def _halved(colour: tuple[int, int, int]) -> NDArray[np.float64]:
-    half: NDArray[np.float64] = 0.5 * np.array(colour)[:, None]
-    return half
+    tinted: NDArray[np.float64] = 0.5 * planes + 0.5 * np.array(colour)[:, None, None]
+    return tinted

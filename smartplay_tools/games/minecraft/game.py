@@ -108,9 +108,9 @@ class Minecraft(TextGame):
 
     def picture(self) -> Picture:
         """Return the view as a picture."""
-        from smartplay_tools.games.minecraft.pictures import picture
+        from smartplay_tools.games.minecraft.pictures import SCALE, draw
 
-        return picture(self._seen)
+        return Picture.from_array(draw(self._seen), SCALE)
 
     def deviations(self) -> dict[str, Any]:
         """Engine, text and start, if they differ from the paper's."""

@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smartplay_tools.games.minecraft.observation import VIEW, VIEW_RANGE, Observation
-from smartplay_tools.types.pictures import Picture
-from smartplay_tools.types.png import encode
 
 SCALE = 12
 """How many times the pixels are enlarged: a picture has 204 x 204, because models read smaller ones badly."""
@@ -98,8 +96,3 @@ def draw(seen: Observation) -> NDArray[np.uint8]:
     brightness[~is_animal & (seen.ray_blocks[1:] == "air")] = 256
     pixels = np.array(colours, np.int32) * brightness[:, None] // 256
     return pixels.astype(np.uint8).reshape(VIEW, VIEW, 3)[::-1, ::-1]
-
-
-def picture(seen: Observation) -> Picture:
-    """Return the view as a picture that a model is shown."""
-    return encode(np.ascontiguousarray(draw(seen)), SCALE)

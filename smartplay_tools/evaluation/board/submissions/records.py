@@ -130,6 +130,8 @@ def _check(job: RecordJob, checked: CheckedRecord) -> Iterator[Finding]:
         yield error("record", difference, key)
     if len(played.differences) > SHOWN_DIFFERENCES:
         yield error("record", f"{len(played.differences) - SHOWN_DIFFERENCES} more differences in this record.", key)
+    if played.not_compared is not None:
+        yield remark("record", played.not_compared, key)
     if not record.is_complete:
         yield error("record", "The record breaks off: it does not say how the episode ended.", key)
     if played.result is None:

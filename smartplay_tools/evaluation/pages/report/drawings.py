@@ -37,7 +37,7 @@ from smartplay_tools.games.minecraft.voxel.climate import SPACING, Biome, biomes
 from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.events import CallEvent
+from smartplay_tools.transcript.events import CallEvent, compares_pictures
 from smartplay_tools.types import ObservationForm
 from smartplay_tools.types.arguments import read
 
@@ -125,19 +125,15 @@ class Drawings:
             raise _NoDrawingError(f"a page holds pictures of at most {LARGEST_PICTURE} pixels a side.")
         game.reset(seed=config.seed)
         files: dict[str, str] = {}
-
-        def keep() -> None:
-            picture = game.picture()
-            if picture.sha256 in named:
-                files[picture.sha256] = picture.base64
-
-        keep()
-        for act in record.calls:
-            if act["data"].get("legal") is True:
-                _play_again(game, tools, act, config.observation)
-                keep()
-        if len(files) < len(named):
-            raise _differently("It made other pictures.")
+        for call in record.calls:
+            data = call["data"]
+            if data.get("legal") is True:
+                _play_again(game, tools, call, config.observation)
+            if "picture" in data:
+                picture = game.picture()
+                if compares_pictures(record.events[0]) and picture.sha256 != data["picture"]["sha256"]:
+                    raise _differently("It made other pictures.")
+                files[data["picture"]["sha256"]] = picture.base64
         return files
 
     def _replay(self, record: Record) -> dict[str, Any]:
