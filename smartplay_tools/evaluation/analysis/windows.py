@@ -21,9 +21,8 @@ front consists of the points that are not dominated; equal points are on it toge
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
@@ -141,18 +140,15 @@ def is_widest_but(comparison: WindowComparison, field: str) -> bool:
     return all(comparison.cell.budget[name] == comparison.full.budget[name] for name in others)
 
 
-def family(cell: PlayedCell, along: Sequence[str] = WINDOW) -> str:
+def family(cell: PlayedCell, along: Sequence[str] = WINDOW) -> bytes:
     """A key for everything about a cell except the given fields of its window."""
-    facts = asdict(cell)
-    left_out = (*along, *FOLLOWS_FROM_WINDOW)
-    facts["budget"] = {name: value for name, value in cell.budget.items() if name not in left_out}
-    return json.dumps(facts, sort_keys=True)
+    return cell.key(without=(*along, *FOLLOWS_FROM_WINDOW))
 
 
 def _full_contexts(groups: Sequence[tuple[PlayedCell, list[Row]]], along: Sequence[str]) -> list[int]:
     """For every group the index of its family's full context."""
     families = [family(cell, along) for cell, _ in groups]
-    widest: dict[str, int] = {}
+    widest: dict[bytes, int] = {}
     for at, (name, (cell, _)) in enumerate(zip(families, groups, strict=True)):
         best = widest.setdefault(name, at)
         if width(cell) > width(groups[best][0]):

@@ -16,7 +16,6 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
@@ -93,7 +92,7 @@ def write_hub_results(records: Iterable[Record], folder: Path, about: Publicatio
     about.needs("dataset")
     rows = _rows(records)
     cells = _cells(rows)
-    means = {canonical_json(asdict(cell)): (len(members), estimate) for cell, members, estimate in cells}
+    means = {cell.key(): (len(members), estimate) for cell, members, estimate in cells}
     target = folder / ".eval_results"
     target.mkdir()
     groups = conditions([cell for cell, _, _ in cells])
@@ -101,9 +100,7 @@ def write_hub_results(records: Iterable[Record], folder: Path, about: Publicatio
     for condition in groups:
         label = condition.label_among(groups)
         notes = f"{LIBRARY} {_versions(rows)}; {label or 'default budget'}"
-        entries = [
-            _hub_entry(cell.game, *means[canonical_json(asdict(cell))], notes, about) for cell in condition.cells
-        ]
+        entries = [_hub_entry(cell.game, *means[cell.key()], notes, about) for cell in condition.cells]
         slug = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-")
         names[slug] += 1
         number = "" if names[slug] == 1 else str(names[slug])  # labels that differ in other characters only
