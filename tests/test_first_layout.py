@@ -17,7 +17,8 @@ from typer.testing import CliRunner, Result
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.records import Record, RunFolder, sent_prompts
+from smartplay_tools.evaluation.run_folder import RunFolder
+from smartplay_tools.records import Record, sent_prompts
 
 DATA = Path(__file__).parent / "data" / "first_layout"
 BANDIT = "BanditTwoArmedHighLowFixed-v0"

@@ -6,13 +6,15 @@ import itertools
 from dataclasses import replace
 from typing import Any
 
-import openai
-from smartplay_openai import OpenAIPlayer
-
 from smartplay_local.engine import check_memory, checked_context, checked_threads, shared_server
 from smartplay_local.model_files import find_model, name_of, read_gguf
 from smartplay_local.text import as_text, call_in, grammar_of
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
+from smartplay_tools.errors import extra_named
+
+with extra_named("smartplay_local", "local"):
+    import openai
+    from smartplay_openai import OpenAIPlayer
 
 UNUSED = "http://127.0.0.1:9/v1"
 """A base URL at which nothing answers: the server's port is known once it runs."""

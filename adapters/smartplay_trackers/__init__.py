@@ -1,14 +1,11 @@
 """Experiment trackers, to which a run with `--track` sends its figures through the trackers' own clients.
 
-    mlflow    MLflow; its server, file and experiment are those of MLFLOW_TRACKING_URI and MLFLOW_EXPERIMENT_NAME
-    wandb     Weights & Biases; WANDB_MODE=offline keeps everything on this machine until `wandb sync`
+    MLflowTracker  a run of MLflow, at MLFLOW_TRACKING_URI in MLFLOW_EXPERIMENT_NAME
+    WandbTracker   a run of Weights & Biases; WANDB_MODE=offline keeps everything on this machine until `wandb sync`
 
 Both have the same interface (`smartplay_tools.evaluation.runs.tracking.Tracker`), and neither is imported unless it is
-asked for.
-
-Weights & Biases: a run of the project, with a line of its history for every episode.
-
-MLflow: a run of the experiment, with a step for every episode of a cell.
+asked for. A run of Weights & Biases has a line of its history for every episode, a run of MLflow a step for every
+episode of a cell.
 """
 
 from __future__ import annotations

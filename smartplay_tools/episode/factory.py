@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 from uuid import uuid4
 
 from smartplay_tools.episode.config import EpisodeConfig
@@ -16,10 +16,6 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.specs import GameSpec
 from smartplay_tools.types import Budget
-
-if TYPE_CHECKING:
-    from smartplay_tools.episode.episode import Episode
-
 
 RewardName = Literal["normalized", "score", "return"]
 """The score on the scale where 0 is the worst and 1 the human's, the score itself, or the sum of the game's rewards."""

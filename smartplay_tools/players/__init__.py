@@ -1,11 +1,9 @@
 """Players, which answer prompts (at random, by rules, with a model, as a person), and the registry of their names.
 
-player_registry  names of players; `get_player`
-player_files     players in a file: `FILE.py:CLASS`
+player_registry  names of players, and players in a file: `FILE.py:CLASS`; `get_player`
 prompt_reading   parses the messages of a prompt, for rule players
 model            `ModelPlayer`, the base class of players that call a model: attempts, pauses, limits, clients
-noted            a player in the place of a framework's model, which records the prompts
-scripted         a player that gives prepared replies
+scripted         players without a model: prepared replies, the first action, a random one, the game's own answer
 """
 
 from smartplay_tools.players.attempts import BrokenAnswerError, ModelCallError, count_in, error_in, plain_answer

@@ -1,19 +1,14 @@
 """Records of episodes: read, replayed, continued, priced and added up. What a run keeps is in `evaluation.run_folder`.
 
 record             an episode as its record tells it
-replayed_pictures  the pictures that a model was shown, made again
-conversations      an episode as one conversation, as if there had been no window
-prompts            every prompt rebuilt from a record and verified
-driver, replays    a record played again on a new game and compared
-resumption         an episode continued from its record
-chains             what a trial leaves to the next one
-accounts           where the tokens of prompts went, and why turns left them
-shown              how a prompt showed each turn before it
+prompts            every prompt rebuilt from a record and verified; an episode as one conversation
+driver, replays    a record played again on a new game and compared; the pictures that a model was shown
+resumption         an episode continued from its record, and what a trial leaves to the next one
+accounts           where the tokens of prompts went, how turns were shown, and why they left
 rows               the results of episodes as plain data
 prices             what tokens cost
-counts, spent      what the events of a record add up to, and what runs have used
-
-requests, request_log  the requests that a record's episode sent, as a provider's cache saw them
+spent              what the events of a record add up to, and what runs have used
+requests           the requests that an episode sent, as a provider's cache saw them
 
 Nothing here plays: a model or a player is never called.
 """

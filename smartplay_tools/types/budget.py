@@ -177,7 +177,7 @@ def _in_words(name: str, value: Any) -> str:
     if name == "newest_pictures":
         return "all pictures" if value is None else f"newest pictures {value}"
     if name == "strategy":
-        return "no strategy of one's own" if value is None else f"strategy {value.rpartition('/')[2]}"
+        return "built-in window" if value is None else f"strategy {value.rpartition('/')[2]}"
     if isinstance(value, str):
         return f"{_CAPPED[name]} {value}"
     return f"{_CAPPED[name]} unlimited" if value is None else f"{_CAPPED[name]} <= {value:,}"

@@ -28,14 +28,13 @@ if TYPE_CHECKING:
         is_from_own_page as is_from_own_page,
         is_loopback as is_loopback,
     )
+    from smartplay_tools.web.hosted import HostedEpisode as HostedEpisode, check_budget as check_budget
     from smartplay_tools.web.server import Server as Server
     from smartplay_tools.web.store import (
         EpisodeStore as EpisodeStore,
         FullError as FullError,
         Hosted as Hosted,
-        HostedEpisode as HostedEpisode,
         Store as Store,
-        check_budget as check_budget,
     )
 
 if not TYPE_CHECKING:
@@ -46,7 +45,8 @@ if not TYPE_CHECKING:
                 "LOCAL Guard Names carries check_address guarded is_bearer is_from_own_page is_loopback"
             ),
             "smartplay_tools.web.bodies": "LARGEST_REQUEST UNAUTHORIZED Bounded hosted_or_refusal",
-            "smartplay_tools.web.store": "HostedEpisode check_budget EpisodeStore FullError Hosted Store",
+            "smartplay_tools.web.hosted": "HostedEpisode check_budget",
+            "smartplay_tools.web.store": "EpisodeStore FullError Hosted Store",
             "smartplay_tools.web.server": "Server",
         },
     )

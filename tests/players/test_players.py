@@ -89,7 +89,7 @@ def test_a_rule_player_imports_no_table_of_the_games(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     modules = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     ours = {module for module in modules if module and module.startswith("smartplay_tools")}
-    plain_data = ("players", "arguments", "groups", "json_text", "messages", "types")
+    plain_data = ("players", "types")
     assert all(module.split(".")[1] in plain_data for module in ours), ours
     plain = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     assert not any(name.startswith("smartplay_tools") for name in plain)

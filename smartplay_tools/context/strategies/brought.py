@@ -1,4 +1,4 @@
-"""Brought strategies: those that a user or an installed package adds, by name.
+"""Custom strategies: from a file, an installed package or the running program, by name.
 
 `Budget.strategy` is a name of the group of entry points `smartplay_tools.strategies`, one that this program has
 registered, or `FILE.py:CLASS`; options may follow, as in `FILE.py:CLASS:turns=3`. A name in a record never imports a

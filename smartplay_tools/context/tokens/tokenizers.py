@@ -15,6 +15,7 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from smartplay_tools.context.tokens.o200k import VOCABULARY_SHA256, o200k_base
@@ -148,7 +149,7 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
 
         return HuggingFaceTokenizer(tokenizer.removeprefix(HUGGING_FACE))
     if tokenizer.startswith(MODEL_FILE):
-        vocabulary: type[Tokenizer] = resolve("smartplay_local.model_files:GgufTokenizer")
+        vocabulary: Callable[[str], Tokenizer] = resolve("smartplay_local.model_files:GgufTokenizer")
         return vocabulary(tokenizer.removeprefix(MODEL_FILE))
     if tokenizer != DEFAULT_TOKENIZER:
         import tiktoken

@@ -2,8 +2,7 @@
 
     export("runs/first", "data", "sft", completed=True)
 
-selection      which episodes are exported
-sft            rows for supervised fine-tuning: what a model saw and what it said
+sft            rows for supervised fine-tuning, and which episodes they are made of
 atif           trajectories in the Agent Trajectory Interchange Format
 published      results in the formats of those who collect them
 dataset_cards  the dataset card that is written beside the data, with warnings about its worlds

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
+__all__ = ["environment"]
+
 _environments: dict[str, Environment] = {}
 
 

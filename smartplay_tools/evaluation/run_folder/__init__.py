@@ -1,9 +1,8 @@
 """The folder of a run: what it says, and how far the run is.
 
-manifest     what a run plays, and its seeds and shards
-folder       the folder, its rows and its records
-annotations  people's notes about the turns of an episode
-snapshot     how far a run is; `follower` counts it, `time_left` estimates the rest
+folder     the manifest (what a run plays, its seeds and shards), rows, records, people's notes about turns
+follower   how far a run is
+time_left  an estimate of the rest
 """
 
 from __future__ import annotations

@@ -1,27 +1,21 @@
 """Playing the episodes of a run and keeping their records.
 
 plan           the episodes of a run, their seeds and keys
-run_file       the arguments of `eval` as a file
-players        the players of a run and their options
-blind          the player that repeats a recorded episode
+players        the players of a run and their options; the player that repeats a recorded episode
 agents         programs and functions that play episodes in their own way
-probe, faults  the check of a run's models, and the sentences for what it finds
+probe          the check of a run's models, and the sentences for what it finds
 attempt        playing and recording one planned episode
 executors/     running attempts in processes, on an event loop or on a cluster
 limits         caps on the tokens and cost of a whole run
 estimate       the expected tokens, cost and time of a run
-sending        which players and games can be sent to other processes
-lock, signals  one process at a time plays a run, and Ctrl-C stops it between two turns
-run_writer     writing the run's folder
-run_options    how a run is played: executor, workers, shard, caps, prices
+run_writer     writing the run's folder, by one process at a time
+run_options    how a run is played: executor, workers, shard, caps, prices; the arguments of `eval` as a file
 scheduler      the choice of the next episode, and the handling of every finished attempt
-run_progress   the one thread that writes the status file and shows a run while it is played
+run_progress   the one thread that writes the status file and shows a run; Ctrl-C stops it between two turns
 tracking       the figures of a run, sent to an experiment tracker
-notebooks      the notebook methods of runs and sweeps
-runner         `evaluate`
+runner         `evaluate`, and which players and games can be sent to other processes
 sweeps         runs over a grid of budgets, compared with full context
-merge          merging shards
-audit          replaying every episode of a run
+merge          merging shards, and replaying every episode of a run
 """
 
 from smartplay_tools.episode.cells import most_calls

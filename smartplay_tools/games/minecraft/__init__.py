@@ -2,12 +2,10 @@
 
 The tasks and the text are the same for all engines, which are interchangeable:
 
-    tasks          the eight goals, the four actions and how one action becomes 51 game ticks
     observation    the data that an engine returns after an action: arrays, and the rays that filled them
     text           the observation text, in the original's words
-    engines        the interface of an engine, and the table of engines
+    engines        the goals and actions, the interface of an engine, and which engines work on this machine
     game           `Minecraft`, the environment that combines them
-    engine_checks  checks which engines work on this machine
     voxel/         the embedded engine: a world of blocks in NumPy
     luanti/        the engine Luanti, as a server without a screen
     minedojo/      MineDojo, the engine of the paper, in an environment of its own

@@ -1,13 +1,11 @@
 """The site over run folders: which runs there are, their episodes, and what is being played now.
 
-run_list      which runs there are now
-site_runs     what a site shows of a run, as plain data, read again only where the folder has changed
+site_runs     which runs there are now, and what a site shows of each, read again where the folder has changed
 site_record   the same of a single transcript
 browser_play  the episodes that a person plays in the browser, as `browser_player` answers
 challenge     an episode to play and the score to beat, as the address of a link
-app           the routes, whom they answer, the stream of events; `playing` has those by which a person plays
+app           the server, the routes, whom they answer, the stream of events; `playing` has the routes of play
 http_answers  headers with the content security policy, pages, scripts and styles
-site_server   an address that the site is served on, safe by default
 templates/    the pages; static/ has their scripts; an episode is the replay page, made when it is opened
 
 The site is read-only, unless it is started with a game that a person plays.

@@ -3,11 +3,9 @@
 metadata           who submits what: `submission.json`
 bundle             the zip file, written deterministically and unpacked without trust
 prepare            a bundle from a run
-submitted_plan     cells, keys and seeds of a submitted run, and what of it is safe to replay
+submitted_plan     cells, keys, seeds and means of a submitted run, and what of it is safe to replay
 records            the check of one record
-limited_workers    processes that check records under limits of time and memory
-submitted_results  means of games and budgets
-check              everything together
+check              everything together, in processes under limits of time and memory
 check_report       what was found, as text and JSON
 issued_seeds       seeds that a board issues
 

@@ -1,8 +1,7 @@
 """The replay page: a run, or a single transcript, as one HTML file that opens from disk and needs no network.
 
     sources          the episodes, finished or not
-    episodes         a transcript for the page: turns, the contents of each prompt, tokens
-    excerpts         some turns of it
+    episodes         a transcript for the page: turns, the contents of each prompt, tokens; some turns of it
     drawings         the states of the game, from playing the record again; `walks` and `texture_sheet` for two games
     summary_tables   the tables of the run, `figure_images` its figures
     episode_reading  an episode's record checked, drawn and packed, by several processes if there are many
