@@ -8,7 +8,7 @@ The interval of a mean difference is computed by `intervals`, with the differenc
 counterpart is missing (it failed, or was not played yet) is in no pair. Where trials carry something over, on either
 side of a pair, the sample is that of the means of chains: `records.rows.unit_of`.
 
-Conditions on a figure, as users write them: score >= 40.
+A `RowCondition` is a condition on a measure as users write it: score >= 40.
 """
 
 from __future__ import annotations

@@ -7,16 +7,13 @@ no limit, and the longest. In a grid this is the largest history with the larges
 with the same manual.
 
 An episode that was cut short by a cap on the whole run (`run_budget`) does not show the value of a window, so it is not
-compared. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each of
-which holds by itself: with twenty cells, one is expected to miss. The K differences of scores also have intervals that
-hold together in 95 of 100 sweeps: each at the level 1 - 0.05 / K (Bonferroni), by formulas, since a bootstrap of ten
-thousand has no quantile that far out. The Pareto fronts compare the means of all cells
-of a game, including different players, manuals and protocols, because these have a price too.
-
-The Pareto front of score against price.
-
-A point is dominated if another one is at most as expensive and at least as good, and better in one of the two. The
-front consists of the points that are not dominated; equal points are on it together.
+compared. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each of which holds by
+itself: with twenty cells, one is expected to miss. The K differences of scores also have intervals that hold together
+in 95 of 100 sweeps: each at the level 1 - 0.05 / K (Bonferroni), by formulas, since a bootstrap of ten thousand has no
+quantile that far out. The Pareto fronts compare the means of all cells of a game, including different players, manuals
+and protocols, because these have a price too. A point is dominated if another one is at most as expensive and at least
+as good, and better in one of the two. The front consists of the points that are not dominated; equal points are on it
+together.
 """
 
 from __future__ import annotations
