@@ -194,6 +194,8 @@ class Episode:
             self.game.close()
             raise
         self._session.game_seconds = time.perf_counter() - began
+        self.words = self._session.words
+        """What the model is told, in the version of the config."""
         self.budget = self._session.budget
         """The budget in numbers."""
         self.head = self._session.head
@@ -543,7 +545,7 @@ class Episode:
         asked, result = self._answered[key]
         if asked == (name, arguments.canonical):
             return replace(result, data={**result.data, "replayed": True})
-        answer = self._session.refuse("This call id was used for another call; send a new one.")
+        answer = self._session.refuse(self.words("call_id_was_used"))
         return ToolResult(answer.text, True, self.done, answer.data)
 
     def _remember(self, key: str, name: str, arguments: Arguments, result: ToolResult) -> None:

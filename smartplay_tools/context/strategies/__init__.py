@@ -10,6 +10,7 @@ All strategies, and those of one episode, which act together.
 
 from __future__ import annotations
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import Ageing, drops_old_turns, turns_leave
 from smartplay_tools.context.strategies.anchors import Anchors
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer, share_kept
@@ -64,9 +65,9 @@ KINDS: tuple[type[BudgetStrategy], ...] = (
 class Strategies:
     """The strategies of one episode: those that its budget asks for, as objects of its own."""
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
-        asked = [kind(budget, counter) for kind in KINDS if kind.is_asked_for(budget)]
-        self.ageing = Ageing(budget, counter)
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
+        asked = [kind(budget, counter, words) for kind in KINDS if kind.is_asked_for(budget)]
+        self.ageing = Ageing(budget, counter, words)
         """What becomes of turns that are too old."""
         self.summaries = next((strategy for strategy in asked if isinstance(strategy, Summaries)), None)
         """The strategy that asks for summaries when turns leave; None without it."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, ClassVar
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.types import STRATEGIES, Budget, ToolSpec
@@ -51,7 +52,7 @@ class BudgetStrategy:
     tools: Sequence[StrategyTool] = ()
     """The tools that it adds."""
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         """Set it up for one episode."""
 
     @classmethod
