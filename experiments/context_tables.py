@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 
 from context_questions import CONTROL, QUESTIONS
@@ -12,7 +11,6 @@ from context_questions import CONTROL, QUESTIONS
 from smartplay_tools.evaluation.analysis import (
     MEASURES,
     MeanEstimate,
-    PlayedCell,
     WindowComparison,
     by_cell,
     compare_windows,
@@ -76,8 +74,8 @@ def _strategies(played: Sweep, comparisons: Sequence[WindowComparison]) -> str:
     return "\n".join(lines + [_row(show(comparison) for _, show in columns) for comparison in comparisons])
 
 
-def _cost_under(costs: dict[str, CellCost], at: int, comparison: WindowComparison) -> str:
-    return short(costs[_key(comparison.cell)].costs[at])
+def _cost_under(costs: dict[bytes, CellCost], at: int, comparison: WindowComparison) -> str:
+    return short(costs[comparison.cell.key()].costs[at])
 
 
 def _money(played: Sweep) -> str:
@@ -105,14 +103,10 @@ def _money(played: Sweep) -> str:
     return "\n".join(lines)
 
 
-def _costs(played: Sweep, tariffs: Sequence[Tariff]) -> dict[str, CellCost]:
+def _costs(played: Sweep, tariffs: Sequence[Tariff]) -> dict[bytes, CellCost]:
     """What every cell costs."""
     records = {row["key"]: played.run.folder.transcript(row["key"]) for row in played.rows}
-    return {_key(cost.cell): cost for cost in cell_costs(played.rows, charge_records(records, tariffs, {}))}
-
-
-def _key(cell: PlayedCell) -> str:
-    return json.dumps(asdict(cell), sort_keys=True)
+    return {cost.cell.key(): cost for cost in cell_costs(played.rows, charge_records(records, tariffs, {}))}
 
 
 STRATEGY_RULES = tariffs_of(["none", "anthropic-512", "vllm"])

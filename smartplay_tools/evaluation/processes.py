@@ -1,12 +1,12 @@
-"""Worker processes that do one job at a time: one that dies or crosses a limit is replaced, and only its job is lost.
+"""A pool of worker processes that do one job at a time, and a map over many records that uses it.
 
-A thread cannot be stopped, and `concurrent.futures` gives up all its processes when one of them dies. So each worker is
-a process with a pipe. It is spawned, never forked, so that it begins with a clean interpreter on every system, whatever
-threads its parent has.
+`ProcessPool` plays the attempts of a run and checks submissions. A worker that dies or crosses a limit is replaced, and
+only its job is lost: a thread cannot be stopped, and `concurrent.futures` gives up all its processes when one of them
+dies. So each worker is a process with a pipe. It is spawned, never forked, so that it begins with a clean interpreter
+on every system, whatever threads its parent has.
 
-Process many records in parallel, using this process and a pool.
-
-This process works while the others start. The results do not depend on the number of processes, except for their order.
+`parallel_map` reads records with a pool and with this process, which works while the others start. The results do not
+depend on the number of processes, except for their order.
 """
 
 from __future__ import annotations

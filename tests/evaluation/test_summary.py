@@ -204,14 +204,16 @@ def test_the_papers_numbers_are_one_condition():
     assert condition_cells(*rows) == [("rule", "", [BANDIT, HANOI, "MessengerL1-v0"])]
 
 
-def test_a_number_that_was_asked_for_is_a_condition_even_where_it_is_the_papers():
+def test_a_budget_is_named_as_it_was_asked_for_even_where_the_number_is_the_papers():
+    (alone,) = condition_cells(play_row(HANOI, budget=sp.Budget(history=30)))
+    assert alone == ("rule", "history 30", [HANOI])
     swept = [play_row(g, budget=sp.Budget(history=h)) for g in (BANDIT, HANOI) for h in (5, 30)]
     assert condition_cells(*swept) == [
         ("rule", "history 5", [BANDIT, HANOI]),
         ("rule", "history 30", [BANDIT, HANOI]),
     ]
     both = [play_row(g, budget=sp.Budget(history=h)) for g in (BANDIT, HANOI) for h in (30, "game")]
-    assert condition_cells(*both[:3]) == [("rule", "history 30", [BANDIT, HANOI]), ("rule", "", [BANDIT, HANOI])]
+    assert condition_cells(*both) == [("rule", "history 30", [BANDIT, HANOI]), ("rule", "", [BANDIT, HANOI])]
 
 
 def test_caps_and_rules_are_part_of_a_condition():

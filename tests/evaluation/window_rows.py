@@ -44,4 +44,6 @@ def row(seed: int = 0, score: float = 0.0, *, tokens: int = 100, cost: float | N
         "tool_calls": 50,
         "cut_results": 0,
     }
-    return usual | measured | {"budget": BUDGET | window} | facts
+    asked = {name: cap for name, cap in window.items() if name != "manual_tokens"}
+    budgets = {"budget": BUDGET | window, "asked": {"history": None, "stalled_turns": 10} | asked}
+    return usual | measured | budgets | facts

@@ -8,13 +8,7 @@
 `grouping` decides which episodes are averaged together, `intervals` estimates means.
 """
 
-from smartplay_tools.evaluation.analysis.capabilities import (
-    Baseline,
-    Baselines,
-    Capabilities,
-    CapabilityScore,
-    capability_scores,
-)
+from smartplay_tools.evaluation.analysis.capabilities import Capabilities, CapabilityScore, capability_scores
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side, compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
@@ -24,7 +18,15 @@ from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, 
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Method, mean_estimate
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences, paired_difference
-from smartplay_tools.evaluation.analysis.summary import CellSummary, Failures, Profile, RunSummary, summarize
+from smartplay_tools.evaluation.analysis.summary import (
+    Baseline,
+    Baselines,
+    CellSummary,
+    Failures,
+    Profile,
+    RunSummary,
+    summarize,
+)
 from smartplay_tools.evaluation.analysis.tables import summary_json, write_csv, write_parquet
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows, pareto_front

@@ -15,12 +15,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
-from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions, in_words
+from smartplay_tools.evaluation.analysis.grouping import Condition, by_cell, conditions, in_words
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
@@ -157,15 +158,13 @@ Sides = Mapping[Side, Mapping[str, Sequence[Row]]]
 
 def _sides(runs: Mapping[str, Sequence[Row]]) -> dict[Side, dict[str, list[Row]]]:
     """The sides of all runs. Conditions are determined over all runs, so that they mean the same in each."""
-    groups = {run: by_cell(row for row in rows if row["end_reason"] != "run_budget") for run, rows in runs.items()}
-    cells: list[PlayedCell] = []
-    for members in groups.values():
-        cells += [cell for cell, _ in members if cell not in cells]
+    finished = {run: [row for row in rows if row["end_reason"] != "run_budget"] for run, rows in runs.items()}
+    all_conditions = conditions(cell for cell, _ in by_cell(chain.from_iterable(finished.values())))
     sides: dict[Side, dict[str, list[Row]]] = {}
-    all_conditions = conditions(cells)
-    for run, members in groups.items():
+    for run, rows in finished.items():
+        groups = by_cell(rows)
         for condition in all_conditions:
-            played = {cell.game: rows for cell, rows in members if cell in condition.cells}
+            played = {cell.game: members for cell, members in groups if cell in condition.cells}
             if played:
                 sides.setdefault(_side(run, condition), {}).update(played)
     return sides

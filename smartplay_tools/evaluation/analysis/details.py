@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.capabilities import Baseline, Baselines
 from smartplay_tools.evaluation.analysis.formats import (
     NOTHING,
     Column,
@@ -24,7 +23,15 @@ from smartplay_tools.evaluation.analysis.formats import (
 )
 from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.headline import INTERVALS, PRIVILEGED, by_game, shared, warnings
-from smartplay_tools.evaluation.analysis.summary import CellSummary, Drift, Failures, Profile, RunSummary
+from smartplay_tools.evaluation.analysis.summary import (
+    Baseline,
+    Baselines,
+    CellSummary,
+    Drift,
+    Failures,
+    Profile,
+    RunSummary,
+)
 from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.games.paper_tables import CAPABILITIES
 

@@ -4,38 +4,35 @@ A cell is what is repeated over trials: one game, one engine, one player, under 
 condition is everything that is the same for a player in all games ("the paper's history, prompts of at most 4096
 tokens"); its cells are listed together, and their capability scores are one player's profile.
 
-Rows contain budgets in numbers, resolved for each game, so a condition has to be inferred: history 50 for the bandit
-and 5 for Crafter are both "game", the paper's number. If the same run has a history of 5 for other games too, Crafter's
-5 is that number; if the run has both, Crafter's cell belongs to both conditions.
+The budgets of cells are in numbers, which are resolved for each game. The budget of a condition is what was asked for:
+history 50 for the bandit and 5 for Crafter are both "game", the paper's number. If a run has asked for Crafter's 5 in
+both ways, its cell belongs to both conditions.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
-from itertools import product
-from typing import Any
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 from smartplay_tools.context.tokens import DEFAULT_TOKENIZER
-from smartplay_tools.episode.budgets import SMALLEST_AUTO_CAP, resolve
 from smartplay_tools.episode.config import RULES, USUAL_RULES
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import get_spec
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import Row, grouped
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
 from smartplay_tools.types.arguments import canonical_text
 
-_COMMON = ("player", "player_options", "rules", "tokenizer")
-WORDS = ("history", "tool_calls")
-"""The fields of a budget for which "game" means a different number in every game."""
-
-CAPS = tuple(name for name in Budget.model_fields if name not in (*WORDS, "result_tokens"))
-"""The fields that are the same in every game."""
-
 USUAL = {**USUAL_RULES, "tokenizer": DEFAULT_TOKENIZER}
 """The defaults of a condition, except its budget."""
+
+_COPIED = ("game", "engine", "player", "player_options", "tokenizer", "options")
+"""The fields of a cell that are those of its rows."""
+
+_WRITTEN = (*_COPIED, *RULES, "budget", "asked")
+"""The fields of a row that say what its cell is."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +49,30 @@ class PlayedCell:
     """Resolved, in numbers."""
     tokenizer: str
     options: Mapping[str, Any]
+    asked: tuple[Budget, ...] = field(default=(), compare=False)
+    """The budget as it was asked for, with "game" and "auto"; several if they are the same in numbers."""
+
+    @classmethod
+    def of(cls, row: Row) -> Self:
+        """Return the cell of a row. A row that does not say what was asked for has asked for its numbers."""
+        numbers = {**Budget.later, **row["budget"]}
+        asked = row.get("asked", {name: value for name, value in numbers.items() if name in Budget.model_fields})
+        return cls(
+            **{name: row[name] for name in _COPIED},
+            rules={name: row.get(name, USUAL[name]) for name in RULES},
+            budget=numbers,
+            asked=(Budget.from_record(asked),),
+        )
 
     @property
     def spec(self) -> GameSpec:
         """The setting."""
         return get_spec(self.game)
+
+    def key(self, *, without: Collection[str] = ()) -> bytes:
+        """Return what identifies the cell, without these fields of its budget: equal for equal cells."""
+        budget = {name: value for name, value in self.budget.items() if name not in without}
+        return canonical_json([*(getattr(self, name) for name in _COPIED), self.rules, budget])
 
 
 @dataclass(frozen=True)
@@ -68,7 +84,7 @@ class Condition:
     rules: Mapping[str, Any]
     tokenizer: str
     budget: Mapping[str, Any]
-    """The budget as it may have been given, with "game" and "auto" instead of numbers."""
+    """As it was asked for, with "game" and "auto" instead of numbers."""
     variant: str
     """Engine and options, if some game was played with several; otherwise empty."""
     cells: tuple[PlayedCell, ...]
@@ -86,6 +102,50 @@ class Condition:
         return ", ".join(filter(None, [self.label, *differing(self.player_options, rivals)]))
 
 
+def by_cell(rows: Iterable[Row]) -> list[tuple[PlayedCell, list[Row]]]:
+    """Group rows by cell; cells and rows keep the order of the rows."""
+    # The cells and their keys by the facts as they are written: most rows are written as the one before.
+    written: dict[str, tuple[bytes, PlayedCell]] = {}
+
+    def key_of(row: Row) -> bytes:
+        facts = repr([row.get(name) for name in _WRITTEN])
+        if facts not in written:
+            cell = PlayedCell.of(row)
+            written[facts] = cell.key(), cell
+        return written[facts][0]
+
+    groups = grouped(rows, key_of)
+    alike = grouped(written.values(), lambda pair: pair[0])
+    return [(_merged([cell for _, cell in alike[key]]), members) for key, members in groups.items()]
+
+
+def _merged(cells: Sequence[PlayedCell]) -> PlayedCell:
+    """Equal cells as one, with all that was asked for."""
+    return replace(cells[0], asked=tuple(dict.fromkeys(budget for cell in cells for budget in cell.asked)))
+
+
+def conditions(cells: Iterable[PlayedCell]) -> list[Condition]:
+    """Group cells by condition, in the order in which conditions first appear."""
+    asked = [(budget, cell) for cell in cells for budget in cell.asked]
+    groups = grouped(asked, lambda pair: canonical_json([*_common(pair[1]).values(), pair[0].model_dump()]))
+    return [
+        Condition(**_common(members[0][1]), budget=vars(members[0][0]), variant=variant, cells=variants)
+        for members in groups.values()
+        for variant, variants in _variants([cell for _, cell in members])
+    ]
+
+
+def label_in(among: Sequence[Condition], cell: PlayedCell) -> str:
+    """Return the label of the first of these conditions that a cell belongs to; empty for the default."""
+    return next((condition.label_among(among) for condition in among if cell in condition.cells), "")
+
+
+def labels(cells: Sequence[PlayedCell]) -> list[str]:
+    """Return the label of the condition of each cell, among these; empty for the default."""
+    among = conditions(cells)
+    return [label_in(among, cell) for cell in cells]
+
+
 def in_words(options: Mapping[str, Any]) -> list[str]:
     """Return options as the command line takes them: KEY=VALUE, where a value that is not text is JSON."""
     values = ((name, options[name]) for name in sorted(options))
@@ -98,85 +158,9 @@ def differing(options: Mapping[str, Any], others: Iterable[Mapping[str, Any]]) -
     return [words for words in in_words(options) if not all(words in rival for rival in rivals)]
 
 
-def _facts(row: Row) -> dict[str, Any]:
-    """The fields of the cell of a row."""
-    return {
-        **{name: row[name] for name in _COPIED},
-        "budget": {**Budget.later, **row["budget"]},
-        "rules": {name: row.get(name, USUAL[name]) for name in RULES},
-    }
-
-
-_COPIED = tuple(field.name for field in fields(PlayedCell) if field.name not in ("rules", "budget"))
-"""The fields of a cell that are those of its rows."""
-
-_WRITTEN = (*_COPIED, *RULES, "budget")
-"""The fields of a row that say what its cell is."""
-
-
-def by_cell(rows: Iterable[Row]) -> list[tuple[PlayedCell, list[Row]]]:
-    """Group rows by cell; cells and rows keep the order of the rows."""
-    groups: dict[bytes, tuple[PlayedCell, list[Row]]] = {}
-    # The rows of each cell by its facts as they are written: most rows are written as the one before.
-    alike: dict[str, list[Row]] = {}
-    for row in rows:
-        written = repr([row.get(name) for name in _WRITTEN])
-        if written not in alike:
-            facts = _facts(row)
-            alike[written] = groups.setdefault(canonical_json(facts), (PlayedCell(**facts), []))[1]
-        alike[written].append(row)
-    return list(groups.values())
-
-
-def conditions(cells: Sequence[PlayedCell]) -> list[Condition]:
-    """Group cells by condition, in the order in which conditions first appear."""
-    asked = {word: _AskedField(word, cells) for word in WORDS}
-    groups: dict[bytes, tuple[dict[str, Any], list[PlayedCell]]] = {}
-    for cell in cells:
-        for values in product(*(asked[word].readings(cell) for word in WORDS)):
-            budget = {**dict(zip(WORDS, values, strict=True)), **_caps(cell.budget)}
-            common = {name: getattr(cell, name) for name in _COMMON} | {"budget": budget}
-            groups.setdefault(canonical_json(common), (common, []))[1].append(cell)
-    return [
-        Condition(**common, variant=variant, cells=members)
-        for common, mixed in groups.values()
-        for variant, members in _variants(mixed)
-    ]
-
-
-def labels(cells: Sequence[PlayedCell]) -> list[str]:
-    """Return the label of the condition of each cell, among these; empty for the default."""
-    among = conditions(cells)
-    return [next(condition.label_among(among) for condition in among if cell in condition.cells) for cell in cells]
-
-
-class _AskedField:
-    """What a run may have asked for in a field of the budget, inferred from the numbers of all its cells."""
-
-    def __init__(self, field: str, cells: Sequence[PlayedCell]) -> None:
-        self._field = field
-        self._numbers = {self._value(cell) for cell in cells if self._value(cell) != self._of_game(cell)}
-        self._word = any(self._value(cell) not in self._numbers for cell in cells)
-
-    def readings(self, cell: PlayedCell) -> list[Any]:
-        """The number, if it was given for any game; "game", if it is the paper's and the run used the word."""
-        value = self._value(cell)
-        number = [value] if value in self._numbers else []
-        return [*number, *(["game"] if self._word and value == self._of_game(cell) else [])]
-
-    def _value(self, cell: PlayedCell) -> Any:
-        return cell.budget[self._field]
-
-    def _of_game(self, cell: PlayedCell) -> Any:
-        return getattr(resolve(Budget(), cell.spec, 0), self._field)
-
-
-def _caps(budget: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields that are the same in every game; the cap on results is "auto" if it may have been."""
-    results, prompts = budget["result_tokens"], budget["prompt_tokens"]
-    # "auto" gives the manual a cap of its own, unless both are the smallest; without a cap on prompts it gives none.
-    auto = results != budget["manual_tokens"] or results == (None if prompts is None else SMALLEST_AUTO_CAP)
-    return {**{name: budget[name] for name in CAPS}, "result_tokens": "auto" if auto else results}
+def _common(cell: PlayedCell) -> dict[str, Any]:
+    """The fields of a cell that its condition has too."""
+    return {name: getattr(cell, name) for name in ("player", "player_options", "rules", "tokenizer")}
 
 
 def _variants(cells: Sequence[PlayedCell]) -> list[tuple[str, tuple[PlayedCell, ...]]]:

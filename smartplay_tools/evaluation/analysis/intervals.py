@@ -3,7 +3,7 @@
 Which interval a mean has follows from what its measure can be (`Bounds`), never from what a sample happens to look
 like; docs/metrics.md has the table, and the slow tests show how often each interval covers the truth.
 
-    declared to be one of two values   Wilson's interval of a share, and Tango's of a difference in pairs (`shares`)
+    declared to be one of two values   Wilson's interval of a share, and Tango's of a difference in pairs
     anything else                      at each end the wider of Student's t and the bootstrap
     all values equal                   what the number of episodes alone can exclude, between the declared bounds
     one value, or all equal unbounded  none; the `note` of the estimate says why
@@ -15,15 +15,13 @@ samples of the same size share their resamples, and the skewness has a closed fo
 once. An interval depends on the values alone: the generator has a fixed seed and the values are sorted, so neither the
 workers nor the order of completion can change it.
 
-Intervals of shares: of the episodes that succeed, and of the difference between two shares in pairs of episodes.
+A share, or the difference of two shares in pairs of episodes, has a distribution that is known but for one number, so
+nothing has to be resampled for it.
 
-What is either 0 or 1 has a distribution that is known but for one number, so nothing has to be resampled.
-
-The distributions that intervals and plans need: Student's t, central and not, chi-squared and the binomial.
-
-The standard library has the normal distribution only, and NumPy draws from the others without having their
-probabilities. SciPy has them all, but takes more than 100 MB, which the core does not need otherwise; tests compare
-these functions with it (`tests/evaluation/test_intervals.py`) and with statsmodels (`test_oracles.py`).
+The module begins with the distributions: Student's t, central and not, chi-squared and the binomial. The standard
+library has the normal distribution only, and NumPy draws from the others without having their probabilities. SciPy has
+them all, but takes more than 100 MB, which the core does not need otherwise; tests compare these functions with it
+(`tests/evaluation/test_intervals.py`) and with statsmodels (`test_oracles.py`). Intervals of shares follow, then means.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, ru
         for cell, members in by_cell(rows)
     ]
     played = [(cell, members, pairs) for cell, members, pairs in played if pairs]
-    dearest: dict[str, list[float]] = {}
+    dearest: dict[bytes, list[float]] = {}
     for cell, _, pairs in played:
         for _, each in pairs:
             most = dearest.setdefault(family(cell), [0.0] * len(each.charges))

@@ -8,7 +8,6 @@ from collections.abc import Hashable, Iterable, Iterator, Sequence
 from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell, in_words
 from smartplay_tools.evaluation.analysis.windows import FOLLOWS_FROM_WINDOW, LIMITS, WINDOW, WindowComparison
 from smartplay_tools.records.rows import grouped
-from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import STRATEGIES, Budget, ResolvedBudget
 
 
@@ -109,12 +108,8 @@ def window_names(cells: Sequence[PlayedCell]) -> list[str]:
 def _differing_limits(cells: Sequence[PlayedCell]) -> list[str]:
     """The caps, other than of the window, in which cells that have the same window differ."""
     varied = [name for name in LIMITS if len({cell.budget[name] for cell in cells}) > 1]
-    same = grouped(cells, _window_key).values() if varied else ()
+    same = grouped(cells, lambda cell: cell.key(without=cell.budget.keys() - WINDOW)).values() if varied else ()
     return [name for name in varied if any(len({cell.budget[name] for cell in members}) > 1 for members in same)]
-
-
-def _window_key(cell: PlayedCell) -> bytes:
-    return canonical_json([*_facts(cell).values(), cell.player, *(cell.budget[name] for name in WINDOW)])
 
 
 def _in_words(cell: PlayedCell, limits: Iterable[str]) -> list[str]:

@@ -8,7 +8,7 @@ The interval of a mean difference is computed by `intervals`, with the differenc
 counterpart is missing (it failed, or was not played yet) is in no pair. Where trials carry something over, on either
 side of a pair, the sample is that of the means of chains: `records.rows.unit_of`.
 
-Conditions on a figure, as users write them: score >= 40.
+A `RowCondition` is a condition on a measure as users write it: score >= 40.
 """
 
 from __future__ import annotations
@@ -22,8 +22,11 @@ from typing import Self
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Sample, mean_estimate
-from smartplay_tools.games.specs import GAMES
+from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.records.rows import Row, grouped, unit_of
+
+FAMILIES_WITHOUT_OBJECTIVE = ("bandit", "rock_paper_scissors", "crafter")
+"""Games that cannot be completed, so they have no completion rate (paper, section 4.2)."""
 
 Measure = Callable[[Row], float | None]
 """A value of one episode; None if it has none."""
@@ -67,8 +70,8 @@ MEASURES: Mapping[str, Measure] = {
 
 def bounds_of(measure: Measure, game: str) -> Bounds | None:
     """Return what a measure can be in a game, if that is declared; the game need not be known."""
-    if measure in (prefix_share, completed):
-        return Bounds(0, 1, two_valued=measure is completed)
+    if measure in (prefix_share, completion):
+        return Bounds(0, 1, two_valued=measure is completion)
     spec = GAMES.get(game)
     if spec is None or spec.score_bounds is None or measure not in (score, normalized_score):
         return None
@@ -81,9 +84,9 @@ def values(rows: Iterable[Row], measure: Measure) -> list[float]:
     return [value for row in rows if (value := measure(row)) is not None]
 
 
-def completed(row: Row) -> float:
-    """Whether the objective was reached."""
-    return float(row["completed"])
+def completion(row: Row) -> float | None:
+    """1 if the objective was reached, otherwise 0; None for games that have no objective."""
+    return None if get_spec(row["game"]).family in FAMILIES_WITHOUT_OBJECTIVE else float(row["completed"])
 
 
 def reward(row: Row) -> float:
@@ -112,9 +115,9 @@ def cut_share(rows: Sequence[Row]) -> float | None:
     return sum(row["cut_results"] for row in rows) / calls if calls else None
 
 
-def samples(rows: Sequence[Row]) -> dict[str, Sample]:
-    """Return all measures of the episodes of a cell."""
-    return {name: sample(rows, measure) for name, measure in MEASURES.items()}
+def samples(rows: Sequence[Row], measures: Mapping[str, Measure] = MEASURES) -> dict[str, Sample]:
+    """Return these measures of the episodes of a cell."""
+    return {name: sample(rows, measure) for name, measure in measures.items()}
 
 
 Pair = tuple[Row, Row]

@@ -10,21 +10,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from smartplay_tools.episode.config import differs
-from smartplay_tools.evaluation.analysis.capabilities import (
-    Baselines,
-    Capabilities,
-    Weights,
-    capability_scores,
-    find_baselines,
-)
-from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions
-from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, Sample, named_estimates
-from smartplay_tools.evaluation.analysis.pairs import completed, normalized_score, reward, sample, score
+from smartplay_tools.evaluation.analysis.capabilities import Capabilities, Weights, capability_scores
+from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions, label_in
+from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, named_estimates
+from smartplay_tools.evaluation.analysis.pairs import Measure, completion, normalized_score, reward, samples, score
+from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.records.rows import Row, grouped, has_reported_tokens, is_unplayed
 from smartplay_tools.types import EndReason
 
@@ -42,8 +37,13 @@ COUNTS = (
 )
 """Fields of a row that are added up over a cell."""
 
-FAMILIES_WITHOUT_OBJECTIVE = ("bandit", "rock_paper_scissors", "crafter")
-"""Games that cannot be completed, so they have no completion rate (paper, section 4.2)."""
+FIGURES: Mapping[str, Measure] = {
+    "reward": reward,
+    "completion": completion,
+    "score": score,
+    "normalized_score": normalized_score,
+}
+"""What is estimated for every cell."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +144,48 @@ class Profile:
     capabilities: Capabilities
 
 
+Source = Literal["run", "paper"]
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """One player's mean score at a setting."""
+
+    name: str
+    source: Source
+    score: float
+    normalized_score: float | None
+    episodes: int | None
+    """None for the paper's baselines, because the paper gives only means."""
+
+
+@dataclass(frozen=True)
+class Baselines:
+    """The scores with which a score at a setting is compared, for players with the same label.
+
+    A score means little by itself: 31 of 50 for the bandit is six more than guessing and fourteen less than a human
+    score.
+    """
+
+    game: str
+    label: str
+    """A short description of the conditions of the run's players."""
+    engine: str | None
+    comparable: bool
+    """Whether the paper's scores are of the same game; False for another engine, or without a human score."""
+    baselines: tuple[Baseline, ...]
+    """The run's players in its order, then the paper's."""
+
+    def get(self, name: str, source: Source = "run") -> Baseline | None:
+        """Return the baseline of that name, if there is one."""
+        return next((each for each in self.baselines if (each.name, each.source) == (name, source)), None)
+
+    @property
+    def models(self) -> tuple[Baseline, ...]:
+        """The paper's models, without the human baseline."""
+        return tuple(each for each in self.baselines if each.source == "paper" and each.name != "human")
+
+
 @dataclass(frozen=True)
 class RunSummary:
     """The statistics of a run."""
@@ -155,8 +197,7 @@ class RunSummary:
 
     def label_of(self, cell: CellSummary) -> str:
         """Return a short description of what a cell's player was given; empty for the default."""
-        among = [profile.condition for profile in self.profiles]
-        return next((condition.label_among(among) for condition in among if cell.cell in condition.cells), "")
+        return label_in([profile.condition for profile in self.profiles], cell.cell)
 
 
 def summarize(
@@ -165,27 +206,14 @@ def summarize(
     """Summarise a run, from `RunFolder.rows` (finished episodes) and `RunFolder.failures` (failed attempts)."""
     rows = list(rows)
     groups = by_cell(rows)
-    estimates = named_estimates((_measured(cell, members) for cell, members in groups), method)
-    cells = [_cell_summary(cell, members, means) for (cell, members), means in zip(groups, estimates, strict=True)]
-    grouped = conditions([cell for cell, _ in groups])
-    profiles = [_profile(condition, groups, cells, weights) for condition in grouped]
+    among = conditions(cell for cell, _ in groups)
+    measured = [samples(members, FIGURES) for _, members in groups]
+    means = named_estimates(measured, method)
+    cells = tuple(_cell_summary(cell, members, own) for (cell, members), own in zip(groups, means, strict=True))
     lost = _failures(failures, {row["key"] for row in rows})
-    played = [
-        (condition, [(c.cell, c.score, c.normalized_score) for c in cells if c.cell in condition.cells])
-        for condition in grouped
-    ]
-    return RunSummary(tuple(cells), tuple(profiles), tuple(find_baselines(played)), tuple(lost))
-
-
-def _measured(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, Sample]:
-    """The samples from which a cell's means are estimated."""
-    objective = cell.spec.family not in FAMILIES_WITHOUT_OBJECTIVE
-    return {
-        "reward": sample(rows, reward),
-        "completion": sample(rows if objective else [], completed),
-        "score": sample(rows, score),
-        "normalized_score": sample(rows, normalized_score),
-    }
+    normalized = [each["normalized_score"].values for each in measured]
+    profiles = (_profile(condition, cells, normalized, weights) for condition in among)
+    return RunSummary(cells, tuple(profiles), tuple(_baselines(among, cells)), tuple(lost))
 
 
 def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str, MeanEstimate]) -> CellSummary:
@@ -200,10 +228,10 @@ def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str,
         normalized_score=estimates.get("normalized_score"),
         counts={name: sum(row.get(name, 0) for row in rows) for name in COUNTS},
         end_reasons={reason: ends[reason] for reason in get_args(EndReason) if ends[reason]},
-        tokens=_tokens(rows),
-        cost=None if None in costs else math.fsum(costs),
         deviations=_deviations(cell, rows),
         unplayed=sum(map(is_unplayed, rows)),
+        cost=None if None in costs else math.fsum(costs),
+        tokens=_tokens(rows),
     )
 
 
@@ -239,18 +267,36 @@ def _deviations(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _profile(
-    condition: Condition,
-    groups: Sequence[tuple[PlayedCell, list[Row]]],
-    cells: Sequence[CellSummary],
-    weights: Weights,
+    condition: Condition, cells: Sequence[CellSummary], normalized: Sequence[Sequence[float]], weights: Weights
 ) -> Profile:
-    rows = {cell.game: members for cell, members in groups if cell in condition.cells}
-    normalized = {game: sample(members, normalized_score).values for game, members in rows.items()}
-    privileged = any(cell.privileged for cell in cells if cell.cell in condition.cells)
-    return Profile(condition, privileged, capability_scores(normalized, weights=weights))
+    """The profile of a condition, from the normalised scores of all cells."""
+    own = [(each, scores) for each, scores in zip(cells, normalized, strict=True) if each.cell in condition.cells]
+    scores = capability_scores({each.cell.game: scores for each, scores in own}, weights=weights)
+    return Profile(condition, any(each.privileged for each, _ in own), scores)
+
+
+def _baselines(among: Sequence[Condition], cells: Sequence[CellSummary]) -> Iterator[Baselines]:
+    """One set of baselines for each setting and label."""
+    labelled = [(condition.label, each) for condition in among for each in cells if each.cell in condition.cells]
+    for (label, game), members in grouped(labelled, lambda pair: (pair[0], pair[1].cell.game)).items():
+        played = [each for _, each in members]
+        ours = (_baseline(each) for each in played)
+        papers = (
+            Baseline(row.player, "paper", row.raw[game], row.normalized[game], None)
+            for row in PAPER_RESULTS
+            if game in row.raw
+        )
+        comparable = any(each.normalized_score is not None for each in played)
+        yield Baselines(game, label, played[0].cell.engine, comparable, (*ours, *papers))
+
+
+def _baseline(played: CellSummary) -> Baseline:
+    normalized = None if played.normalized_score is None else played.normalized_score.mean
+    return Baseline(played.cell.player, "run", played.score.mean, normalized, played.score.episodes)
 
 
 def _failures(rows: Iterable[Row], finished: Set[str]) -> list[Failures]:
+    attempts = grouped(rows, lambda row: (row["game"], row["player"]))
     return [
         Failures(
             game,
@@ -260,5 +306,5 @@ def _failures(rows: Iterable[Row], finished: Set[str]) -> list[Failures]:
             reasons=Counter(row["end_reason"] for row in failed),
             last_error=next((row["error"] for row in reversed(failed) if row["error"]), None),
         )
-        for (game, player), failed in grouped(rows, lambda row: (row["game"], row["player"])).items()
+        for (game, player), failed in attempts.items()
     ]

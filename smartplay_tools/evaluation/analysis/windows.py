@@ -7,23 +7,19 @@ no limit, and the longest. In a grid this is the largest history with the larges
 with the same manual.
 
 An episode that was cut short by a cap on the whole run (`run_budget`) does not show the value of a window, so it is not
-compared. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each of
-which holds by itself: with twenty cells, one is expected to miss. The K differences of scores also have intervals that
-hold together in 95 of 100 sweeps: each at the level 1 - 0.05 / K (Bonferroni), by formulas, since a bootstrap of ten
-thousand has no quantile that far out. The Pareto fronts compare the means of all cells
-of a game, including different players, manuals and protocols, because these have a price too.
-
-The Pareto front of score against price.
-
-A point is dominated if another one is at most as expensive and at least as good, and better in one of the two. The
-front consists of the points that are not dominated; equal points are on it together.
+compared. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each of which holds by
+itself: with twenty cells, one is expected to miss. The K differences of scores also have intervals that hold together
+in 95 of 100 sweeps: each at the level 1 - 0.05 / K (Bonferroni), by formulas, since a bootstrap of ten thousand has no
+quantile that far out. The Pareto fronts compare the means of all cells of a game, including different players, manuals
+and protocols, because these have a price too. A point is dominated if another one is at most as expensive and at least
+as good, and better in one of the two. The front consists of the points that are not dominated; equal points are on it
+together.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
@@ -141,18 +137,15 @@ def is_widest_but(comparison: WindowComparison, field: str) -> bool:
     return all(comparison.cell.budget[name] == comparison.full.budget[name] for name in others)
 
 
-def family(cell: PlayedCell, along: Sequence[str] = WINDOW) -> str:
+def family(cell: PlayedCell, along: Sequence[str] = WINDOW) -> bytes:
     """A key for everything about a cell except the given fields of its window."""
-    facts = asdict(cell)
-    left_out = (*along, *FOLLOWS_FROM_WINDOW)
-    facts["budget"] = {name: value for name, value in cell.budget.items() if name not in left_out}
-    return json.dumps(facts, sort_keys=True)
+    return cell.key(without=(*along, *FOLLOWS_FROM_WINDOW))
 
 
 def _full_contexts(groups: Sequence[tuple[PlayedCell, list[Row]]], along: Sequence[str]) -> list[int]:
     """For every group the index of its family's full context."""
     families = [family(cell, along) for cell, _ in groups]
-    widest: dict[str, int] = {}
+    widest: dict[bytes, int] = {}
     for at, (name, (cell, _)) in enumerate(zip(families, groups, strict=True)):
         best = widest.setdefault(name, at)
         if width(cell) > width(groups[best][0]):

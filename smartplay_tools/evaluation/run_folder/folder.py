@@ -1,4 +1,4 @@
-"""Reading the folder of a run: its plan, and its finished, running and failed episodes.
+"""Reading the folder of a run: its manifest, its finished, running and failed episodes, and notes about them.
 
     manifest.json         the plan, caps, prices, the run file; written before the first episode
     episodes/KEY.jsonl    the records of finished episodes
@@ -7,15 +7,11 @@
     results.jsonl         a row for every finished episode; no times in it
     status.json           the current figures, while the run is played; deleted when it stops
     timings.jsonl         a row for every attempt: wall time, processor time of the game, why it began again
+    *.notes.json          notes that people write about the turns of an episode, beside its record, which stays as it is
 
-Rows can always be computed again from the records. Reading works at any time, also during the run. Only
-`evaluation.runs` writes to the folder.
-
-The manifest of a run: its plan, caps and prices, written before its first episode.
-
-Playing a run and checking the run of another both derive seeds and shards here.
-
-Notes that people write about the turns of an episode, in a file beside its record, which stays as it is.
+Rows can always be computed again from the records. Reading works at any time, also during the run. Except for notes,
+only `evaluation.runs` writes to the folder. Playing a run and checking the run of another both derive seeds and shards
+here.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
-"""RunFollower: counts how far a run is, from its folder, while it is played or later.
+"""How far a run is, as terminal, log, notebook, status file and site show it.
 
-Everything is counted in one place: rows of finished episodes, records of attempts without a result, and records that
-are growing.
-
-RunSnapshot: how far a run is, as terminal, log, notebook, status file and site show it.
+A `RunFollower` counts it from the run's folder, while the run is played or later: rows of finished episodes, records of
+attempts without a result, and records that are growing. What it has counted is a `RunSnapshot`.
 
 A run costs more than its results: attempts that failed, were interrupted or wait for a higher cap were charged as well.
 A call whose process died before the reply may have been charged or not. Such calls are counted separately, with the

@@ -5,6 +5,7 @@ players        the players of a run and their options; the player that repeats a
 agents         programs and functions that play episodes in their own way
 probe          the check of a run's models, and the sentences for what it finds
 attempt        playing and recording one planned episode
+roster         how each player is configured, where its episodes are played, and which can be sent to other processes
 executors/     running attempts in processes, on an event loop or on a cluster
 limits         caps on the tokens and cost of a whole run
 estimate       the expected tokens, cost and time of a run
@@ -13,7 +14,7 @@ run_options    how a run is played: executor, workers, shard, caps, prices; the 
 scheduler      the choice of the next episode, and the handling of every finished attempt
 run_progress   the one thread that writes the status file and shows a run; Ctrl-C stops it between two turns
 tracking       the figures of a run, sent to an experiment tracker
-runner         `evaluate`, and which players and games can be sent to other processes
+runner         `evaluate`
 sweeps         runs over a grid of budgets, compared with full context
 merge          merging shards, and replaying every episode of a run
 """

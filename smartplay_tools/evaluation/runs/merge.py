@@ -1,13 +1,12 @@
-"""Merging the shards of a run, which were played on independent machines, into one folder.
+"""Merging the shards of a run, which were played on independent machines, and auditing the episodes of a run.
 
 Every shard's manifest contains the whole plan, which shows that the parts belong together. A merged folder is a run
 like any other: the same command, without the shard, plays the episodes that no part has played.
 
-The audit of a run: every episode is replayed, and every row compared with its record.
-
-A replay that is identical bit for bit shows that the record follows from the game, the budget and the replies. The
-audit also checks that the row agrees with the record, that the record is of the planned episode, and that a trial which
-takes something over began with what the trial before it left.
+An audit replays every episode and compares every row with its record. A replay that is identical bit for bit shows that
+the record follows from the game, the budget and the replies. The audit also checks that the row agrees with the record,
+that the record is of the planned episode, and that a trial which takes something over began with what the trial before
+it left.
 """
 
 from __future__ import annotations

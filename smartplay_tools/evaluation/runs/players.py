@@ -3,9 +3,8 @@
 The options of a player are recorded, so a credential cannot be an option: it is given as the name of an environment
 variable, which is read where the player is created.
 
-The blind player, `blind:RUN`: replays the actions of the best recorded episode of a setting, whatever it is shown.
-
-How well it scores on other seeds says how far a setting is solved by memory alone: a model that has seen one good
+`blind:RUN` is a player that replays the actions of the best recorded episode of a setting, whatever it is shown. How
+well it scores on other seeds says how far a setting is solved by memory alone: a model that has seen one good
 episode needs no observation to score as much. RUN is a run's folder, a folder of records or one record. The best
 episode has the highest score among those of the setting whose seed is not the one being played; of several, it is the
 one with the lowest seed. When its actions are used up, they are repeated from the start.

@@ -1,8 +1,7 @@
 """The options of a run: how its episodes are played, and where its caps are. None of them changes an episode.
 
-`evaluate`, `sweep` and the commands have the same ones, each defined here.
-
-Run files: the arguments of `eval` as TOML.
+`evaluate`, `sweep` and the commands have the same ones, each defined here. A run file has the arguments of `eval` as
+TOML:
 
     games = ["Crafter-v0", "Hanoi3Disk-v0"]
     trials = 10

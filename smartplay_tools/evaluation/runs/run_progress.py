@@ -1,14 +1,13 @@
-"""A run while it is played: one thread takes a snapshot every second, writes the status file and shows the snapshot.
+"""A run while it is played: its status file, its display, its methods in a notebook, and the signals that stop it.
 
-`status.json` is for programs that read the folder, `results` in another terminal and the site among them. It is not
-part of the results: it has a clock in it, it is deleted when the run stops, and nothing is lost if it is deleted
-earlier.
+One thread takes a snapshot every second, writes the status file and shows the snapshot. `status.json` is for programs
+that read the folder, `results` in another terminal and the site among them. It is not part of the results: it has a
+clock in it, it is deleted when the run stops, and nothing is lost if it is deleted earlier.
 
-What a notebook offers for a run or a sweep: data frames, replays and tables as the output of a cell.
+A notebook shows a run or a sweep as data frames, replays and tables. `pages.notebook` makes all of them and is imported
+at first use, so playing a run loads neither pages nor statistics.
 
-`pages.notebook` makes all of them and is imported at first use, so playing a run loads neither pages nor statistics.
-
-Signal handling: the first SIGTERM or Ctrl-C stops a run between two turns; the second has its usual effect.
+The first SIGTERM or Ctrl-C stops a run between two turns; the second has its usual effect.
 """
 
 from __future__ import annotations

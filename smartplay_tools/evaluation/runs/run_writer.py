@@ -6,11 +6,9 @@ computed again from the records at any time, so no received reply is lost if a r
 the order of completion; when it stops they are sorted as planned, so that two runs that played the same episodes have
 the same bytes, regardless of the number of workers.
 
-The lock of a run's folder: one process at a time writes a run, and the others are told which one does.
-
-The operating system holds the lock (`flock`, or `LockFileEx` on Windows), so it is released however its process ends,
-and nothing has to be cleaned up after a kill. The holder is written to a separate file, because on Windows other
-processes cannot read a locked file.
+One process at a time writes a run, and the others are told which one does. The operating system holds the lock
+(`flock`, or `LockFileEx` on Windows), so it is released however its process ends, and nothing has to be cleaned up
+after a kill. The holder is written to a separate file, because on Windows other processes cannot read a locked file.
 """
 
 from __future__ import annotations

@@ -3,87 +3,45 @@
 A run that is started again continues where it stopped. Finished episodes are kept; failed ones are retried, a few times
 in a run; those that were running when the run was stopped, killed or paused by a cap continue from their records. A run
 with more trials, games or players than before is the same run, extended.
-
-What can be sent to other processes: players and games that they can import.
-
-A worker imports what a task names. It imports a script again, as `multiprocessing` does, but it cannot import a
-notebook: what is defined there is known in the notebook's process only, and is played there.
 """
 
 from __future__ import annotations
 
-import pickle
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
-from smartplay_tools.conversation.loop import apart_from_event_loop, check_observation, check_player
+from smartplay_tools.conversation.loop import apart_from_event_loop
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
-from smartplay_tools.evaluation.runs.attempt import Task, make_player
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
 from smartplay_tools.evaluation.runs.plan import (
     Plan,
-    PlannedEpisode,
     make_cells,
     plan_episodes,
     plan_suite,
-    player_key,
     player_of,
     prices_in_tables,
 )
-from smartplay_tools.evaluation.runs.players import PlayerConfig, Players, check_prices, given_prices, read_players
+from smartplay_tools.evaluation.runs.players import Players, read_players
+from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import Display, InNotebook, Signals, following, is_notebook, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, Scheduler, Setup
 from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
-from smartplay_tools.games.specs import GAMES
-from smartplay_tools.players import ModelPlayer, is_model
+from smartplay_tools.players import is_model
 from smartplay_tools.records.prices import Price, check_known
 from smartplay_tools.records.rows import Row
-from smartplay_tools.types import AsyncPlayer, Budget, Player
+from smartplay_tools.types import Budget
 
 if TYPE_CHECKING:
     from smartplay_tools.evaluation.analysis.stopping import Comparisons, Decision
-
-
-ELSEWHERE = ("processes", "ray")
-"""Executors whose attempts are made in other processes."""
-
-
-def why_only_here(task: Task) -> str | None:
-    """Return why a task's player can be made in this process only, as a sentence; None if it can be made elsewhere."""
-    player = player_of(task.planned.cell)
-    if _is_without_file() and getattr(task.player.factory, "__module__", None) == "__main__":
-        return (
-            f"The player {player!r} is defined in this notebook, which worker processes cannot import; have it in a "
-            'module, or ask for executor="inline".'
-        )
-    try:
-        pickle.dumps(task)
-    except Exception as error:
-        return (
-            f"The player {player!r} cannot be sent to worker processes ({error}); have it in a module under its name, "
-            'or ask for executor="inline".'
-        )
-    return None
-
-
-def is_known_only_here(game: str) -> bool:
-    """Return whether a game was registered by the code of a notebook, and so in no other process."""
-    return _is_without_file() and not GAMES.is_declared(game)
-
-
-def _is_without_file() -> bool:
-    """Whether the main program is a notebook or an interactive session, and so no file that could be imported."""
-    return getattr(sys.modules["__main__"], "__file__", None) is None
 
 
 @dataclass(frozen=True)
@@ -193,11 +151,9 @@ def run_plan(
     `run_file` is the text of the run file, if there is one. `display` shows the state of the run while it is played;
     without it and without `on_progress`, a notebook shows it below the cell.
     """
-    part = plan if options.shard is None else plan.shard(*options.shard)
-    check_prices(options.prices or (), map(player_of, plan.cells))
-    configs = _configs(plan, read_players(players))
-    by_executor, remote = _by_executor(part, configs, options.executor)
-    executors = {name: EXECUTORS[name] for name in by_executor}
+    roster = roster_of(plan, read_players(players), options)
+    executors = {name: EXECUTORS[name] for name in roster.episodes}
+    part = roster.part
     folder, caps = RunWriter(out), options.caps
     with (
         _disk(folder, part),
@@ -206,18 +162,17 @@ def run_plan(
         (display or _display(part, options.on_progress))() as show,
     ):
         before = folder.manifest() if (folder.path / "manifest.json").exists() else None
-        prices = {**given_prices(configs.values()), **(options.prices or {})}
-        manifest = _manifest(folder, before, plan, options, prices, run_file)
+        manifest = _manifest(folder, before, plan, options, roster.prices, run_file)
         comparisons = _comparisons(manifest)
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
-        setup = Setup(configs, manifest.prices, caps, remote, repriced, comparisons)
+        setup = Setup(roster.players, manifest.prices, caps, roster.remote, repriced, comparisons)
         tracking = Tracking(options.track, folder.path.name, manifest, options.on_progress)
         scheduler = Scheduler(folder, part, setup, tracking.heard)
         with following(folder, show):
             try:
                 # Where a comparison is to be decided early, players that cost nothing play before models begin.
-                order = list(by_executor.items())[:: 1 if comparisons is None else -1]
+                order = list(roster.episodes.items())[:: 1 if comparisons is None else -1]
                 for name, episodes in order:
                     chosen = executors[name](options.workers or default_workers(name), caps, scheduler.spent)
                     with closing(chosen):
@@ -263,68 +218,6 @@ def _display(plan: Plan, on_progress: OnProgress | None) -> Display:
     from smartplay_tools.evaluation.pages.notebook import shown_below_the_cell
 
     return shown_below_the_cell
-
-
-def _configs(plan: Plan, given: Sequence[PlayerConfig]) -> dict[str, PlayerConfig]:
-    """The players of a plan by `player_key`, each as it was configured."""
-    configs = {}
-    for cell in plan.cells:
-        name, options = player_of(cell), cell.player_options
-        own = [config for config in given if config.name == name and config.options.items() <= options.items()]
-        # If several players have the same name, the one with the most options in common is chosen.
-        configs[player_key(cell)] = max(own, key=lambda config: len(config.options), default=PlayerConfig(name=name))
-    return configs
-
-
-def _by_executor(
-    plan: Plan, configs: Mapping[str, PlayerConfig], asked: str | None
-) -> tuple[dict[str, list[PlannedEpisode]], set[str]]:
-    """Return the episodes by the executor that suits their player, and the players behind a network.
-
-    Every player is created once, so that mistakes are found before the run. Models come first.
-    """
-    suits: dict[str, str] = {}
-    made_for: dict[str, Player | AsyncPlayer] = {}
-    remote: set[str] = set()
-    episodes_of: dict[str, list[PlannedEpisode]] = {"async": []}
-    for episode in plan.episodes:
-        cell = episode.cell
-        if configs[player_key(cell)].agent is not None:
-            suits[player_key(cell)] = "async"
-        elif player_key(cell) not in suits:
-            task = Task(episode, configs[player_key(cell)], Path())
-            made = made_for[player_key(cell)] = make_player(task)
-            check_player(made)
-            suits[player_key(cell)] = asked or _suitable(made)
-            if isinstance(made, ModelPlayer):
-                remote.add(player_key(cell))
-                made.check_ready()
-            if suits[player_key(cell)] in ELSEWHERE and (why := why_only_here(task)) is not None:
-                if asked is not None:
-                    raise InvalidArgumentError(why)
-                suits[player_key(cell)] = "inline"
-        if player_key(cell) in made_for:
-            check_observation(made_for[player_key(cell)], cell.observation)
-        episodes_of.setdefault(_for_game(cell.game, suits[player_key(cell)], asked), []).append(episode)
-    return {name: episodes for name, episodes in episodes_of.items() if episodes}, remote
-
-
-def _for_game(game: str, suits: str, asked: str | None) -> str:
-    """Return the executor for a game, which other processes may not know."""
-    if suits not in ELSEWHERE or not is_known_only_here(game):
-        return suits
-    if asked is not None:
-        raise InvalidArgumentError(
-            f"{game} was registered in this notebook, which worker processes cannot import; declare it in a package, "
-            'or ask for executor="inline".'
-        )
-    return "inline"
-
-
-def _suitable(player: Player | AsyncPlayer) -> str:
-    if getattr(player, "interactive", False):
-        return "inline"
-    return "async" if isinstance(player, AsyncPlayer) else "processes"
 
 
 def _manifest(

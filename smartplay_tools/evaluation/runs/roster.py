@@ -1,0 +1,139 @@
+"""The roster of a run: how each player of its plan is configured, and where its episodes are played.
+
+A player suits an executor: one that waits is played on an event loop, one that computes in worker processes. A worker
+imports what a task names. It imports a script again, as `multiprocessing` does, but it cannot import a notebook: what
+is defined there is known in the notebook's process only, and is played there.
+"""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass
+from pathlib import Path
+
+from smartplay_tools.conversation.loop import check_observation, check_player
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.runs.attempt import Task, make_player
+from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of
+from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
+from smartplay_tools.evaluation.runs.run_options import RunOptions
+from smartplay_tools.games.specs import GAMES
+from smartplay_tools.players import ModelPlayer
+from smartplay_tools.records.prices import Price
+from smartplay_tools.types import AsyncPlayer, Player
+
+ELSEWHERE = ("processes", "ray")
+"""Executors whose attempts are made in other processes."""
+
+
+@dataclass(frozen=True)
+class Roster:
+    """The part of a plan that is played, and its players, by `player_key` where nothing else is said."""
+
+    part: Plan
+    players: Mapping[str, PlayerConfig]
+    episodes: Mapping[str, Sequence[PlannedEpisode]]
+    """The episodes of the part, by the name of the executor that suits their player; models come first."""
+    remote: Set[str]
+    """The players behind a network."""
+    prices: Mapping[str, Price]
+    """The prices that the user gives, by the player's name."""
+
+
+def roster_of(plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) -> Roster:
+    """Return the roster of a plan. Every player is made once, so that mistakes are found before the run."""
+    configs = _configs(plan, players)
+    part = plan if options.shard is None else plan.shard(*options.shard)
+    check_prices(options.prices or (), (config.name for config in configs.values()))
+    prices = {**given_prices(configs.values()), **(options.prices or {})}
+    episodes, remote = _by_executor(part, configs, options.executor)
+    return Roster(part, configs, episodes, remote, prices)
+
+
+def _configs(plan: Plan, given: Sequence[PlayerConfig]) -> dict[str, PlayerConfig]:
+    """The players of a plan by `player_key`, each as it was configured."""
+    configs = {}
+    for cell in plan.cells:
+        name, options = player_of(cell), cell.player_options
+        own = [config for config in given if config.name == name and config.options.items() <= options.items()]
+        # If several players have the same name, the one with the most options in common is chosen.
+        configs[player_key(cell)] = max(own, key=lambda config: len(config.options), default=PlayerConfig(name=name))
+    return configs
+
+
+def _by_executor(
+    plan: Plan, configs: Mapping[str, PlayerConfig], asked: str | None
+) -> tuple[dict[str, list[PlannedEpisode]], set[str]]:
+    """Return the episodes by the executor that suits their player, and the players behind a network."""
+    suits: dict[str, str] = {}
+    made_for: dict[str, Player | AsyncPlayer] = {}
+    remote: set[str] = set()
+    episodes_of: dict[str, list[PlannedEpisode]] = {"async": []}
+    for episode in plan.episodes:
+        cell, key = episode.cell, player_key(episode.cell)
+        if configs[key].agent is not None:
+            suits[key] = "async"
+        elif key not in suits:
+            task = Task(episode, configs[key], Path())
+            made = made_for[key] = make_player(task)
+            check_player(made)
+            suits[key] = asked or _suitable(made)
+            if isinstance(made, ModelPlayer):
+                remote.add(key)
+                made.check_ready()
+            if suits[key] in ELSEWHERE and (why := why_only_here(task)) is not None:
+                if asked is not None:
+                    raise InvalidArgumentError(why)
+                suits[key] = "inline"
+        if key in made_for:
+            check_observation(made_for[key], cell.observation)
+        episodes_of.setdefault(_for_game(cell.game, suits[key], asked), []).append(episode)
+    return {name: episodes for name, episodes in episodes_of.items() if episodes}, remote
+
+
+def _for_game(game: str, suits: str, asked: str | None) -> str:
+    """Return the executor for a game, which other processes may not know."""
+    if suits not in ELSEWHERE or not is_known_only_here(game):
+        return suits
+    if asked is not None:
+        raise InvalidArgumentError(
+            f"{game} was registered in this notebook, which worker processes cannot import; declare it in a package, "
+            'or ask for executor="inline".'
+        )
+    return "inline"
+
+
+def _suitable(player: Player | AsyncPlayer) -> str:
+    if getattr(player, "interactive", False):
+        return "inline"
+    return "async" if isinstance(player, AsyncPlayer) else "processes"
+
+
+def why_only_here(task: Task) -> str | None:
+    """Return why a task's player can be made in this process only, as a sentence; None if it can be made elsewhere."""
+    player = player_of(task.planned.cell)
+    if _is_without_file() and getattr(task.player.factory, "__module__", None) == "__main__":
+        return (
+            f"The player {player!r} is defined in this notebook, which worker processes cannot import; have it in a "
+            'module, or ask for executor="inline".'
+        )
+    try:
+        pickle.dumps(task)
+    except Exception as error:
+        return (
+            f"The player {player!r} cannot be sent to worker processes ({error}); have it in a module under its name, "
+            'or ask for executor="inline".'
+        )
+    return None
+
+
+def is_known_only_here(game: str) -> bool:
+    """Return whether a game was registered by the code of a notebook, and so in no other process."""
+    return _is_without_file() and not GAMES.is_declared(game)
+
+
+def _is_without_file() -> bool:
+    """Whether the main program is a notebook or an interactive session, and so no file that could be imported."""
+    return getattr(sys.modules["__main__"], "__file__", None) is None
