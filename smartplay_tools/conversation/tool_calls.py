@@ -48,7 +48,7 @@ class ToolConversation(BaseConversation):
         foreign_tools: Sequence[ToolSpec] = (),
     ) -> None:
         whole_head, tools = self._use_head(episode, head, foreign_tools)
-        kind = ContextWindow if episode._strategies.brought is None else ChoosingWindow
+        kind = ContextWindow if episode._strategies.custom is None else ChoosingWindow
         self._window = kind(whole_head, tools, episode.budget, episode.counter, episode._strategies)
         self._idle_in_a_row = 0
         self._results: dict[int, ToolResult] = {}

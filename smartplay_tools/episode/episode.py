@@ -188,7 +188,7 @@ class Episode:
         try:
             self.game.reset(seed=config.seed)
             self._session = GameSession(spec, self.game, config, counter, carried)
-            self._session.strategies.bring(config.strategy_sha256, is_recorded=is_recorded)
+            self._session.strategies.load_custom(config.strategy_sha256, is_recorded=is_recorded)
             self._transcript = None if transcript is None else TranscriptWriter(transcript)
         except BaseException:
             self.game.close()
@@ -479,7 +479,7 @@ class Episode:
         )
 
     def _complete_turn(self) -> None:
-        """End the episode if too many turns in a row have brought nothing; conversations call this after each turn."""
+        """End the episode if too many turns in a row showed nothing new; conversations call this after each turn."""
         cap = self.budget.stalled_turns
         if cap is not None and self._stalls.in_a_row >= cap:
             self._session.end("stalled_turns")

@@ -20,7 +20,7 @@ from smartplay_tools.types import AsyncPlayer, Player
 
 def load_from_file(name: str) -> Callable[..., Any]:
     """Return a function that makes the player `FILE.py:CLASS`, without `seed` if its constructor takes none."""
-    factory = read_file(name)
+    factory = read_file(name).make
 
     def make(*, seed: int, **options: Any) -> Any:
         return factory(**({"seed": seed} if takes_seed(factory) else {}), **options)

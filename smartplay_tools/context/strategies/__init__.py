@@ -13,14 +13,14 @@ from __future__ import annotations
 from smartplay_tools.context.strategies.ageing import Ageing, drops_old_turns, turns_leave
 from smartplay_tools.context.strategies.anchors import Anchors
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer, share_kept
-from smartplay_tools.context.strategies.brought import (
-    Brought,
+from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, Strategy
+from smartplay_tools.context.strategies.custom import (
+    Custom,
     load_strategy,
     make_strategy,
     recorded_strategy,
     register_strategy,
 )
-from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, Strategy
 from smartplay_tools.context.strategies.memory import MemoryFiles, is_memory_tool
 from smartplay_tools.context.strategies.notes import Notes
 from smartplay_tools.context.strategies.offload import Offload
@@ -56,7 +56,7 @@ __all__ = [
 
 
 KINDS: tuple[type[BudgetStrategy], ...] = (
-    Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Offload, MemoryFiles, Pictures, Brought,
+    Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Offload, MemoryFiles, Pictures, Custom,
 )  # fmt: skip
 """Every strategy, in the order in which they are asked."""
 
@@ -88,19 +88,19 @@ class Strategies:
         """R: the tokens that a window leaves free when it moves."""
         self.reserved_for = ", ".join(f"{s.name}={getattr(budget, s.name)}" for s in asked if s.reserve)
         """The fields of the budget that need the reserve."""
-        self.brought: Strategy | None = None
-        """The strategy that chooses the turns, once it was brought; None where the window does."""
+        self.custom: Strategy | None = None
+        """The custom strategy that chooses the turns, once it is loaded; None where the window does."""
         self._name = budget.strategy
         self._pinning = [strategy for strategy in asked if type(strategy).pinned is not BudgetStrategy.pinned]
 
-    def bring(self, digest: str | None, *, is_recorded: bool) -> None:
-        """Make the strategy that the budget names, if it names one; `digest` is that of its file.
+    def load_custom(self, digest: str | None, *, is_recorded: bool) -> None:
+        """Make the custom strategy that the budget names, if it names one; `digest` is that of its file.
 
         With `is_recorded` nothing is imported that the user has not named.
         """
         if self._name is not None:
-            loaded = recorded_strategy(self._name, digest) if is_recorded else load_strategy(self._name)
-            self.brought = make_strategy(self._name, loaded)
+            loaded = (recorded_strategy if is_recorded else load_strategy)(self._name, digest)
+            self.custom = make_strategy(self._name, loaded)
 
     def pinned(self, turn: Turn) -> int | None:
         """Return the turn to pin after this one; None for none."""

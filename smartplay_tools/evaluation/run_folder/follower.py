@@ -69,7 +69,7 @@ class RunFigures:
     latest_error: str
     """The latest failure since the run began or was first looked at, "" if there was none."""
     stalled: int
-    """Finished episodes that ended because turn after turn brought nothing (`Budget.stalled_turns`)."""
+    """Finished episodes that ended because too many turns in a row showed nothing new (`Budget.stalled_turns`)."""
 
     def figures(self) -> RunFigures:
         """Return the figures alone."""

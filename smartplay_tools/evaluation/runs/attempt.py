@@ -134,7 +134,7 @@ def _earlier(task: Task) -> list[Event]:
     """
     assert task.previous is not None
     if (strategy := task.planned.cell.budget.strategy) is not None:
-        load_strategy(strategy)
+        load_strategy(strategy, task.planned.cell.strategy_sha256)
     events = read_transcript(task.previous)
     if Carried.of(events[0]) != task.carried:
         raise TranscriptError("The earlier attempt was played after another record of the trial before it.")

@@ -100,7 +100,7 @@ def _config_of(name: str, function: PlayerFactory | AgentFunction) -> PlayerConf
 def player_named(name: str) -> PlayerConfig:
     """Return a player by its name, which may be that of an agent: `FILE.py:FUNCTION`."""
     if is_in_file(name):
-        function = read_file(name)
+        function = read_file(name).make
         if is_agent(function):
             return PlayerConfig(name=name, agent=FunctionAgent(function))
     return PlayerConfig(name=name)
