@@ -111,7 +111,7 @@ def test_random_episodes_cost_what_the_judge_says() -> None:
 def test_ten_thousand_random_episodes_of_every_strategy_cost_what_the_judge_says(first: int) -> None:
     counts = check_episodes(range(first, first + 2_500))
     asked = {name for strategies in counts for name in strategies.partition(", ")[0].split(" and ")}
-    assert asked == {"plain dropping", *(kind.name for kind in KINDS)}
+    assert asked == {"plain dropping", *KINDS}
 
 
 def test_every_rule_of_the_package_says_where_and_when_it_was_read() -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from smartplay_tools.context import prompts
 from smartplay_tools.context.choosing import ChoosingWindow
-from smartplay_tools.context.view import View, ranges_of
+from smartplay_tools.context.view import View
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply, Pending
 from smartplay_tools.episode import budgets
@@ -127,8 +127,8 @@ class ToolConversation(BaseConversation):
                 self._take_summary(pending, reply)
                 return ()
             calls = self._open_turn(reply, pending)
-            if pending is not None and (recall := self.episode._strategies.recall) is not None:
-                recall.answers(pending.view)
+            if pending is not None:
+                self.episode._strategies.answers(pending.view)
             self._results, self._edits = {}, {}
             self._idle_in_a_row = 0 if calls else self._idle_in_a_row + 1
             if not calls:
@@ -185,15 +185,7 @@ class ToolConversation(BaseConversation):
         if not self.episode.budget.strategies:
             return {"turns": turns, "masked": view.masked_results, "sha256": sha256}
         # What is masked follows from these; a list of it would grow with the window.
-        why: dict[str, Any] = {"oldest": chosen.oldest, "notes": chosen.hidden}
-        if self.episode.budget.own_words is not None:
-            why["words"] = chosen.words
-        if self.episode.budget.newest_pictures is not None:
-            why["pictures"] = chosen.pictures
-        if self.episode.budget.first_turns is not None:
-            why["anchors"] = chosen.anchors
-        if self.episode.budget.strategy is not None:
-            why |= {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
+        why = {"oldest": chosen.oldest, "notes": chosen.hidden, **self.episode._strategies.recorded(chosen)}
         return {"turns": turns, "purpose": view.purpose, **why, "summary": view.summaries, "sha256": sha256}
 
     def _complete_turn(self) -> None:

@@ -85,7 +85,9 @@ class GameSession:
             words = counter.text(f"{prompts.PICTURE_SHOWN}\n{prompts.GAME_IS_OVER}")
             budgets.check_pictures(self.budget, least, self._picture_tokens, words)
         if carried is not None and config.carry is not None:
-            STORES[config.carry].begin(getattr(carried, STORES[config.carry].kept), self.strategies, counter)
+            store = STORES[config.carry]
+            if held := getattr(carried, store.kept):
+                self.strategies.asked[store.field].begin(held)
             cap = None if asked.prompt_tokens is None else longest_message(config.carry, self.budget, counter)
             self.head = [*self.head, carried.message(counter, cap)]
 
@@ -210,10 +212,10 @@ class GameSession:
 
     def _beginning(self, observation: str) -> str:
         """The words of an observation, cut to their cap, or the first page of them."""
-        cap, offload, results = self._cap_on_words, self.strategies.offload, self.budget.result_tokens
-        if offload is None or cap is None or results is None:
+        cap, shortening, results = self._cap_on_words, self.strategies.shortening, self.budget.result_tokens
+        if shortening is None or cap is None or results is None:
             return self._cut(observation, cap, truncation.cut_end)
-        return self._cut(observation, cap, lambda text, cap, count: offload.keep(text, cap, results))
+        return self._cut(observation, cap, lambda text, cap, count: shortening.shorten(text, cap, results))
 
     @property
     def _cap_on_words(self) -> int | None:

@@ -8,13 +8,14 @@ name in a record never imports a file: a record can come from a stranger.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.choices import Strategy
+from smartplay_tools.context.view import Selection, ranges_of
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
 from smartplay_tools.games.game_registry import packages_are_imported
 from smartplay_tools.registry import Registry, is_in_file, read_file
@@ -40,6 +41,10 @@ class Custom(BudgetStrategy):
             if getattr(budget, name) != Budget.model_fields[name].default:
                 return f"strategy={budget.strategy} chooses the turns itself, so {name} would do nothing; leave it out."
         return None
+
+    def recorded(self, chosen: Selection) -> Mapping[str, Any]:
+        """Return the turns that it masks, and its texts."""
+        return {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
 
 
 @dataclass(frozen=True)
