@@ -11,7 +11,7 @@ PIP_OPTIONS := --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE
 NEW_ENOUGH := import sys; sys.exit("smartplay-tools needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)
 
-.PHONY: demo demo-model test test-lowest coverage constraints changelog lint types check board docs experiment benchmarks release clean
+.PHONY: demo demo-model test test-lowest coverage constraints lint types check board docs experiment benchmarks release clean
 
 # A marker that is older than its sources means that the environment has to be made again.
 # Versions are those of constraints.txt, so that a new release of somebody else's breaks nothing by itself.
@@ -60,9 +60,6 @@ coverage: $(VENV)/.ready  ## the same tests, and which lines they run in their o
 constraints: $(VENV)/.ready  ## renew constraints.txt: the newest versions that pyproject.toml allows
 	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --no-annotate --no-header \
 	    --no-emit-index-url --extra all --extra dev --extra docs pyproject.toml --output-file constraints.txt
-
-changelog:  ## put the fragments of changelog.d into CHANGELOG.md
-	$(PYTHON) .ci/changelog.py collect
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .

@@ -1,11 +1,6 @@
 """Say what keeps the version of `pyproject.toml` from being released; one sentence each, and exit code 1 if any.
 
-    python .ci/changelog.py            # what keeps the version from being released
-    python .ci/changelog.py collect    # put the fragments into CHANGELOG.md, under "Unreleased"
-
-A change that users can see brings a fragment: a file `changelog.d/NAME.KIND.md` with one or more items, so that changes
-that are made at the same time do not meet in one file. A script of our own does this because other tools name fragments
-by the numbers of an issue tracker and render them by templates.
+    python .ci/changelog.py
 
 A release is dated by hand, in two files, so that the date is reviewed like everything else: the changelog's section has
 the version and the date as its heading, and CITATION.cff has the same two.
@@ -19,9 +14,8 @@ import sys
 import tomllib
 from pathlib import Path
 
-HEADING = re.compile(r"^## (?P<title>.*?)(?: - (?P<date>\S+))?$", flags=re.MULTILINE)
-KINDS = ("added", "changed", "deprecated", "removed", "fixed", "security")
-"""What a fragment can be, in the order of the changelog's headings."""
+HEADING = re.compile(r"^## (?P<title>[^\s:]+)(?:: .*?)?(?: - (?P<date>\S+))?$", flags=re.MULTILINE)
+"""A version, perhaps what it is after a colon, and its date."""
 FIELD = re.compile(r"^(?P<name>version|date-released): *[\"']?(?P<value>[^\"'\s]+)[\"']?\s*$", flags=re.MULTILINE)
 
 
@@ -33,8 +27,6 @@ def problems(root: Path) -> list[str]:
     sections = {match["title"]: match["date"] for match in HEADING.finditer(changelog)}
     date = sections.get(version)
     remedies = []
-    if any(fragments(root).values()):
-        remedies.append("changelog.d has fragments: run `make changelog`, and read what it wrote.")
     if "Unreleased" in sections:
         today = datetime.datetime.now(tz=datetime.UTC).date()
         remedies.append(f"CHANGELOG.md has a section without a date: make '## Unreleased' '## {version} - {today}'.")
@@ -54,43 +46,6 @@ def problems(root: Path) -> list[str]:
     return remedies
 
 
-def fragments(root: Path) -> dict[str, list[Path]]:
-    """Return the fragments by kind; one that cannot be collected is a `ValueError`."""
-    by_kind: dict[str, list[Path]] = {kind: [] for kind in KINDS}
-    for path in sorted((root / "changelog.d").glob("*.md")):
-        kind = path.name.split(".")[1]
-        if path.name.count(".") != 2 or kind not in KINDS:
-            raise ValueError(f"changelog.d/{path.name}: name it NAME.KIND.md; KIND is one of {', '.join(KINDS)}.")
-        if not path.read_text(encoding="utf-8").startswith("- "):
-            raise ValueError(f"changelog.d/{path.name}: begin each item with '- '.")
-        by_kind[kind].append(path)
-    return by_kind
-
-
-def collect(root: Path) -> None:
-    """Move the fragments into the changelog's section "Unreleased", which is made if there is none."""
-    changelog = root / "CHANGELOG.md"
-    text = changelog.read_text(encoding="utf-8")
-    if "\n## Unreleased\n" not in text:
-        text = text.replace("\n## ", "\n## Unreleased\n\n## ", 1)
-    before, heading, rest = text.partition("\n## Unreleased\n")
-    section, following, older = rest.partition("\n## ")
-    items = {
-        title.lower(): body.strip()
-        for title, body in re.findall(r"^### (\w+)\n(.*?)(?=^### |\Z)", section, re.MULTILINE | re.DOTALL)
-    }
-    by_kind = fragments(root)
-    for kind, paths in by_kind.items():
-        lines = [items[kind]] if kind in items else []
-        lines += [path.read_text(encoding="utf-8").strip() for path in paths]
-        if lines:
-            items[kind] = "\n".join(lines)
-    section = "\n".join(f"\n### {kind.title()}\n\n{items[kind]}" for kind in KINDS if kind in items)
-    changelog.write_text(f"{before}{heading}{section}\n{following}{older}", encoding="utf-8")
-    for path in (path for paths in by_kind.values() for path in paths):
-        path.unlink()
-
-
 def _is_date(text: str) -> bool:
     try:
         return datetime.date.fromisoformat(text).isoformat() == text
@@ -99,9 +54,6 @@ def _is_date(text: str) -> bool:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["collect"]:
-        collect(Path(__file__).parents[1])
-        sys.exit()
     in_the_way = problems(Path(__file__).parents[1])
     print("\n".join(in_the_way), end="\n" if in_the_way else "", file=sys.stderr)
     sys.exit(1 if in_the_way else 0)

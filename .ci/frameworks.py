@@ -1,18 +1,17 @@
-"""Run the agent of each framework's page in an environment of its own, with a scripted model.
+"""Run the agents of the documentation, each in an environment of its own, with a scripted model.
 
-    python .ci/frameworks.py                       # all of them
-    python .ci/frameworks.py smolagents vercel     # these
-    python .ci/frameworks.py python-clients        # those of a page that has several, each in a section
-    python .ci/frameworks.py python-clients#ag2    # one of them
-    python .ci/frameworks.py --envs /tmp/frameworks strands
+    python .ci/frameworks.py                                  # all of them
+    python .ci/frameworks.py coding-agents                    # those of a page
+    python .ci/frameworks.py python-agents#ag2                # one of them
+    python .ci/frameworks.py --envs /tmp/frameworks python-agents#strands-agents
 
-A page of `docs/` names what to install, with versions, in its first block that begins with `pip install` or `npm
+A section of a page names what to install, with versions, in its first block that begins with `pip install` or `npm
 install`, and has the agent in the first block of Python (`py`), JavaScript (`js`) or shell (`bash`). They are taken as
 they stand. `smartplay-tools agent`, in the Python that runs this script, starts the agent with the rule player behind
-the window endpoint, and with `--only-game-tools` where the page has that. Where the framework owns the context and
-reads calls from text, an endpoint writes the rule player's calls as the framework asks for them. An agent has to win
-the game, and no prompt of the window endpoint may exceed its cap. Environments are kept, and reused while the page
-installs the same; a page that installs smartplay-tools gets that of this checkout.
+the window endpoint, and with `--only-game-tools` where the section or its page's introduction has that. Where the
+framework manages the context and reads calls from text, an endpoint writes the rule player's calls as the framework
+asks for them. An agent has to win the game, and no prompt of the window endpoint may exceed its cap. Environments are
+kept, and reused while the section installs the same; one that installs smartplay-tools gets that of this checkout.
 """
 
 from __future__ import annotations
@@ -36,30 +35,12 @@ from smartplay_tools.types.messages import text_of
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = (
-    "pydantic-ai",
-    "smolagents",
-    "llamaindex",
-    "crewai",
-    "adk",
-    "agent-framework",
-    "strands",
-    "agno",
-    "vercel",
-    "claude-code",
-    "codex",
-    "opencode",
-    "qwen-code",
-    "cline",
-    "claude-agent-sdk",
-    "beeai",
-    "deepagents",
-)
-"""Pages with a program that `smartplay-tools agent` starts, which plays through the window endpoint."""
-SHARED_PAGES = ("python-clients", "javascript-clients")
-"""Pages with many such programs, each in a section with what to install."""
-TEXT_PAGES = ("dspy",)
-"""Pages whose agent owns the context, and reads its calls from the model's text."""
+PAGES = ("python-agents", "javascript-agents", "coding-agents")
+"""Pages whose sections have a program that `smartplay-tools agent` starts."""
+TEXT_AGENTS = ("python-agents#dspy",)
+"""Agents that manage the context, and read their calls from the model's text."""
+NEEDS_PYTHON = {"coding-agents#openhands": (3, 12)}
+"""Agents whose packages need a later Python than ours."""
 
 OURS, ONLY_GAME_TOOLS = "smartplay-tools", "--only-game-tools"
 GAME, SEED, CAP, SECONDS = "Hanoi3Disk-v0", 7, 700, 600
@@ -78,23 +59,37 @@ QUIET = {
 """Nothing is reported to anybody, and nobody's key is used."""
 
 
-def agents_of(page: str) -> list[str]:
-    """Return the names of a page's agents: its own, or for a page with several PAGE#SECTION."""
-    return [f"{page}#{name}" for name in sections_of(page)] if page in SHARED_PAGES else [page]
-
-
 def sections_of(page: str) -> dict[str, str]:
-    """Return the sections of a page that have an agent, by the end of their address."""
-    pieces: list[str] = re.split(r"^## (.+)$", (DOCS / f"{page}.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
-    names = [re.sub(r"[^a-z0-9 -]", "", title.lower()).replace(" ", "-") for title in pieces[1::2]]
-    kinds = [{kind for kind, _ in BLOCK.findall(text)} for text in pieces[2::2]]
-    return {name: text for name, text, has in zip(names, pieces[2::2], kinds, strict=True) if has & set(SCRIPTS)}
+    """Return the sections of a page that have an agent, by PAGE#ADDRESS."""
+    _, *pieces = re.split(r"^## (.+)$", text_of_page(page), flags=re.MULTILINE)
+    sections = {f"{page}#{address_of(title)}": text for title, text in zip(pieces[::2], pieces[1::2], strict=True)}
+    return {name: text for name, text in sections.items() if {kind for kind, _ in BLOCK.findall(text)} & set(SCRIPTS)}
+
+
+def text_of_page(page: str) -> str:
+    """Return the text of a page of `docs/`."""
+    return (DOCS / f"{page}.md").read_text(encoding="utf-8")
+
+
+def address_of(title: str) -> str:
+    """Return the address of a section within its page."""
+    return re.sub(r"[^a-z0-9 -]", "", title.lower()).replace(" ", "-")
+
+
+def agents_of(name: str) -> list[str]:
+    """Return the agents that a name on the command line stands for: itself, or all of a page."""
+    return [name] if "#" in name else list(sections_of(name))
 
 
 def text_of_agent(agent: str) -> str:
-    """Return the text of an agent's page, or of its section."""
-    page, _, section = agent.partition("#")
-    return sections_of(page)[section] if section else (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    """Return the text of an agent's section."""
+    return sections_of(agent.partition("#")[0])[agent]
+
+
+def shows_only_game_tools(agent: str) -> bool:
+    """Whether the section, or the introduction of its page, has the option."""
+    introduction, *_ = text_of_page(agent.partition("#")[0]).split("\n## ")
+    return ONLY_GAME_TOOLS in introduction + text_of_agent(agent)
 
 
 def blocks_of(agent: str) -> tuple[str, str, str]:
@@ -143,44 +138,46 @@ def run(command: list[str], folder: Path, **options: Any) -> str:
     return printed
 
 
-def play(page: str, envs: Path) -> str:
-    """Have the agent of a page play, and say how it did."""
-    install, kind, agent = blocks_of(page)
-    folder = envs / page.replace("#", "-")
+def play(agent: str, envs: Path) -> str:
+    """Have an agent play, and say how it did."""
+    if sys.version_info < NEEDS_PYTHON.get(agent, ()):
+        return f"left out: it needs Python {'.'.join(map(str, NEEDS_PYTHON[agent]))}"
+    install, kind, program = blocks_of(agent)
+    folder = envs / agent.replace("#", "-")
     environment(install, folder)
-    (folder / SCRIPTS[kind]).write_text(agent, encoding="utf-8")
+    (folder / SCRIPTS[kind]).write_text(program, encoding="utf-8")
     command = [{"js": "node", "bash": "bash"}.get(kind) or python_of(folder), SCRIPTS[kind]]
     begun = time.monotonic()
-    played = with_texts(command, folder) if page in TEXT_PAGES else as_a_program(page, command, folder)
+    played = with_texts(command, folder) if agent in TEXT_AGENTS else as_a_program(agent, command, folder)
     return f"{played}, {time.monotonic() - begun:.0f} s; {install}"
 
 
-def as_a_program(page: str, command: list[str], folder: Path) -> str:
+def as_a_program(agent: str, command: list[str], folder: Path) -> str:
     """Have `smartplay-tools agent` start an agent, and say how it did."""
     out = folder / "run"
     shutil.rmtree(out, ignore_errors=True)
     options = ["--prompt-tokens", str(CAP), "--timeout", str(SECONDS), "--out", str(out)]
-    options += [ONLY_GAME_TOOLS] if ONLY_GAME_TOOLS in text_of_agent(page) else []
-    agent = [sys.executable, "-m", "smartplay_tools", "agent", GAME, *options, "--", *command]
+    options += [ONLY_GAME_TOOLS] if shows_only_game_tools(agent) else []
+    started = [sys.executable, "-m", "smartplay_tools", "agent", GAME, *options, "--", *command]
     # The agent has this environment, too, and is not to find the packages of this script's Python in it.
-    shown = run(agent, folder, env={**os.environ, **QUIET}, timeout=2 * SECONDS)
+    shown = run(started, folder, env={**os.environ, **QUIET}, timeout=2 * SECONDS)
     records = [sp.read_transcript(path) for path in sorted((out / "episodes").glob("*.jsonl"))]
     if len(records) != 1:
-        raise SystemExit(f"{page}: {shown[-2000:]}")
+        raise SystemExit(f"{agent}: {shown[-2000:]}")
     (events,) = records
-    return verdict(page, sp.EpisodeResult(**events[-1]["result"]), events)
+    return verdict(agent, sp.EpisodeResult(**events[-1]["result"]), events)
 
 
-def verdict(page: str, result: sp.EpisodeResult, events: list[Any]) -> str:
+def verdict(agent: str, result: sp.EpisodeResult, events: list[Any]) -> str:
     """Say how an agent did; stop if it has not won, or has seen more than its cap."""
     largest = max((event["tokens"] for event in events if event["event"] == "view"), default=0)
     if result.score != 3 or result.end_reason != "terminated" or largest > CAP:
-        raise SystemExit(f"{page}: score {result.score:g}, {result.end_reason}, largest prompt {largest} of {CAP}")
+        raise SystemExit(f"{agent}: score {result.score:g}, {result.end_reason}, largest prompt {largest} of {CAP}")
     return f"score {result.score:g}, {result.turns} turns, largest prompt {largest} of {CAP}"
 
 
 def with_texts(command: list[str], folder: Path) -> str:
-    """Run an agent whose model writes its calls as text, and say how it did by what the page prints."""
+    """Run an agent whose model writes its calls as text, and say how it did by what it prints."""
     model = TextModel()
     with LocalEndpoint(model) as endpoint, tempfile.TemporaryDirectory() as cache:
         variables = {"OPENAI_API_BASE": endpoint.base_url, "DSPY_CACHEDIR": cache}
@@ -217,18 +214,13 @@ class TextModel:
 
 
 def main() -> None:
-    """Run the agents of the pages that the command line names."""
+    """Run the agents that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "pages",
-        nargs="*",
-        default=(*PAGES, *SHARED_PAGES, *TEXT_PAGES),
-        help="pages of docs/, without .md; or PAGE#SECTION",
-    )
+    parser.add_argument("names", nargs="*", default=PAGES, help="pages of docs/, without .md; or PAGE#SECTION")
     parser.add_argument("--envs", type=Path, default=Path(tempfile.gettempdir()) / "smartplay-frameworks")
     given = parser.parse_args()
-    for agent in (agent for page in given.pages for agent in agents_of(page)):
-        print(f"{agent:<16} {play(agent, given.envs)}", flush=True)
+    for agent in (agent for name in given.names for agent in agents_of(name)):
+        print(f"{agent:<40} {play(agent, given.envs)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -20,8 +20,8 @@ BLOCK = re.compile(r"^```(python|python continued|console)\n(.*?)^```$", flags=r
 ELSEWHERE = {
     "inspect.md": "inspect_ai",
     "openenv.md": "openenv",
-    "opentelemetry.md": "opentelemetry.sdk",
     "pydantic-ai.md": "pydantic_ai",
+    "trackers.md": "opentelemetry.sdk",
     "trl.md": "trl",
     "verifiers.md": "verifiers",
 }

@@ -191,7 +191,7 @@ class SmartPlay(AbstractCapability[Any]):
         tools = [tool for tool in asked.function_tools if tool.name in shown]
         if missing := sorted(shown - {tool.name for tool in tools}):
             raise InvalidArgumentError(
-                f"A capability has taken {', '.join(missing)} from the request; prompts have the tools of the first."
+                f"Another capability has removed {', '.join(missing)}; every request must offer the game's tools."
             )
         prompt = prompt if takes_pictures_in_results(model) else with_pictures_below(prompt)
         parameters = dataclasses.replace(asked, instruction_parts=[], function_tools=tools)

@@ -138,7 +138,7 @@ def from_history(messages: Iterable[ModelMessage]) -> list[Message]:
 
 
 def since_response(messages: Sequence[ModelMessage]) -> list[Message]:
-    """Return what stands after the latest response: results of tools, and the host's words."""
+    """Return the tool results and the host's messages after the latest response."""
     latest = max((at for at, message in enumerate(messages) if isinstance(message, ModelResponse)), default=-1)
     return from_history(messages[latest + 1 :])
 

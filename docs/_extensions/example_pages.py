@@ -44,9 +44,8 @@ class AllExamples(SphinxDirective):
 
 def _section(path: Path) -> str:
     title = TITLES.get(path.stem) or " ".join(path.stem.split("_")).capitalize()
-    return (
-        f"## {title}\n\n`examples/{path.name}`\n\n```{{literalinclude}} ../examples/{path.name}\n:language: python\n```"
-    )
+    program = f"```{{literalinclude}} ../examples/{path.name}\n:language: python\n```"
+    return f"### {title}\n\n`examples/{path.name}`\n\n{program}"
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

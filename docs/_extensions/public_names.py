@@ -97,7 +97,9 @@ def importable() -> list[str]:
     names = []
     for name in adapters():
         with suppress(MissingExtraError):
-            importlib.import_module(name)
+            module = importlib.import_module(name)
+            for offered in public_names(module):  # those of a lazy package are imported when they are asked for
+                getattr(module, offered)
             names.append(name)
     return names
 

@@ -206,7 +206,7 @@ class Episode:
         self.result: EpisodeResult | None = None
         """The result, once the episode is over."""
         self.if_closed: tuple[EndReason, Exception | None, str | None] | None = None
-        """Reason, error and detail of the end if the episode is closed now: why its host has stopped, if it said."""
+        """The reason, error and detail that `close` records; set by a host that stops before the end."""
         self.lock = threading.RLock()
         """Held while a call or a reply is processed."""
         self._queue = SerialQueue(is_slow=self.game.is_slow)

@@ -21,7 +21,7 @@ GYMNASIUM = "gymnasium"
 
 
 def gymnasium_is_ready() -> bool:
-    """Whether Gymnasium is imported, to the end."""
+    """Whether Gymnasium has finished importing."""
     module = sys.modules.get(GYMNASIUM)
     return module is not None and not getattr(module.__spec__, "_initializing", False)
 

@@ -74,7 +74,7 @@ class Departure:
     free: int | None = None
     """If it did not fit: the tokens that were free. Without slack only."""
     keeps: int | None = None
-    """The history or the cap on prompts, as `reason` says, with which it would have stayed in this prompt."""
+    """The smallest history or cap on prompts (`reason` says which) that would have kept the turn."""
 
 
 class Accounts:

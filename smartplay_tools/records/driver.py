@@ -78,7 +78,7 @@ class Driver:
         self._usages: dict[tuple[int, bool], Mapping[str, Any]] = {}
 
     def run(self, *, with_end: bool = True) -> None:
-        """Feed all events; `with_end` says whether an end from outside the game is taken from the record too.
+        """Replay all events; `with_end` also applies a recorded end that the game did not cause.
 
         An inconsistent record raises a `TranscriptError` that names the event and the field.
         """

@@ -55,7 +55,9 @@ from tests.adapters.conformance import (
     EACH,
     GAME,
     HOST_BUDGET,
+    HOSTS,
     IDLE,
+    OURS,
     WEATHER,
     Held,
     Host,
@@ -91,7 +93,7 @@ def weather(city: str = "") -> str:
 
 
 PICTURE = "data:image/png;base64,AAAA"
-NO_GAME_TOOLS = "has the game's tools|has taken act, observe, read_manual from the request"
+NO_GAME_TOOLS = "has the game's tools|has removed act, observe, read_manual"
 
 
 class LangChainAgent:
@@ -650,9 +652,9 @@ ELSEWHERE = {
 
 
 def test_every_line_of_the_table_has_a_row():
-    here = {line_of(row)["through"] for row in (*WINDOW.values(), *HOST.values())}
-    assert here | ELSEWHERE.keys() == table().keys()
-    assert all(line["repaired or refused by the host"] for line in table().values())
+    lines = table(OURS) | table(HOSTS)
+    here = {line_of(row)["interface"] for row in (*WINDOW.values(), *HOST.values())}
+    assert here | ELSEWHERE.keys() == lines.keys()
     for line, file in ELSEWHERE.items():
         assert line in Path(__file__).with_name(file).read_text(encoding="utf-8")
 
@@ -664,9 +666,7 @@ def test_the_table_says_what_the_rows_show(row):
 
 @pytest.mark.parametrize("row", HOST)
 def test_the_table_says_what_the_rows_show_of_hosts(row):
-    line = line_of(HOST[row])
-    assert (line["context"], line["window and token budgets"]) == ("the host's", "not enforced")
-    assert (line["unknown tool"] == "answered") == HOST[row].carries("jump", {"how": "high"})
+    assert (line_of(HOST[row])["unknown tool"] == "answered") == HOST[row].carries("jump", {"how": "high"})
 
 
 @pytest.mark.parametrize("broken", [{"name": "act", "arguments": "{"}, {"name": "act", "arguments": [1]}], ids=repr)

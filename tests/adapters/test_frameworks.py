@@ -1,6 +1,6 @@
 """Agents of other people's frameworks, each in an environment of its own.
 
-`.ci/frameworks.py` takes what to install, and the agent, from the framework's page in `docs/`.
+`.ci/frameworks.py` takes what to install, and the agent, from the framework's section in `docs/`.
 """
 
 from __future__ import annotations
@@ -19,24 +19,33 @@ pytestmark = pytest.mark.skipif(not RUNNER.exists(), reason="the agents are run 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["pydantic-ai", "smolagents", "strands", "vercel"])
-def test_the_agent_of_the_page_wins_under_the_budget(page, tmp_path):
-    if page == "vercel" and shutil.which("npm") is None:
+@pytest.mark.parametrize(
+    "agent",
+    [
+        "python-agents#pydantic-ai",
+        "python-agents#smolagents",
+        "python-agents#strands-agents",
+        "javascript-agents#vercel-ai-sdk",
+    ],
+)
+def test_the_agent_of_the_page_wins_under_the_budget(agent, tmp_path):
+    if agent.startswith("javascript") and shutil.which("npm") is None:
         pytest.skip("npm is not installed")
-    command = [sys.executable, str(RUNNER), "--envs", str(tmp_path), page]
+    command = [sys.executable, str(RUNNER), "--envs", str(tmp_path), agent]
     done = subprocess.run(command, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "score 3" in done.stdout
 
 
-def test_every_page_says_what_it_installs_and_has_an_agent():
+def test_every_section_says_what_it_installs_and_has_an_agent():
     spec = importlib.util.spec_from_file_location("frameworks", RUNNER)
     frameworks = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(frameworks)
-    pages = (*frameworks.PAGES, *frameworks.SHARED_PAGES, *frameworks.TEXT_PAGES)
-    for agent in (agent for page in pages for agent in frameworks.agents_of(page)):
+    agents = [agent for page in frameworks.PAGES for agent in frameworks.agents_of(page)]
+    assert len(agents) > 40
+    for agent in agents:
         install, kind, program = frameworks.blocks_of(agent)
         assert "==" in install or "@" in install, "it names no version"
-        assert ("SMARTPLAY_MCP_URL" in program) == (agent not in frameworks.TEXT_PAGES)
+        assert ("SMARTPLAY_MCP_URL" in program) == (agent not in frameworks.TEXT_AGENTS)
         if kind == "py":
             compile(program, agent, "exec")

@@ -125,7 +125,7 @@ def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | No
 
 REFUSED = {
     "no calls": "tool choice `none`",
-    "no tools": "has taken act, observe, read_manual",
+    "no tools": "has removed act, observe, read_manual",
     "schema": "cannot have an output_type",
 }
 

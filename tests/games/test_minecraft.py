@@ -155,7 +155,7 @@ def test_a_score_of_another_engine_is_not_compared_with_people():
         ({"engine": "quake"}, "engine must be one of voxel"),
         ({"text": "short"}, "text must be"),
         ({"start": "here"}, "start must be one of far, anywhere, not 'here'"),
-        ({"engine": "minedojo", "start": "far"}, "starts where the game does: leave out start='far'"),
+        ({"engine": "minedojo", "start": "far"}, "does not support start='far': leave out the option"),
     ],
 )
 def test_unknown_values_are_refused_in_one_sentence(option, message):

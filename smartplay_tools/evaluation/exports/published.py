@@ -52,7 +52,7 @@ class Publication(BaseModel):
     """The benchmark's dataset on the Hugging Face Hub, which has the leaderboard."""
 
     def needs(self, *names: str) -> None:
-        """Refuse what was not given."""
+        """Raise if a required option is missing."""
         if missing := [name for name in names if getattr(self, name) is None]:
             raise InvalidArgumentError(f"This format says whose results these are; give --{' and --'.join(missing)}.")
 

@@ -68,9 +68,9 @@ def replay_widget(
 
 @contextmanager
 def shown_below_the_cell() -> Iterator[Callable[[RunSnapshot], None]]:
-    """Show snapshots of a run below the cell, each in place of the one before.
+    """Show a live snapshot of the run below the cell.
 
-    It needs no widgets, and what is left of it when the notebook is saved is how the run ended.
+    It needs no widgets. A saved notebook keeps the last snapshot.
     """
     from IPython import display
 

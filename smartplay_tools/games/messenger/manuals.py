@@ -150,4 +150,4 @@ def _false_lead(enemy: str, movement: Movement, texts: Texts, chance: Generator)
     for role in shuffled(("message", "goal"), chance):
         if pool := texts[enemy].get(role, {}).get(other):
             return pick(pool, chance)
-    raise InvalidArgumentError(f"The texts hold no sentence on {enemy} as message or goal that is {other}.")
+    raise InvalidArgumentError(f"No sentence of the manuals describes {enemy} as a message or goal that is {other}.")

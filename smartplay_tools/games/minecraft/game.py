@@ -63,7 +63,7 @@ class Minecraft(TextGame):
                 check_choice(name, value, values)
         if engine == PAPER_ENGINE and start == "far":
             raise InvalidArgumentError(
-                f"The engine {engine!r} starts where the game does: leave out start='far', or take another engine."
+                f"The engine {engine!r} does not support start='far': leave out the option, or choose another engine."
             )
         world = load_engine(engine)
         self.engine = engine

@@ -99,7 +99,7 @@ def _row(key: str, start: Mapping[str, Any], result: Mapping[str, Any], facts: M
 
 
 LEVEL = 5
-"""Of compression: higher levels make a page slower to write and hardly smaller."""
+"""The compression level; higher levels are slower and make a page hardly smaller."""
 
 
 def pack(value: Any) -> str:

@@ -168,7 +168,7 @@ def _layers(feet: float) -> tuple[int, int]:
 
 
 def _column(x: int, z: int) -> int:
-    """What to add to a height for the place of a cell in the row of all blocks."""
+    """The offset that turns a height into an index of the flat array of blocks."""
     return ((x & (SIDE - 1)) * SIDE + (z & (SIDE - 1))) * HEIGHT - BOTTOM
 
 
