@@ -125,7 +125,7 @@ async def aplay(
 ) -> EpisodeResult:
     """Play an episode on a running event loop; slow games, and players that are not asynchronous, run in threads."""
     conversation = _attach(episode, player, protocol)
-    queue = conversation.episode._queue
+    queue = conversation.episode.ledger.queue
     while (prompt := await queue.run_to_end(lambda: _next_prompt(conversation, on_prompt))) is not None:
         try:
             reply = _checked(await reply_of(player, prompt))

@@ -2,8 +2,9 @@
 
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import CellConfig, EpisodeConfig
-from smartplay_tools.episode.episode import Episode, Listener, NewListener, add_listener
+from smartplay_tools.episode.episode import Episode, NewListener, add_listener
 from smartplay_tools.episode.factory import EpisodeFactory, RewardName, reward_of
+from smartplay_tools.episode.ledger import Listener
 from smartplay_tools.episode.stats import EpisodeStats
 from smartplay_tools.episode.tools import AsyncGameTools, GameTools, schema, tool_functions, tool_specs
 

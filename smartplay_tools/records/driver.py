@@ -126,7 +126,7 @@ class Driver:
             case "end":
                 if not self.episode.done:
                     self._end(event["result"])
-                self.episode._finish_if_over()  # the host may have left calls of the last reply open
+                self.episode.ledger.finish_if_over()  # the host may have left calls of the last reply open
 
     def _open(self, event: Event, *, is_summary: bool) -> None:
         usage = self._usages.get((event["turn"], is_summary))
@@ -170,7 +170,7 @@ class Driver:
             if kind == "call":
                 self.episode.call_batch([ToolCall(e["name"], e["arguments"], e.get("call_id")) for e in group])
             else:
-                self.episode._record(*map(unchained, group))
+                self.episode.ledger.record(*map(unchained, group))
 
     def _end(self, result: Mapping[str, Any]) -> None:
         reason = result["end_reason"]

@@ -99,9 +99,9 @@ def check_reading(budget: Budget) -> None:
     limits = {"prompt_tokens": 900, "tool_calls": None, "stalled_turns": None}
     long = budget.model_copy(update=limits)
     with Episode("RockPaperScissorBasic-v0", seed=1, budget=long) as episode:
-        custom = episode._strategies.custom
+        custom = episode.ledger.strategies.custom
         assert custom is not None
-        episode._strategies.custom = counting = _Reads(custom)
+        episode.ledger.strategies.custom = counting = _Reads(custom)
         conversation = Conversation(episode)
         while episode.result is None and len(counting.counts) <= LATE:
             conversation.receive(call("observe"))

@@ -201,7 +201,7 @@ async def _hand_over(task: Task, agent: Agent, clock: _Clock, limits: RunLimits 
     held = await _in_thread(lambda: _held(task, agent, stop))
     with held.episode as clock.episode, ExitStack() as stack:
         if limits is not None:
-            held.episode._on_view = stack.enter_context(Account(limits, held.episode, task.price)).reserve
+            held.episode.ledger.on_view = stack.enter_context(Account(limits, held.episode, task.price)).reserve
         await agent.play(held)
 
 
