@@ -108,7 +108,7 @@ class S:
 class P:
     name, turns = "p", "{turns}"
     def reply(self, prompt):
-        return sp.call("act", action=1)
+        return sp.Reply(sp.call("act", action="1"))
 """
 
 

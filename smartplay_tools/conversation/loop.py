@@ -15,7 +15,7 @@ from smartplay_tools.conversation.base import BaseConversation, CheckedReply
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, check_choice
+from smartplay_tools.errors import InvalidArgumentError, check_choice, name_of
 from smartplay_tools.types import AsyncPlayer, EpisodeResult, ObservationForm, Player, Prompt, Reply
 
 __all__ = [
@@ -140,7 +140,9 @@ async def aplay(
 
 def check_player(player: object) -> None:
     """Raise an `InvalidArgumentError` that says what an object lacks to be a player."""
-    kind = player.__name__ if isinstance(player, type) else type(player).__name__
+    kind = name_of(player)
+    if isinstance(player, str):
+        raise InvalidArgumentError(f"{player!r} is the name of a player; pass get_player({player!r}).")
     if isinstance(player, type):
         raise InvalidArgumentError(f"{kind} is a class, not a player; pass an instance: {kind}().")
     if not any(callable(getattr(player, method, None)) for method in ("reply", "areply")):
@@ -176,6 +178,10 @@ def _attach(
     episode: Episode | AnyConversation, player: Player | AsyncPlayer, protocol: ProtocolName
 ) -> AnyConversation:
     check_player(player)
+    if not isinstance(episode, Episode | BaseConversation):
+        raise InvalidArgumentError(
+            f'{name_of(episode)} is not an episode; pass one, as in Episode("Hanoi3Disk-v0", seed=1).'
+        )
     config = episode.config if isinstance(episode, Episode) else episode.episode.config
     check_observation(player, config.observation)
     conversation = new_conversation(episode, player.name, protocol) if isinstance(episode, Episode) else episode

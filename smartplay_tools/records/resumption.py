@@ -85,9 +85,7 @@ def resume(
         if goes_on:
             _continue_record(driver, recorded, source, transcript)
         elif end is not None:
-            driver.episode.ledger.result = EpisodeResult(
-                **end
-            )  # unchanged: the versions, too, are those of the recording
+            driver.episode.ledger.result = EpisodeResult(**end)  # unchanged, with the versions of the recording
     except BaseException:
         driver.episode.game.close()
         raise

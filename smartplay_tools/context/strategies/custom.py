@@ -16,7 +16,7 @@ from typing import Any
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.view import Selection, ranges_of
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line, name_of
 from smartplay_tools.games.game_registry import packages_are_imported
 from smartplay_tools.registry import Registry, is_in_file, read_file
 from smartplay_tools.types import Budget
@@ -65,8 +65,10 @@ _READ: dict[tuple[Path, str, str], Loaded] = {}
 
 def register_strategy(name: str, make: Callable[..., Strategy]) -> None:
     """Register a strategy by a name in this process, as a notebook does; a package declares an entry point instead."""
-    if not name or ":" in name or name == "none" or name in _REGISTRY:
+    if not isinstance(name, str) or not name or ":" in name or name == "none" or name in _REGISTRY:
         raise InvalidArgumentError(f"{name!r} cannot be the name of a strategy, or is taken; choose another.")
+    if not callable(make):
+        raise InvalidArgumentError(f"{name_of(make)} is an object; register the class of the strategy {name!r}.")
     _NAMED[name] = Loaded(make, None)
 
 

@@ -32,7 +32,7 @@ from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
-from smartplay_tools.players import get_player
+from smartplay_tools.players import get_player, player_registry
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
@@ -85,7 +85,7 @@ def make_player(task: Task) -> Player | AsyncPlayer:
     cell, seed = task.planned.cell, player_seed(task.planned.seed, task.planned.repeat)
     options = {**cell.player_options, **task.player.secret_values()}
     if task.player.factory is not None:
-        return task.player.factory(seed=seed, **options)
+        return player_registry.make_player(task.player.factory, seed=seed, **options)
     return get_player(player_of(cell), seed=seed, **options)
 
 
