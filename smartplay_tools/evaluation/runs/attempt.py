@@ -85,7 +85,8 @@ def make_player(task: Task) -> Player | AsyncPlayer:
     cell, seed = task.planned.cell, player_seed(task.planned.seed, task.planned.repeat)
     options = {**cell.player_options, **task.player.secret_values()}
     if task.player.factory is not None:
-        return player_registry.make_player(task.player.factory, seed=seed, **options)
+        player: Player | AsyncPlayer = player_registry.make_player(task.player.factory, seed=seed, **options)
+        return player
     return get_player(player_of(cell), seed=seed, **options)
 
 
