@@ -4,7 +4,7 @@
     python experiments/pictures.py --player openai:MODEL --player-option pictures=true
 
 Crafter is played on the same seeds under the same caps on prompts, and cut off after 300 calls. A model plays all
-three; without one, `rule` plays from words and `rule-pixels` from pictures, by the same rules. `rule-pixels` looks at
+three; without one, `rule` plays from words and `rule_pixels.py` from pictures, by the same rules. The latter looks at
 pictures only, so "both" shows what words beside a picture cost and not what they are worth. The same command again
 goes on where it stopped. `--publish` puts the figure and the table into the documentation.
 """
@@ -32,6 +32,7 @@ GAME, CALLS = "Crafter-v0", 300
 CAPS = (500, 1_000, 2_000, 4_000, 8_000)
 FORMS = ("text", "picture", "both")
 DOCS = Path(__file__).parents[1] / "docs"
+PIXELS = f"{Path(__file__).with_name('rule_pixels.py')}:RulePixelsPlayer"
 Cells = Mapping[tuple[str, int], Sequence[dict[str, Any]]]
 """By form and cap: the rows of the episodes, in the order of their trials."""
 
@@ -40,7 +41,7 @@ def play(out: Path, player: str | None, options: Mapping[str, Any], trials: int,
     """Play every cell, or read what was played."""
     cells = {}
     for form in FORMS:
-        name = player or ("rule" if form == "text" else "rule-pixels")
+        name = player or ("rule" if form == "text" else PIXELS)
         budgets = [sp.Budget(prompt_tokens=cap, history=None, tool_calls=CALLS) for cap in CAPS]
         run = sp.evaluate(
             [GAME],

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
+import tomllib
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from importlib import resources
@@ -22,9 +23,8 @@ PICTURE = "The picture shows the current observation."
 PRIMING = 3
 Json = dict[str, Any]
 Count = Callable[[str], int]
-TEXTS = resources.files("smartplay_tools.context.prompts") / "v1"
-FRAME = (TEXTS / "summary.txt").read_text(encoding="utf-8")
-ASKED = (TEXTS / "summary_request.txt").read_text(encoding="utf-8").removesuffix("\n")
+TEXTS = tomllib.loads((resources.files("smartplay_tools.context.prompts") / "v1.toml").read_text(encoding="utf-8"))
+FRAME, ASKED = f"{TEXTS['summary']}\n", TEXTS["summary_request"]
 
 
 def without_words(reply: Json) -> Json:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.context import View
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies.memory import memory_spec
 from smartplay_tools.context.strategies.notes import notes_spec
 from smartplay_tools.context.strategies.offload import pages_spec
@@ -371,8 +372,9 @@ def strategy_tokens(budget: dict[str, Any], tokenizer: Any) -> int:
     """What a strategy adds to the smallest prompt: the schemas of tools, the reserve for summaries, an answer."""
     summary, recall = budget.get("summary_tokens"), budget.get("recall_tokens")
     made = {"notes_tokens": notes_spec, "recall_tokens": recall_spec, "memory_tokens": memory_spec}
-    tools = [as_json(asdict(spec(budget[name]))) for name, spec in made.items() if budget.get(name) is not None]
-    tools += [as_json(asdict(pages_spec()))] if budget.get("beyond_result") == "offload" else []
+    words = Wording.of(VERSION)
+    tools = [as_json(asdict(spec(budget[name], words))) for name, spec in made.items() if budget.get(name) is not None]
+    tools += [as_json(asdict(pages_spec(words)))] if budget.get("beyond_result") == "offload" else []
     added = checker.tools_tokens(tools, tokenizer.count) - 12 if tools else 0
     if summary is not None:
         asking = {"history": None, "prompt_tokens": None, "slack": 0, "summary_tokens": summary}

@@ -119,6 +119,7 @@ def test_every_turn_that_is_not_in_a_prompt_has_left_before(record):
                 assert any(gone == turn and prompt <= view["turn"] for gone, prompt in left)
 
 
+@pytest.mark.parametrize("record", ["everything"], indirect=True)
 def test_a_figure_stacks_the_prompts_of_several_records(record):
     figures = pytest.importorskip("smartplay_tools.evaluation.analysis.figures")
     first, second = figures.tokens_by_part({"one": record, "other": record}).axes
@@ -127,6 +128,7 @@ def test_a_figure_stacks_the_prompts_of_several_records(record):
     assert first.get_ylim() == second.get_ylim()
 
 
+@pytest.mark.parametrize("record", ["cap"], indirect=True)
 def test_a_record_whose_tokenizer_is_not_of_this_package_is_not_counted(record):
     start = json.loads(json.dumps(record.start))
     start["config"]["tokenizer"] = "hf:somebody/else"

@@ -57,22 +57,6 @@ def test_a_reply_is_charged_and_recorded_before_anything_is_played():
     assert agent.progress.steps == 1
 
 
-def test_a_conversation_is_a_session_that_plays_everything_at_once():
-    agent, stepwise = session()
-    at_once: list = []
-    conversation = sp.Conversation(sp.Episode(HANOI, seed=1, transcript=at_once))
-    for actions in (["1"], ["1", "fly", "4"], ["2"]):
-        message = reply(*(act(action) for action in actions))
-        for player in (agent, conversation):
-            player.prompt()
-            calls = player.receive(message)
-        conversation_results = [result.text for result in calls]
-        assert [agent.answer(call.id).text for call in agent.open_calls] == conversation_results
-    for player in (agent, conversation):
-        player.episode.close()
-    assert list(comparable(stepwise)) == list(comparable(at_once))
-
-
 @pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
 def test_calls_are_played_in_the_order_of_the_message_whatever_order_the_host_uses(order):
     agent, events = session()
@@ -142,18 +126,6 @@ def test_what_is_still_open_at_the_next_prompt_is_refused_and_counted():
     assert (agent.result.steps, agent.result.refused_calls) == (1, 1)
 
 
-def test_what_is_still_open_at_the_end_is_answered_too():
-    """An episode may end at the first call of a message; the others are neither played nor lost."""
-    agent, events = session(budget=sp.Budget(tool_calls=1))
-    agent.prompt()
-    agent.receive(reply(act("1", "a"), act("2", "b")))
-    agent.answer("a")
-    assert agent.prompt() is None
-    assert (agent.result.end_reason, agent.result.refused_calls) == ("tool_calls", 1)
-    assert [event["position"] for event in events if event["event"] == "call"] == [0, 1]
-    assert_replays(agent, events)
-
-
 @pytest.mark.parametrize("leave", ["open", "closed"])
 def test_a_host_that_leaves_in_the_middle_of_a_reply_leaves_a_record_that_replays(leave):
     agent, events = session(budget=sp.Budget(tool_calls=1 if leave == "open" else 50))
@@ -163,27 +135,6 @@ def test_a_host_that_leaves_in_the_middle_of_a_reply_leaves_a_record_that_replay
     agent.episode.close()
     assert agent.result.end_reason == ("tool_calls" if leave == "open" else "closed")
     assert_replays(agent, events)
-
-
-def test_ids_are_unique_even_where_the_models_are_not():
-    agent, events = session(BANDIT)
-    seen: set[str] = set()
-    for _ in range(3):
-        agent.prompt()
-        ids = [call.id for call in agent.receive(reply(act("1", "a"), act("1", "a"), act("1", "")))]
-        assert len(set(ids)) == 3
-        assert not seen & set(ids)
-        seen |= set(ids)
-        for call_id in reversed(ids):
-            agent.answer(call_id)
-    assert_replays(agent, events)
-
-
-def test_words_without_a_call_are_answered_at_once():
-    agent, _ = session()
-    agent.prompt()
-    assert agent.receive(reply(content="Hm.")) == ()
-    assert agent.latest_turn.items[0].message["content"].startswith("Your reply called no tool.")
 
 
 def test_foreign_calls_are_left_to_the_host_and_stand_in_their_place():
@@ -318,21 +269,3 @@ def test_a_budget_of_options_takes_none_for_not_given():
     assert sp.Budget.of(history=None, prompt_tokens=700) == sp.Budget(prompt_tokens=700)
     assert sp.Budget.of(history="none") == sp.Budget(history=None)
     assert sp.Budget(history=None) != sp.Budget()
-
-
-def test_a_summary_that_is_owed_is_asked_for_before_the_next_reply():
-    budget = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=25, stalled_turns=None)
-    purposes: list[str] = []
-
-    def send(prompt: sp.Prompt) -> sp.Reply:
-        purposes.append(prompt.purpose)
-        call = {"id": "c", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
-        return sp.Reply({"role": "assistant", "content": "I have looked.", "tool_calls": [call]})
-
-    with sp.Episode("Hanoi3Disk-v0", seed=7, budget=budget) as episode:
-        session = sp.AgentSession(episode, summaries=True)
-        while (reply := session.ask(send)) is not None:
-            for call in session.receive(reply.message):
-                session.answer(call.id)
-    assert purposes.count("summary") == episode.result.summaries > 2
-    assert purposes.count("play") == episode.result.turns == 25

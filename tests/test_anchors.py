@@ -34,23 +34,6 @@ def test_what_does_not_fit_is_left_out():
     assert 0 < max(anchors) < 50
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        {},
-        {"beyond_history": "mask", "slack": 0.5, "history": 5},
-        {"notes_tokens": 60, "own_words": 2},
-        {"summary_tokens": 40, "slack": 0.5, "notes_tokens": 40},
-    ],
-    ids=lambda more: " and ".join(more) or "alone",
-)
-def test_records_replay_and_add_up(more):
-    result, events = played(**{"prompt_tokens": 1_000, "first_turns": 2, **more})
-    assert result.end_reason == "rollout"
-    assert (result.summaries > 0) == ("summary_tokens" in more)
-    scripts.check_record(events)
-
-
 def test_they_stand_in_front_of_the_summary():
     _, events = played(first_turns=2, summary_tokens=40, slack=0.5, prompt_tokens=1_000)
     sent = [one.prompt for one in Record(events).sent_prompts() if not one.prompt.asks_for_summary][-1]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.testing import check_strategy
 from smartplay_tools.testing.strategy_checks import check_reading, digests
+from tests import scripts
 
 FILE = Path(__file__).parent / "data" / "broken_strategies.py"
 BROKEN = {
@@ -25,6 +27,25 @@ BROKEN = {
     "ReadsEverything": "reads 301 turns after 300 of them and 101 after 100",
 }
 """Broken strategies, and what is said of each, in the same process."""
+MASK, SUMMARY = {"beyond_history": "mask", "slack": 0.5}, {"summary_tokens": 40, "slack": 0.5}
+TOGETHER: tuple[dict[str, Any], ...] = (
+    {"own_words": 2},
+    {"own_words": 2, **MASK},
+    {"own_words": 2, **SUMMARY},
+    {"first_turns": 2, **MASK},
+    {"first_turns": 2, "notes_tokens": 60, "own_words": 2},
+    {"first_turns": 2, "notes_tokens": 40, **SUMMARY},
+    {"recall_tokens": 150},
+    {"recall_tokens": 150, "first_turns": 2, **MASK},
+    {"recall_tokens": 150, "notes_tokens": 60, "own_words": 2},
+    {"recall_tokens": 150, **SUMMARY},
+    {"memory_tokens": 100},
+    {"memory_tokens": 100, **MASK},
+    {"memory_tokens": 100, "recall_tokens": 80},
+    {"memory_tokens": 100, **SUMMARY},
+    {"beyond_result": "offload", "result_tokens": 22},
+)
+"""Strategies alone and with others."""
 WINDOW = (
     sp.Budget(),
     sp.Budget(slack=0.5),
@@ -80,6 +101,19 @@ def test_what_keeps_the_contract_passes_in_the_same_process():
 @pytest.mark.parametrize("budget", WINDOW, ids=lambda budget: budget.describe() or "dropping")
 def test_the_strategies_of_the_window_keep_it(budget):
     digests(budget, 4)
+
+
+@pytest.mark.parametrize("asked", TOGETHER, ids=" and ".join)
+def test_a_record_of_any_of_them_replays_adds_up_and_names_them(asked):
+    events: list[Any] = []
+    budget = sp.Budget(**{"prompt_tokens": 1_400, "history": 6, **asked})
+    with sp.Episode("BanditTwoArmedHighLowFixed-v0", seed=3, budget=budget, transcript=events) as episode:
+        result = sp.play(episode, sp.get_player("rule-notes", words="own_words" in asked or "first_turns" in asked))
+    assert result.end_reason == "rollout"
+    assert {name: result.deviations[name]["played"] for name in asked} == asked
+    assert (result.summaries > 0) == ("summary_tokens" in asked)
+    assert result.recalls == sum("recalled" in event.get("data", ()) for event in events)
+    scripts.check_record(scripts.as_json(events))
 
 
 @pytest.mark.slow

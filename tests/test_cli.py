@@ -108,12 +108,6 @@ def test_replay_tells_the_first_difference_and_fails(tmp_path):
     assert json.loads(run("replay", path, "--json").output)["differences"]
 
 
-def test_frames_are_pictures_of_every_step(tmp_path):
-    result = run("play", "Crafter-v0", "--tool-calls", 5, "--player", "random", "--frames", tmp_path, "--quiet")
-    assert result.exit_code == 0, result.output
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{step:05}.png" for step in range(6)]
-
-
 @pytest.mark.slow
 def test_demo_plays_trims_and_verifies(tmp_path):
     pytest.importorskip("openai")
@@ -138,31 +132,6 @@ def test_every_command_is_in_one_group_of_the_help():
     assert sorted(name for names in PANELS.values() for name in names) == sorted(COMMANDS)
     listed = run("--help").output
     assert all(panel in listed for panel in PANELS)
-
-
-@pytest.mark.parametrize("family", {spec.family: name for name, spec in sp.GAMES.items()}.values())
-def test_every_game_has_frames(family, tmp_path):
-    from PIL import Image
-
-    result = run("play", family, "--steps", 2, "--player", "random", "--frames", tmp_path, "--quiet")
-    assert result.exit_code == 0, result.output
-    pictures = [Image.open(file) for file in sorted(tmp_path.glob("*.png"))]
-    assert len(pictures) == 3
-    assert len({picture.size for picture in pictures}) == 1, "of one size, so that they make a video"
-    assert all(
-        len(picture.convert("L").histogram()) and len(set(picture.convert("L").tobytes())) > 5 for picture in pictures
-    )
-
-
-@pytest.mark.slow
-def test_a_text_of_any_length_is_a_frame():
-    from smartplay_tools.cli.frames import SIZE, text_picture
-
-    assert text_picture("short", 0).size == SIZE
-    assert text_picture("a-word-without-a-space" * 40, 0).size == SIZE
-    width, height = text_picture("line\n" * 200, 0).size
-    assert width == SIZE[0]
-    assert height > SIZE[1]
 
 
 def test_the_version():

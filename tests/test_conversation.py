@@ -47,19 +47,6 @@ def test_a_reply_becomes_a_turn_with_its_results():
     assert tool == {"role": "tool", "content": result.text, "tool_call_id": "call_0"}
 
 
-def test_asking_twice_gives_the_same_prompt_and_editing_it_changes_nothing():
-    conversation = sp.Conversation(sp.Episode(RPS, seed=1))
-    conversation.receive(acting())
-    first = conversation.prompt()
-    for message in first.messages:
-        message["content"] = "edited"
-        for call in message.get("tool_calls", []):
-            call["function"]["name"] = "edited"
-    first.messages.clear()
-    assert conversation.prompt() == conversation.prompt()
-    assert "edited" not in str(conversation.prompt().messages)
-
-
 def test_the_manual_moves_into_the_system_message_once_read():
     conversation = sp.Conversation(sp.Episode(RPS, seed=1))
     conversation.receive(calling(("read_manual", "")))
@@ -179,13 +166,6 @@ class TestEnds:
         assert result.error.startswith("StopIteration")
         assert "Traceback" in sp.read_transcript(path)[-1]["traceback"]
 
-    def test_a_reply_that_is_no_message_is_the_players_error(self):
-        picture = {"role": "assistant", "content": [{"type": "image_url", "image_url": {"url": "x"}}]}
-        with sp.Episode(RPS, seed=0) as episode:
-            result = sp.play(episode, sp.ScriptedPlayer([picture]))
-        assert result.end_reason == "player_error"
-        assert "text only" in result.error
-
     def test_closed(self):
         with sp.Episode(RPS, seed=0) as episode:
             sp.Conversation(episode).receive(acting())
@@ -293,26 +273,6 @@ def test_a_script_that_has_no_more_replies_ends_an_episode_on_an_event_loop():
     assert (result.end_reason, result.error) == ("player_error", "RuntimeError: The player has no more replies.")
 
 
-def test_aplay_plays_asynchronous_and_ordinary_players():
-    class Waiting:
-        name = "waiting"
-
-        def __init__(self) -> None:
-            self._player = sp.get_player("rule")
-
-        async def areply(self, prompt: sp.Prompt) -> sp.Reply:
-            await asyncio.sleep(0)
-            return self._player.reply(prompt)
-
-    async def both() -> list[sp.EpisodeResult]:
-        with sp.Episode(HANOI, seed=0) as one, sp.Episode(HANOI, seed=0) as other:
-            return await asyncio.gather(sp.aplay(one, Waiting()), sp.aplay(other, sp.get_player("rule")))
-
-    one, other = asyncio.run(both())
-    assert one == other
-    assert one.completed
-
-
 class Waiting:
     """The rule player, as one that waits for a network."""
 
@@ -324,6 +284,16 @@ class Waiting:
     async def areply(self, prompt: sp.Prompt) -> sp.Reply:
         await asyncio.sleep(0)
         return self._player.reply(prompt)
+
+
+def test_aplay_plays_asynchronous_and_ordinary_players():
+    async def both() -> list[sp.EpisodeResult]:
+        with sp.Episode(HANOI, seed=0) as one, sp.Episode(HANOI, seed=0) as other:
+            return await asyncio.gather(sp.aplay(one, Waiting()), sp.aplay(other, sp.get_player("rule")))
+
+    one, other = asyncio.run(both())
+    assert one == other
+    assert one.completed
 
 
 def test_play_drives_an_asynchronous_player_too_also_inside_a_running_loop():

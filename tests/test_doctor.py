@@ -14,8 +14,8 @@ from packaging.requirements import Requirement
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app, check as checkup
-from smartplay_tools.cli.check import PartCheck, check_modules
+from smartplay_tools.cli import app, doctor as checkup
+from smartplay_tools.cli.doctor import PartCheck, check_modules
 from smartplay_tools.games.minecraft.engines import ENGINES
 
 ROOT = Path(sp.__file__).parents[1]

@@ -32,14 +32,6 @@ def acting(action: str = "Rock", call_id: str = "c") -> dict:
 class TestIds:
     """The core alone keeps call ids unique."""
 
-    def test_results_stand_in_the_order_of_their_calls_although_they_share_an_id(self):
-        conversation = sp.Conversation(sp.Episode(RPS, seed=1), foreign_tools=[WEB])
-        (observed,) = conversation.receive(calling(("x", "web", "{}"), ("x", "observe", "")))
-        conversation.add({"role": "tool", "tool_call_id": "x", "content": "from the web"})
-        *_, message, first, second = conversation.prompt().messages
-        assert [call["id"] for call in message["tool_calls"]] == [first["tool_call_id"], second["tool_call_id"]]
-        assert (first["content"], second["content"]) == ("from the web", observed.text)
-
     def test_a_good_id_is_kept_and_any_other_becomes_nine_letters_and_digits(self):
         conversation = sp.Conversation(sp.Episode(RPS, seed=1))
         conversation.receive(calling(("call_0", "observe", ""), ("call_0", "observe", ""), ("", "observe", "")))

@@ -10,13 +10,14 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.context.prompts import MANUAL_IS_ABOVE
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.evaluation.run_folder import trial_seed
 from smartplay_tools.games.messenger.rules import roles_of
 from smartplay_tools.records import Record, recorded_pictures, sent_prompts
 from smartplay_tools.types import ToolCall
 
+MANUAL_IS_ABOVE = Wording.of(VERSION)("manual_is_above")
 BUDGET = sp.Budget(prompt_tokens=700)
 
 

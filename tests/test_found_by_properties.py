@@ -10,6 +10,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.turns import Item, Turn
 from smartplay_tools.records.prompts import sent_prompts
 from tests import scripts
@@ -27,7 +28,8 @@ def test_where_the_pins_do_not_fit_the_fold_goes_to_the_newest_turn_also_at_slac
 
     def turn(number: int, words: str, observation: int | None, step: int) -> Turn:
         message: Any = {"role": "assistant", "content": words}
-        items = () if observation is None else (Item({"role": "user", "content": "o"}, step, observation),)
+        item = Item({"role": "user", "content": "o"}, step, observation, words=Wording.of(VERSION))
+        items = () if observation is None else (item,)
         return Turn(number, message, items, made_at=step)
 
     turns = [turn(0, "a", None, 0), turn(1, "b " * 50, 0, 0), turn(2, "c " * 60, None, 0), turn(3, "d", 1, 1)]

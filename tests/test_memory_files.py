@@ -200,21 +200,6 @@ def test_the_files_are_there_again_after_a_resume_and_a_refused_call_changes_not
         assert resumed.episode.ledger.strategies.asked["memory_tokens"].files.texts == {"/memories/b": "x"}
 
 
-@pytest.mark.parametrize(
-    "more",
-    [{}, {"beyond_history": "mask", "slack": 0.5}, {"summary_tokens": 40, "slack": 0.5}, {"recall_tokens": 80}],
-    ids=lambda more: " and ".join(more) or "alone",
-)
-def test_records_replay_and_add_up(more):
-    events = []
-    budget = sp.Budget(**{"prompt_tokens": 1_400, "memory_tokens": 100, "history": 10, **more})
-    with sp.Episode(BANDIT, seed=3, budget=budget, transcript=events) as episode:
-        result = sp.play(episode, sp.get_player("rule-notes", words=False))
-    assert result.end_reason == "rollout"
-    assert result.deviations["memory_tokens"] == {"paper": None, "played": 100}
-    scripts.check_record(scripts.as_json(events))
-
-
 def test_the_rule_player_with_files_plays_as_in_full_context():
     def actions(**budget):
         events = []

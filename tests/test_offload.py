@@ -139,17 +139,6 @@ def test_the_words_beside_a_picture_have_pages_without_it():
     assert sp.replay(events, tokenizer=WORDS).identical
 
 
-def test_records_hold_the_pages_that_were_read_and_replay():
-    events = []
-    budget = sp.Budget(beyond_result="offload", result_tokens=22, prompt_tokens=1_500)
-    with sp.Episode(RPS, seed=3, budget=budget, transcript=events) as episode:
-        result = sp.play(episode, sp.get_player("rule-notes", words=False))
-    assert result.end_reason == "rollout"
-    assert result.pages > 20
-    assert result.deviations["beyond_result"] == {"paper": "cut", "played": "offload"}
-    scripts.check_record(scripts.as_json(events))
-
-
 def test_the_rule_player_reads_an_observation_to_its_end_before_it_acts():
     conversation, player = begin(result_tokens=18, history=3), sp.get_player("rule-notes", words=False)
     seen = []

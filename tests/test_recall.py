@@ -175,30 +175,6 @@ def test_the_same_question_again_brings_nothing_new(later):
     assert stalls.in_a_row == 0
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        {},
-        {"beyond_history": "mask", "slack": 0.5},
-        {"notes_tokens": 60, "own_words": 2},
-        {"first_turns": 2},
-        {"summary_tokens": 40, "slack": 0.5},
-    ],
-    ids=lambda more: " and ".join(more) or "alone",
-)
-def test_records_replay_resume_and_add_up(more):
-    events = []
-    budget = sp.Budget(**{"prompt_tokens": 1_200, "recall_tokens": 150, "history": 10, **more})
-    with sp.Episode(BANDIT, seed=3, budget=budget, transcript=events) as episode:
-        result = sp.play(episode, sp.get_player("rule-notes", words=False))
-    assert result.end_reason == "rollout"
-    assert result.deviations["recall_tokens"] == {"paper": None, "played": 150}
-    assert ("notes_tokens" in more) == (result.recalls == 0)
-    scripts.check_record(scripts.as_json(events))
-    recalled = [event["data"]["recalled"] for event in events if event["event"] == "call" and event["name"] == "recall"]
-    assert result.recalls == len(recalled)
-
-
 def test_an_answer_counts_as_observations_in_the_accounts():
     events = []
     conversation = begin(events)

@@ -26,7 +26,7 @@ class Landmarks(BudgetStrategy):
     name = "landmark"
     option_help = "Pin every N-th turn until the next one."
 
-    def __init__(self, budget, counter):
+    def __init__(self, budget, counter, words):
         self._every = budget.landmark
 
     def pinned(self, turn):

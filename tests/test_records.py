@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.context import TurnBuilder
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode import EpisodeStats
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.players import get_player
@@ -234,7 +235,9 @@ def test_counters_and_turns_are_folds_over_the_events(recorded):
     counts = {name: getattr(sp.EpisodeResult(**result), name) for name in stats.counts()}
     assert counts == stats.counts()
     assert stats.tokens.model_dump() == result["tokens"]
-    builder = TurnBuilder.of(recorded)
+    builder = TurnBuilder(Wording.recorded(recorded[0]))
+    for event in recorded:
+        builder.apply(event)
     assert len(builder.turns) + 1 == result["turns"]
     assert builder.step == result["steps"]
 

@@ -14,7 +14,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import UnknownNameError
-from smartplay_tools.evaluation.exports.export import FORMATS, RESULTS
+from smartplay_tools.evaluation.exports.export import FORMATS
 from smartplay_tools.evaluation.runs.executors import EXECUTORS
 from smartplay_tools.evaluation.runs.tracking import TRACKERS
 from smartplay_tools.games import GAMES
@@ -32,7 +32,7 @@ import smartplay_tools as sp
 TOWER = dataclasses.replace(sp.GAMES["Hanoi3Disk-v0"], id="Tower-v0", kwargs={"disks": 5}, rollout=40)
 """
 
-PLACES = {**PLAYERS, **EXECUTORS.places, **TRACKERS.places, **ENGINES.places, **FORMATS, **RESULTS}
+PLACES = {**PLAYERS, **EXECUTORS.places, **TRACKERS.places, **ENGINES.places, **FORMATS}
 NEED_THEIR_OWN_ENVIRONMENT = ("smartplay_inspect", "smartplay_local", "smartplay_trackers")
 
 Install = Callable[..., None]

@@ -8,6 +8,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.records import sent_prompts
@@ -390,7 +391,8 @@ def _turn(number: int) -> Any:
     from smartplay_tools.context import Item, Turn
 
     result: sp.Message = {"role": "tool", "content": f"Round {number} was tied.", "tool_call_id": f"{number}"}
-    return Turn(number, acting(say="Rock it is."), (Item(result, number + 1, number + 1, 0),), number)
+    item = Item(result, number + 1, number + 1, 0, words=Wording.of(VERSION))
+    return Turn(number, acting(say="Rock it is."), (item,), number)
 
 
 def test_every_combination_is_judged_over_a_whole_game():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 import smartplay_tools as sp
 from tests import scripts
 
@@ -53,27 +51,6 @@ def test_with_slack_words_leave_in_blocks():
     prompts, _ = played([speaking(f"{at}", ROCK) for at in range(9)], own_words=4, slack=0.5)
     kept = [sum(reply["content"] is not None for reply in shown) for shown in prompts]
     assert kept == [1, 2, 3, 4, 3, 4, 5, 3, 4]
-
-
-@pytest.mark.parametrize(
-    "more",
-    [
-        {},
-        {"beyond_history": "mask", "slack": 0.5},
-        {"notes_tokens": 60},
-        {"summary_tokens": 40, "slack": 0.5},
-    ],
-    ids=lambda more: " and ".join(more) or "alone",
-)
-def test_records_replay_and_add_up(more):
-    budget = sp.Budget(**{"history": 6, "prompt_tokens": 900, "own_words": 2, **more})
-    events = []
-    with sp.Episode(RPS, seed=3, budget=budget, transcript=events) as episode:
-        result = sp.play(episode, sp.get_player("rule-notes"))
-    assert result.end_reason == "rollout"
-    assert result.deviations["own_words"] == {"paper": None, "played": 2}
-    events = scripts.as_json(events)
-    scripts.check_record(events)
 
 
 def test_it_costs_nothing_where_it_is_off():

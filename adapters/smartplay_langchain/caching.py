@@ -6,7 +6,7 @@ that LangChain has no common name for, and are sent neither.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from langchain_core.language_models import BaseChatModel
@@ -47,13 +47,17 @@ def messages_for(
     messages = [sendable(message, tools) for message in to_langchain(prompt.messages, prompt.pictures)]
     if not cache:
         return messages
-    if _is_a(model, "ChatAnthropic"):
-        if "cache_control" not in (settings or {}):
-            for at in {*_stable(prompt), *(_end(prompt) if cache is True else ())}:
-                messages[at] = _marked(messages[at], ANTHROPIC)
+    ends = {stable_end(prompt, one_system_text=True)}
+    if _is_a(model, "ChatAnthropic") and "cache_control" not in (settings or {}):
+        mark: Mapping[str, Any] = ANTHROPIC
+        if cache is True:
+            ends.add(last_markable(prompt.messages))
     elif _openai(model).marks:
-        for at in _stable(prompt):
-            messages[at] = _marked(messages[at], OPENAI)
+        mark = OPENAI
+    else:
+        return messages
+    for at in {_place(prompt.messages, at) for at in ends if at is not None}:
+        messages[at] = _marked(messages[at], mark)
     return messages
 
 
@@ -74,18 +78,6 @@ def _takes_pictures_in_results(model: BaseChatModel) -> bool:
 def _is_a(model: BaseChatModel, name: str) -> bool:
     """Whether a model is of a class; by name, since the packages of providers need not be installed."""
     return any(kind.__name__ == name for kind in type(model).__mro__)
-
-
-def _stable(prompt: Prompt) -> Iterator[int]:
-    at = stable_end(prompt, one_system_text=True)
-    if at is not None:
-        yield _place(prompt.messages, at)
-
-
-def _end(prompt: Prompt) -> Iterator[int]:
-    at = last_markable(prompt.messages)
-    if at is not None:
-        yield _place(prompt.messages, at)
 
 
 def _place(messages: Sequence[Message], at: int) -> int:

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from smartplay_langchain.messages import from_langchain
 from smartplay_langchain.order import TurnOrder
-from smartplay_langchain.toolkit import SmartPlayTool, SmartPlayToolkit
+from smartplay_langchain.toolkit import SmartPlayTool, SmartPlayToolkit, artifact_of
 from smartplay_tools import AgentSession, InvalidArgumentError, ToolResult
 from smartplay_tools.conversation import HostChat
 from smartplay_tools.types.messages import Call
@@ -272,8 +272,3 @@ def _as_call(sent: Any) -> dict[str, Any]:
 
 def _answer(result: ToolResult) -> tuple[str, dict[str, Any]]:
     return result.text, artifact_of(result)
-
-
-def artifact_of(result: ToolResult) -> dict[str, Any]:
-    """Return the artifact of a result's message."""
-    return {**result.data, "is_error": result.is_error, "done": result.done}

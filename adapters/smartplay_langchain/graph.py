@@ -34,17 +34,14 @@ from smartplay_langchain.calls import (
     TURN,
     CallPlayer,
     after_latest_reply,
-    artifact_of,
     is_ours,
 )
 from smartplay_langchain.messages import from_langchain, to_langchain
+from smartplay_langchain.toolkit import artifact_of
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
-from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
+from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.types.messages import Call
-
-NOT_RUN = "Error: The agent did not run this call."
-"""The answer to a call that the graph left open."""
 
 
 class GraphSession(CallPlayer):
@@ -75,7 +72,7 @@ class GraphSession(CallPlayer):
         only_game_tools: bool = False,
         pictures: bool = False,
     ) -> None:
-        super().__init__(HostChat(episode, player=player, not_run=NOT_RUN, pictures=pictures))
+        super().__init__(HostChat(episode, player=player, not_run="agent_did_not_run", pictures=pictures))
         self._only_game_tools = only_game_tools
         self._history = HostHistory[BaseMessage](self.episode.counter, lambda message: (message.id, str(message.text)))
         self.prompt_settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
@@ -91,7 +88,7 @@ class GraphSession(CallPlayer):
         of this one is answered in words.
         """
         if self.is_asked_by_sub_agent:
-            return [AIMessage(SUB_AGENT)]
+            return [AIMessage(self.episode.words("sub_agent"))]
         if (recorded := self.recorded_reply(messages)) is not None:
             return recorded
         added, tools = self.update(messages), [*self.tools, *self._other_tools]
@@ -109,7 +106,7 @@ class GraphSession(CallPlayer):
         import asyncio
 
         if self.is_asked_by_sub_agent:
-            return [AIMessage(SUB_AGENT)]
+            return [AIMessage(self.episode.words("sub_agent"))]
         if (recorded := self.recorded_reply(messages)) is not None:
             return recorded
         added, tools = await asyncio.to_thread(self.update, messages), [*self.tools, *self._other_tools]

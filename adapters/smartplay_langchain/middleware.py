@@ -30,7 +30,6 @@ from smartplay_langchain.calls import turn_of
 from smartplay_langchain.graph import GraphSession
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError
 from smartplay_tools.context.prompts import CacheMarks
-from smartplay_tools.conversation import SUB_AGENT
 
 if TYPE_CHECKING:
     from langchain_core.language_models import BaseChatModel
@@ -79,7 +78,7 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
     def before_model(self, state: AgentState[Any], runtime: Any) -> dict[str, Any] | None:
         """Take over what has happened since the latest reply; end the run when the episode is over."""
         if self._graph.is_asked_by_sub_agent:
-            return {"messages": [AIMessage(SUB_AGENT)], "jump_to": "end"}
+            return {"messages": [AIMessage(self.episode.words("sub_agent"))], "jump_to": "end"}
         if self._graph.recorded_reply(state["messages"]) is not None:
             return None
         changed: dict[str, Any] = {"messages": self._graph.update(state["messages"])}

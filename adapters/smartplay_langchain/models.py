@@ -8,8 +8,7 @@ from langchain_core.language_models import BaseChatModel, LanguageModelInput
 from langchain_core.messages import AIMessage, AnyMessage
 from langchain_core.runnables import Runnable
 
-from smartplay_langchain.asking import PromptSettings, ToolChoice
-from smartplay_langchain.messages import from_langchain, usage_of
+from smartplay_langchain.asking import PromptSettings, ToolChoice, read_reply
 from smartplay_tools import InvalidArgumentError, Prompt, Reply, schema
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.errors import extra_named
@@ -87,14 +86,14 @@ class LangChainPlayer(ModelPlayer):
     def send(self, client: None, request: tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]) -> Reply:
         """Invoke the model."""
         model, messages = request
-        return _reply(model.invoke(messages))
+        return read_reply(model.invoke(messages))
 
     async def asend(
         self, client: None, request: tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]
     ) -> Reply:
         """Invoke the model without blocking the event loop."""
         model, messages = request
-        return _reply(await model.ainvoke(messages))
+        return read_reply(await model.ainvoke(messages))
 
     def failed(self, error: Exception) -> bool:
         """Whether the provider refused or the connection failed: LangChain passes on the client's own errors."""
@@ -112,7 +111,3 @@ def _chat_model(name: str, parameters: dict[str, Any]) -> BaseChatModel:
         # By default the model would retry without reporting it.
         model = init_chat_model(name, max_retries=0, **parameters)
     return model
-
-
-def _reply(message: AIMessage) -> Reply:
-    return Reply(from_langchain(message), usage_of(message))

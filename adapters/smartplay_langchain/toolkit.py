@@ -91,7 +91,12 @@ def _answer(result: ToolResult) -> tuple[Content, dict[str, Any]]:
     content: Content = result.text
     if (picture := result.picture) is not None:
         content = [{"type": "text", "text": result.text}, image_block(picture)]
-    return content, {**result.data, "is_error": result.is_error, "done": result.done}
+    return content, artifact_of(result)
+
+
+def artifact_of(result: ToolResult) -> dict[str, Any]:
+    """Return the artifact of a result's message."""
+    return {**result.data, "is_error": result.is_error, "done": result.done}
 
 
 def _with_status(output: Any) -> Any:

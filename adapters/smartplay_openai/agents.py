@@ -36,7 +36,7 @@ from openai.types.responses import (
 from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.context.prompts import with_pictures_below
-from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
+from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.errors import extra_named
 from smartplay_tools.evaluation.costs import CacheFields, openai_cache_fields
 from smartplay_tools.types.messages import Call, text_of, words_of
@@ -148,9 +148,6 @@ with extra_named("smartplay_openai.agents", "agents"):
     from agents.usage import Usage as AgentsUsage
 
 
-AWAITS_APPROVAL = "Error: An earlier call of this message awaits approval, so this one was not played."
-
-
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class _Answer(Reply):
     """A reply and the response of the model that it was read from."""
@@ -225,7 +222,7 @@ class SmartPlayModel(Model):
         """
         items = [{"role": "user", "content": input}] if isinstance(input, str) else input
         if self._is_asked_by_sub_agent(items):
-            return last_words(SUB_AGENT, AgentsUsage())
+            return last_words(self.episode.words("sub_agent"), AgentsUsage())
         _check(output_schema, options)
         if self._only_game_tools:
             tools, handoffs = [tool for tool in tools if tool.name in self._names], ()
@@ -405,7 +402,7 @@ class SmartPlayModel(Model):
         by_name = {tool.name: tool for tool in self.tools if isinstance(tool, FunctionTool)}
         before = itertools.takewhile(lambda call: call.id != call_id, self.session.open_calls)
         if any(call.name in by_name and by_name[call.name].needs_approval for call in before):
-            return self.session.refuse(call_id, AWAITS_APPROVAL).text
+            return self.session.refuse(call_id, self.episode.words("awaits_approval")).text
         return (await self.session.aanswer(call_id, earlier=False)).text
 
 

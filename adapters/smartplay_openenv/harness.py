@@ -28,8 +28,6 @@ from smartplay_tools import AgentSession, Budget, Episode, InvalidArgumentError,
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.types.messages import encodable
 
-TOO_MANY = "Error: The host allows no more calls in one message."
-
 
 class SmartPlaySession(ResourceSession):
     """One rollout: an episode, and its reward."""
@@ -137,7 +135,11 @@ class _Rollout:
             self._turns += 1
             for position, call in enumerate(self._agent.receive(step.message)):
                 allowed = self._may_call(position)
-                result = self._agent.answer(call.id) if allowed else self._agent.refuse(call.id, TOO_MANY)
+                result = (
+                    self._agent.answer(call.id)
+                    if allowed
+                    else self._agent.refuse(call.id, self._episode.words("too_many_calls"))
+                )
                 self._trace.append(ToolTraceEntry(call.name, dict(call.arguments.values or {}), _result(result)))
         return HarnessRolloutResult(
             messages=[encodable(message) for turn in self._agent.turns for message in turn.messages],

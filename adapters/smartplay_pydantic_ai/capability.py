@@ -66,7 +66,7 @@ from smartplay_tools.context.prompts import (
     stable_end,
     with_pictures_below,
 )
-from smartplay_tools.conversation import SUB_AGENT, HostChat, HostHistory
+from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.evaluation.costs import CacheFields, openai_cache_fields
 
@@ -152,7 +152,7 @@ class SmartPlay(AbstractCapability[Any]):
     ) -> ModelResponse:
         """Leave the model alone when the episode is over, and when an agent in a tool of this one asks."""
         if self in _IN_TOOLS_OF.get():
-            return _words(SUB_AGENT)
+            return _words(self.episode.words("sub_agent"))
         if self._host is None:
             self._host = self._begin(request_context)
         else:

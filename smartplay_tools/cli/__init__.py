@@ -82,7 +82,7 @@ COMMANDS = {
         True,
     ),
     "power": _Entry(
-        "power:power",
+        "compare:power",
         "Say how many trials it takes to see a difference, from the spread of the pairs in these runs.",
         True,
     ),
@@ -100,7 +100,7 @@ COMMANDS = {
     "merge": _Entry("sweep:merge", "Merge the shards of a run.", True),
     "export": _Entry(
         "export:export",
-        "Write finished episodes as training rows, trajectories or Inspect logs, or a model's results to publish.",
+        "Write finished episodes as training rows, trajectories or Inspect logs.",
         True,
     ),
     "board": _Entry(

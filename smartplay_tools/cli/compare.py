@@ -1,4 +1,4 @@
-"""The command `compare`, which compares runs and sweeps pair by pair."""
+"""The commands `compare`, which compares runs and sweeps pair by pair, and `power`, which plans a comparison."""
 
 from __future__ import annotations
 
@@ -16,9 +16,14 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import as_rows, compare as compare_runs
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin
+from smartplay_tools.evaluation.analysis.planning import as_rows as plan_rows, plan_comparisons, planning_table
 from smartplay_tools.evaluation.analysis.tables import plain
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.records.rows import Row
+
+Reference = Annotated[
+    str | None, typer.Option(help="Player of the first run that all others are compared with.", show_default=False)
+]
 
 
 def compare(
@@ -28,9 +33,7 @@ def compare(
             metavar="DIR...", help="Folders of runs or sweeps; the first is the reference.", show_default=False
         ),
     ],
-    reference: Annotated[
-        str | None, typer.Option(help="Player of the first run that all others are compared with.", show_default=False)
-    ] = None,
+    reference: Reference = None,
     margin: Annotated[
         str | None,
         typer.Option(
@@ -57,14 +60,34 @@ def compare(
     """
     form = Format.JSON if as_json else form
     check_columns(cache, caches, form)
-    rows = rows_by_run(folders)
+    rows = _rows_by_run(folders)
     given = None if margin is None else Margin.parse(margin)
     compared = compare_runs(rows, reference=reference, margin=given, match=options.names(match))
     tables = [*comparison_tables(compared), *cost_columns(folders, cache, caches)]
     print_tables(form, tables, as_rows(compared), plain(compared))
 
 
-def rows_by_run(folders: Sequence[Path]) -> dict[str, Sequence[Row]]:
+def power(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR...", help="Folders of runs; the first is the reference.", show_default=False),
+    ],
+    difference: Annotated[
+        str, typer.Option(metavar="D", help="The difference to detect, in points or human scores (0.1h).")
+    ],
+    reference: Reference = None,
+    form: FormatOption = Format.TEXT,
+) -> None:
+    """Say how many trials it takes to see a difference, from the spread of the pairs in these runs.
+
+    Example: smartplay-tools power runs/before runs/after --difference 2
+    """
+    compared = compare_runs(_rows_by_run(folders), reference=reference)
+    planned = plan_comparisons(compared, Margin.parse(difference))
+    print_tables(form, [planning_table(planned)], plan_rows(planned), plain(planned))
+
+
+def _rows_by_run(folders: Sequence[Path]) -> dict[str, Sequence[Row]]:
     """Return the rows of runs by their folders, of which none may be named twice."""
     if len({folder.resolve() for folder in folders}) < len(folders):
         raise InvalidArgumentError("The same folder is named twice; name every run once.")

@@ -1,16 +1,13 @@
-"""The output of `--dry-run`: the expected use of a run, as ranges, compared with its caps.
-
-The output of `--pilot N`: the use of the whole run, estimated from the few episodes that were played.
-"""
+"""The estimates of a run's use: ranges before it is played (`--dry-run`), means of its first episodes (`--pilot N`)."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from functools import reduce
 from operator import add, attrgetter
-from statistics import fmean
 from typing import Any
 
 import typer
@@ -31,11 +28,11 @@ from smartplay_tools.evaluation.runs import (
     estimate,
     player_of,
 )
-from smartplay_tools.evaluation.runs.estimate import SECONDS_A_CALL, TOKENS_A_SECOND, Range
+from smartplay_tools.evaluation.runs.estimate import SECONDS_A_CALL, TOKENS_A_SECOND, Range, estimate_from
 from smartplay_tools.evaluation.runs.executors import WAITING_AT_ONCE
 from smartplay_tools.evaluation.runs.plan import prices_in_tables
 from smartplay_tools.evaluation.runs.players import given_prices
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import grouped
 
 CUT_SHARE = 0.05
 """The share of cut tool results that is worth a warning."""
@@ -101,38 +98,25 @@ def _total_cost(estimates: Sequence[Estimate]) -> Range | None:
     return _sum(costs) if len(costs) == len(estimates) else None
 
 
-def run_hours(
-    cells: Sequence[tuple[str, int, float]], players: Sequence[PlayerConfig], workers: int | None
-) -> tuple[float, int]:
-    """Return the hours of a run and the most episodes at a time, from each cell's player, episodes and seconds.
+def _hours(estimates: Sequence[Estimate], players: Sequence[PlayerConfig], workers: int | None) -> tuple[Range, int]:
+    """The hours of a run, and the most episodes at a time.
 
     A player with a limit of its own (`concurrency`) may take longer than all the others together.
     """
+    slots = workers or WAITING_AT_ONCE
     limits = {config.name: config.concurrency for config in players}
-    episodes: dict[str, int] = {}
-    seconds: dict[str, float] = {}
-    for player, count, taken in cells:
-        episodes[player] = episodes.get(player, 0) + count
-        seconds[player] = seconds.get(player, 0.0) + taken
-    most = {
-        player: min(workers or WAITING_AT_ONCE, limits.get(player) or WAITING_AT_ONCE * 1000, count)
-        for player, count in episodes.items()
-    }
-    at_once = max(1, min(workers or WAITING_AT_ONCE, sum(most.values())))
-    longest = max((seconds[player] / max(1, most[player]) for player in seconds), default=0.0)
-    return max(longest, sum(seconds.values()) / at_once) / 3600, at_once
+    most, seconds = {}, {}
+    for player, own in grouped(estimates, lambda each: player_of(each.cell)).items():
+        limit = limits.get(player) or WAITING_AT_ONCE * 1000
+        most[player] = max(1, min(slots, limit, sum(each.episodes for each in own)))
+        seconds[player] = _sum([each.call_seconds for each in own])
+    at_once = max(1, min(slots, sum(most.values())))
 
+    def hours(end: Callable[[Range], float]) -> float:
+        longest = max((end(taken) / most[player] for player, taken in seconds.items()), default=0.0)
+        return max(longest, end(_sum(list(seconds.values()))) / at_once) / 3600
 
-def _hours(estimates: Sequence[Estimate], players: Sequence[PlayerConfig], workers: int | None) -> tuple[Range, int]:
-    ends = [
-        run_hours(
-            [(player_of(each.cell), each.episodes, getattr(each.call_seconds, end)) for each in estimates],
-            players,
-            workers,
-        )
-        for end in ("low", "expected", "high")
-    ]
-    return Range(*(hours for hours, _ in ends)), ends[0][1]
+    return Range(*map(hours, map(attrgetter, ("low", "expected", "high")))), at_once
 
 
 def _sentences(estimates: Sequence[Estimate], caps: Caps, how_long: tuple[Range, int]) -> list[str]:
@@ -172,62 +156,27 @@ def _against_cap(option: str, cap: float | None, figure: Range, show: Callable[[
     return [f"{option} {show(cap)} {likely} the run, which is expected to take {_span(figure, show)}."]
 
 
-@dataclass(frozen=True)
-class CellUse:
-    """What the episodes of a cell are expected to use, from those that were played."""
-
-    name: str
-    player: str
-    played: int
-    planned: int
-    calls: float
-    tokens: float
-    cost: float | None
-    seconds: float
-    """For all its episodes, one after another."""
-
-
-def pilot_estimate(run: Run, plan: Plan) -> list[CellUse]:
-    """Return the expected use of every cell that has a finished episode: their mean, times the planned number."""
-    seconds: dict[str, float] = {}
-    for row in run.folder.timings():
-        seconds[row["key"]] = seconds.get(row["key"], 0.0) + float(row["seconds"])
-    rows: Mapping[str, Row] = {row["key"]: row for row in run.rows}
-    uses = []
-    for place, cell in enumerate(plan.cells):
-        keys = [episode.key for episode in plan.episodes if episode.place == place]
-        played = [rows[key] for key in keys if key in rows]
-        if played:
-            costs = [row["cost"] for row in played]
-            uses.append(
-                CellUse(
-                    cell_name(cell),
-                    player_of(cell),
-                    len(played),
-                    len(keys),
-                    len(keys) * fmean(row["turns"] + row.get("summaries", 0) for row in played),
-                    len(keys) * fmean(row["tokens"]["prompt"] + row["tokens"]["reply"] for row in played),
-                    None if None in costs else len(keys) * fmean(costs),
-                    len(keys) * fmean(seconds.get(row["key"], 0.0) for row in played),
-                )
-            )
-    return uses
-
-
 def print_pilot(console: Console, run: Run, plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) -> None:
-    """Print the estimate, and how to continue the run."""
-    uses = pilot_estimate(run, plan)
+    """Print the use of the whole run, estimated from the episodes that were played, and how to continue it."""
+    rows, seconds = {row["key"]: row for row in run.rows}, Counter[str]()
+    for timing in run.folder.timings():
+        seconds[timing["key"]] += timing["seconds"]
     table = compact_table("from the pilot", "played", "planned", "calls", "tokens", "USD", folded=1)
-    for use in uses:
-        cost = "unknown" if use.cost is None else f"{use.cost:,.2f}"
-        table.add_row(use.name, str(use.played), str(use.planned), short(use.calls), short(use.tokens), cost)
+    estimates = []
+    for members in grouped(plan.episodes, lambda episode: episode.place).values():
+        played = [rows[episode.key] for episode in members if episode.key in rows]
+        if not played:
+            continue
+        estimates.append(each := estimate_from(members[0].cell, len(members), played, seconds))
+        used = [short(figure.expected) for figure in (each.calls, each.prompt_tokens + each.reply_tokens)]
+        dollars = "unknown" if each.cost is None else f"{each.cost.expected:,.2f}"
+        table.add_row(cell_name(each.cell), str(len(played)), str(each.episodes), *used, dollars)
     console.print(table)
-    costs = [use.cost for use in uses if use.cost is not None]
-    total = f"${sum(costs):,.2f}, " if len(costs) == len(uses) else "cost unknown, "
-    hours, at_once = run_hours([(use.player, use.planned, use.seconds) for use in uses], players, options.workers)
+    tokens = _sum([each.prompt_tokens + each.reply_tokens for each in estimates]).expected
+    cost, (hours, at_once) = _total_cost(estimates), _hours(estimates, players, options.workers)
     typer.echo(
-        f"The whole run: {short(sum(use.tokens for use in uses))} tokens, {total}"
-        f"about {duration(3600 * hours)} with {at_once} episodes at a time. "
+        f"The whole run: {short(tokens)} tokens, {'cost unknown' if cost is None else f'${cost.expected:,.2f}'}, "
+        f"about {duration(3600 * hours.expected)} with {at_once} episodes at a time. "
         "The same command without --pilot continues and keeps these episodes.",
         err=True,
     )

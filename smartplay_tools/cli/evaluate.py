@@ -12,16 +12,14 @@ import typer
 
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.episode_options import RULES, EpisodeOptions, read_budget, with_episode_options
-from smartplay_tools.cli.results import print_next, print_summary
+from smartplay_tools.cli.results import print_next, run_tables
 from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.errors import InvalidArgumentError, file_named
 from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
-from smartplay_tools.evaluation.analysis.repeats import repeated, repeats_table
 from smartplay_tools.evaluation.analysis.stopping import (
     Gate,
     baseline_gates,
-    decisions_table,
     junit as as_junit,
     mean_gates,
 )
@@ -159,17 +157,15 @@ def print_run(run: Run, gates: Sequence[Gate] = (), *, as_json: bool) -> None:
             "finished": len(run.rows),
             "stopped": run.stopped,
             "refused": run.refused,
+            "began_again": run.folder.beginnings(),
         }
         facts |= {"paused": run.status.paused, "spending": run.spending.to_json(), "warnings": unplayed(run.rows)}
         facts |= {"checks": plain(list(gates))} if gates else {}
         print(json.dumps({**facts, **summary_json(summary)}, indent=2))
     else:
         console = table_console()
-        print_summary(console, summary)
-        if figures := repeated(run.rows):
-            print_table(console, repeats_table(figures))
-        if run.decisions:
-            print_table(console, decisions_table(run.decisions, run.folder.manifest().cells))
+        for table in run_tables(run.folder, run.rows, summary):
+            print_table(console, table)
         print_next(console, [run.folder.path])
     runs.conclude(run, quiet=as_json)
     for gate in gates:

@@ -16,8 +16,7 @@ def export(
     ],
     out: Annotated[Path, typer.Option(help="The new folder to write.", show_default=False)],
     format: Annotated[  # noqa: A002 - the option's name
-        str,
-        typer.Option(help="sft (a row for every reply), sft-chains, sft-episodes, atif, inspect; eee, hf-results."),
+        str, typer.Option(help="sft (a row for every reply), sft-chains, sft-episodes, atif or inspect.")
     ] = "sft",
     games: Annotated[str | None, typer.Option(help="Only these settings, with commas.")] = None,
     players: Annotated[str | None, typer.Option(help="Only these players, with commas.")] = None,
@@ -34,26 +33,18 @@ def export(
         typer.Option("--pictures", help="Export episodes with pictures, too, and write these as files (sft formats)."),
     ] = False,
     best: Annotated[int | None, typer.Option(help="Only the best N episodes of every game and player.", min=1)] = None,
-    model: Annotated[str | None, typer.Option(help="eee: the model as DEVELOPER/NAME.")] = None,
-    organization: Annotated[str | None, typer.Option(help="eee: who evaluated it.")] = None,
-    relationship: Annotated[
-        str | None, typer.Option(help="eee: first_party, third_party, collaborative or other.")
-    ] = None,
-    dataset: Annotated[str | None, typer.Option(help="hf-results: the benchmark's dataset on the Hub.")] = None,
 ) -> None:
-    """Write finished episodes as training rows, trajectories or Inspect logs, or a model's results to publish.
+    """Write finished episodes as training rows, trajectories or Inspect logs.
 
     Example: smartplay-tools export runs/first --format sft --completed --out data
     """
     # Reading many records takes imports that no other command needs.
     from smartplay_tools.evaluation.exports import export as write
 
-    about = {"model": model, "organization": organization, "relationship": relationship, "dataset": dataset}
     exported = write(
         run,
         out,
         format,
-        publication={name: value for name, value in about.items() if value is not None},
         summaries=summaries,
         pictures=pictures,
         games=tuple(options.names(games)),

@@ -16,7 +16,9 @@ from smartplay_tools.evaluation.analysis.formats import TextTable, rows_to_csv, 
 FormatOption = Annotated[Format, typer.Option("--format", help="Output format.")]
 
 
-def print_tables(form: Format, tables: Iterable[TextTable], rows: Sequence[Mapping[str, Any]], data: Any) -> None:
+def print_tables(
+    form: Format, tables: Iterable[TextTable], rows: Sequence[Mapping[str, Any]] = (), data: Any = None
+) -> None:
     """Print tables in a format; CSV has the rows, in full precision, and JSON the data."""
     if form is Format.JSON:
         print(json.dumps(data, indent=2))

@@ -1,6 +1,6 @@
 """The command `play`: one episode, shown as it happens.
 
-The live page of an episode that `play --watch` plays: the site over its record, in the same process.
+The page of `--watch` is the site over the episode's record, served by the same process.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import time
 import webbrowser
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import quote
@@ -21,7 +21,6 @@ from rich.console import Console
 
 from smartplay_tools.cli import INTERRUPTED, options, runs
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
-from smartplay_tools.cli.frames import FrameWriter, picture_options
 from smartplay_tools.cli.show import TurnPrinter, print_result
 from smartplay_tools.conversation import loop
 from smartplay_tools.conversation.base import BaseConversation
@@ -33,41 +32,6 @@ from smartplay_tools.players import get_player, is_model
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.records.rows import warnings
 from smartplay_tools.types import EpisodeResult, Usage
-
-
-@dataclass(frozen=True)
-class LivePage:
-    """The page of a record that is being written."""
-
-    path: Path
-    """The record."""
-    url: str
-    open_browser: bool
-
-    def announce(self) -> None:
-        """Say where the page is, once its record has begun: before, there is nothing to show."""
-        typer.echo(f"The episode is shown at {self.url}", err=True)
-        if self.open_browser:
-            webbrowser.open(self.url)
-
-
-@contextmanager
-def live_page(transcript: Path | None, *, open_browser: bool) -> Iterator[LivePage]:
-    """Serve the page of a record that is being written, and yield it; afterwards serve on until Ctrl-C.
-
-    Without a `transcript` the record is a temporary file.
-    """
-    from smartplay_tools.web.site import SiteRecord, ViewServer
-    from smartplay_tools.web.site.site_record import PLAYING
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = transcript or Path(folder) / "episode.jsonl"
-        with ViewServer([SiteRecord(path)]) as server:
-            yield LivePage(path, f"{server.url}episode/{quote(path.name)}/{PLAYING}", open_browser)
-            typer.echo("The page stays until Ctrl-C.", err=True)
-            with suppress(KeyboardInterrupt):
-                threading.Event().wait()
-
 
 FAILED = ("player_error", "game_error", "strategy_error")
 
@@ -86,7 +50,6 @@ def play(
     seed: options.Seed = 0,
     steps: Annotated[int | None, typer.Option(min=1, help="Stop after N steps.")] = None,
     transcript: options.TranscriptFile = None,
-    frames: Annotated[Path | None, typer.Option(help="Write a PNG picture of every step into this folder.")] = None,
     watch: Annotated[
         bool, typer.Option("--watch", help="Show the episode live in a browser; Ctrl-C ends that.")
     ] = False,
@@ -103,17 +66,17 @@ def play(
     """
     given = _player_options(player, base_url, player_option, parse_calls, tool_choice)
     who, paid = get_player(player, seed=seed, **given), runs.prices(price).get(player) or find_price(player, given)
-    settings = {**episode.conditions, **episode.options, **(picture_options(game) if frames else {})}
+    settings = {**episode.conditions, **episode.options}
     protocol, spec = settings.pop("protocol"), get_spec(game)
     # A person has a screen, and would see here what has left the window.
     silent = quiet or as_json or getattr(who, "interactive", False)
     printer = None if silent else TurnPrinter(Console())
     with ExitStack() as stack:
-        page = stack.enter_context(live_page(transcript, open_browser=open_browser)) if watch else None
+        record, page = stack.enter_context(_live_page(transcript)) if watch else (transcript, None)
         new_episode = Episode(
             spec if steps is None else replace(spec, rollout=steps),
             seed=seed,
-            transcript=transcript if page is None else page.path,
+            transcript=record,
             player_options={name: value for name, value in given.items() if name != "base_url"},
             **settings,
         )
@@ -121,9 +84,9 @@ def play(
         with who if isinstance(who, AbstractContextManager) else nullcontext(), new_episode as played:
             if page is not None:
                 played.begin(player=who.name, protocol=protocol)  # a record without an event is not a page yet
-                page.announce()
-            if frames:
-                played.on_step(FrameWriter(frames, played.game))
+                typer.echo(f"The episode is shown at {page}", err=True)
+                if open_browser:
+                    webbrowser.open(page)
             interrupted = _run(played, who, protocol, printer, pace)
         assert played.result is not None
         _print(played.result, paid, as_json=as_json)
@@ -171,3 +134,21 @@ def _run(episode: Episode, player: Any, protocol: Any, printer: TurnPrinter | No
     except KeyboardInterrupt:
         return True
     return False
+
+
+@contextmanager
+def _live_page(transcript: Path | None) -> Iterator[tuple[Path, str]]:
+    """Serve the page of a record that is being written, and yield the record and the page's address.
+
+    Without a `transcript` the record is a temporary file. Afterwards the page is served on until Ctrl-C.
+    """
+    from smartplay_tools.web.site import SiteRecord, ViewServer
+    from smartplay_tools.web.site.site_record import PLAYING
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = transcript or Path(folder) / "episode.jsonl"
+        with ViewServer([SiteRecord(path)]) as server:
+            yield path, f"{server.url}episode/{quote(path.name)}/{PLAYING}"
+            typer.echo("The page stays until Ctrl-C.", err=True)
+            with suppress(KeyboardInterrupt):
+                threading.Event().wait()

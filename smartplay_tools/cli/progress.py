@@ -1,8 +1,7 @@
-"""The progress display of a run: live bars on a terminal, lines with times in a log, nothing with `--quiet`.
+"""The progress of a run, from its snapshots: while it is played, and as tables of an unfinished run.
 
-Both show snapshots of the run. Everything fits a terminal of 80x24: games for which there is no room share a line.
-
-The progress of a run as tables of its cells and of the episodes that are being played.
+`showing` draws live bars on a terminal and logs lines with times elsewhere. The bars fit a terminal of 80x24: games for
+which there is no room share a line. `print_running` prints the tables of cells and of the episodes being played.
 """
 
 from __future__ import annotations
@@ -34,6 +33,9 @@ LOG_SECONDS = 60.0
 
 OTHER_LINES = 7
 """Lines of the live display apart from those of games, including some free ones."""
+
+SHOWN_EPISODES = 10
+"""The most running episodes that are listed; the others are counted."""
 
 
 @contextmanager
@@ -107,10 +109,6 @@ class _Log:
 
     def _say(self, words: str) -> None:
         self._console.print(f"{time.strftime('%H:%M:%S')} {words}", highlight=False, markup=False, soft_wrap=True)
-
-
-SHOWN_EPISODES = 10
-"""The most running episodes that are listed; the others are counted."""
 
 
 def status_table(snapshot: RunSnapshot) -> TextTable:

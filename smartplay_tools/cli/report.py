@@ -1,7 +1,4 @@
-"""The command `report`, which writes the replay page of a run.
-
-The command `share`, which writes one episode, or some turns of it, as a small page, a card or an animation.
-"""
+"""The commands `report`, which writes the replay page of runs, and `share`, which writes one episode or some turns."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -25,7 +24,7 @@ from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
 from smartplay_tools.evaluation.analysis.intervals import Method
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
-from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json, repeated, repeats_table
+from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json as repeats_json, repeated, repeats_table
 from smartplay_tools.evaluation.analysis.stopping import Comparisons, decisions_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
@@ -38,7 +37,7 @@ from smartplay_tools.records.rows import Row, unplayed
 class _Shown:
     """The data of a run, read once."""
 
-    folder: Path
+    folder: RunFolder
     rows: list[Row]
     snapshot: RunSnapshot
     summary: RunSummary
@@ -66,55 +65,53 @@ def results(
 
     Example: smartplay-tools results runs/first --all --csv first.csv
     """
-    check_columns(cache, caches, Format.JSON if as_json else form)
+    form = Format.JSON if as_json else form
+    check_columns(cache, caches, form)
     succeeds = None if success is None else RowCondition.parse(success)
     shown = [_read(folder, weights, exact=exact) for folder in folders]
     _write_files(shown, csv, parquet)
-    if as_json or form is Format.JSON:
-        summaries = [{**_counts(run), **summary_json(run.summary), **_repeats(run, succeeds)} for run in shown]
-        print(json.dumps(summaries[0] if len(summaries) == 1 else summaries, indent=2))
+    if form is Format.TEXT:
+        console = table_console()
+        for run in shown:
+            _show(console, run, everything=everything, succeeds=succeeds)
+        terms = TextTable(
+            "meaning of the terms", (Column("term", words=True), Column("meaning", words=True)), tuple(TERMS.items())
+        )
+        print_tables(form, [*cost_columns(folders, cache, caches), *([terms] if explain else [])])
+        print_next(console, folders, everything=everything)
         return
-    if form is not Format.TEXT:
-        tables = [
-            table.of_run(str(run.folder)) if len(shown) > 1 else table
-            for run in shown
-            for table in _tables(run, everything=everything, succeeds=succeeds)
-        ]
-        rows = [{"run": str(run.folder), **row} for run in shown for row in cell_rows(run.summary)]
-        print_tables(form, [*tables, *cost_columns(folders, cache, caches)], rows, None)
-        return
-    console = table_console()
-    for run in shown:
-        _show(console, run, everything=everything, succeeds=succeeds)
-    for table in cost_columns(folders, cache, caches):
-        print_table(console, table)
-    if explain:
-        print_terms(console)
-    print_next(console, folders, everything=everything)
+    tables = [
+        table.of_run(str(run.folder.path)) if len(shown) > 1 else table
+        for run in shown
+        for table in run_tables(run.folder, run.rows, run.summary, everything=everything, succeeds=succeeds)
+    ]
+    rows = [{"run": str(run.folder.path), **row} for run in shown for row in cell_rows(run.summary)]
+    summaries = [_facts(run, succeeds) for run in shown]
+    data = summaries[0] if len(summaries) == 1 else summaries
+    print_tables(form, [*tables, *cost_columns(folders, cache, caches)], rows, data)
 
 
-def print_summary(console: Console, summary: RunSummary, *, everything: bool = False) -> None:
-    """Print a run's headline and its failures, or all of its tables."""
-    for table in summary_tables(summary, everything=everything):
-        print_table(console, table)
-
-
-def summary_tables(summary: RunSummary, *, everything: bool = False) -> Iterator[TextTable]:
-    """Yield a run's headline and its failures, or all of its tables."""
+def run_tables(
+    folder: RunFolder,
+    rows: Sequence[Row],
+    summary: RunSummary,
+    *,
+    everything: bool = False,
+    succeeds: Succeeds | None = None,
+) -> Iterator[TextTable]:
+    """Yield a run's headline and failures, or all tables of its summary; then its repeats and decisions, if any."""
     if summary.cells:
         yield headline(summary)
     if everything:
         yield from details(summary)
     elif summary.failures:
         yield failures_table(summary.failures)
-
-
-def print_terms(console: Console) -> None:
-    """Print the meaning of the terms in the tables."""
-    rows = tuple(TERMS.items())
-    print_table(
-        console, TextTable("meaning of the terms", (Column("term", words=True), Column("meaning", words=True)), rows)
-    )
+    if figures := repeated(rows, succeeds):
+        yield repeats_table(figures)
+    manifest = folder.manifest()
+    if manifest.until is not None:
+        decisions = Comparisons(manifest).decisions({row["key"]: row for row in rows})
+        yield decisions_table(decisions, manifest.cells)
 
 
 def print_next(console: Console, folders: Sequence[Path], *, everything: bool = False) -> None:
@@ -134,49 +131,36 @@ def _read(folder: Path, weights: str, *, exact: bool) -> _Shown:
     run = RunFolder(folder)
     rows, failures = run.rows(), run.failures()
     summary = summarize(rows, failures, weights=cast(Any, weights), method=Method(exact=exact))
-    return _Shown(folder, list(rows), run_snapshot(run), summary)
+    return _Shown(run, list(rows), run_snapshot(run), summary)
 
 
 def _write_files(shown: Sequence[_Shown], csv: Path | None, parquet: Path | None) -> None:
     several = len(shown) > 1
-    rows = [{"run": str(run.folder), **row} if several else row for run in shown for row in run.rows]
+    rows = [{"run": str(run.folder.path), **row} if several else row for run in shown for row in run.rows]
     for path, write in ((csv, write_csv), (parquet, write_parquet)):
         if path is not None:
             with file_named(path, "written"):
                 write(rows, path)
 
 
-def _counts(run: _Shown) -> dict[str, Any]:
+def _facts(run: _Shown, succeeds: Succeeds | None) -> dict[str, Any]:
     now = run.snapshot
     counts = {name: getattr(now, name) for name in ("planned", "finished", "running", "paused")}
     figures = {"now": asdict(now.figures())} if now.is_live else {}
     more = {"spending": now.spending.to_json(), "warnings": unplayed(run.rows)}
-    return {"folder": str(run.folder), **counts, "failed_attempts": now.failed, **figures, **more}
-
-
-def _tables(run: _Shown, *, everything: bool, succeeds: Succeeds | None) -> Iterator[TextTable]:
-    yield from summary_tables(run.summary, everything=everything)
-    if figures := repeated(run.rows, succeeds):
-        yield repeats_table(figures)
-    manifest = RunFolder(run.folder).manifest()
-    if manifest.until is not None:
-        decisions = Comparisons(manifest).decisions({row["key"]: row for row in run.rows})
-        yield decisions_table(decisions, manifest.cells)
-
-
-def _repeats(run: _Shown, succeeds: Succeeds | None) -> dict[str, Any]:
-    figures = list(map(as_json, repeated(run.rows, succeeds)))
-    return {"repeats": figures} if figures else {}
+    facts = {"folder": str(run.folder.path), **counts, "failed_attempts": now.failed, **figures, **more}
+    repeats = [repeats_json(each) for each in repeated(run.rows, succeeds)]
+    return {**facts, **summary_json(run.summary), **({"repeats": repeats} if repeats else {})}
 
 
 def _show(console: Console, run: _Shown, *, everything: bool, succeeds: Succeeds | None) -> None:
     now = run.snapshot
     counted = {"running": now.running, "paused by a cap": now.paused, "failed attempts": now.failed}
     others = "".join(f", {count} {what}" for what, count in counted.items() if count)
-    typer.echo(f"{run.folder}: {now.finished} of {now.planned} episodes finished{others}\n")
+    typer.echo(f"{run.folder.path}: {now.finished} of {now.planned} episodes finished{others}\n")
     if now.finished < now.planned:
         print_running(console, now)
-    for table in _tables(run, everything=everything, succeeds=succeeds):
+    for table in run_tables(run.folder, run.rows, run.summary, everything=everything, succeeds=succeeds):
         print_table(console, table)
     for line in (*spending_sentences(now.spending), *unplayed(run.rows)):
         typer.echo(line)

@@ -182,6 +182,11 @@ def conclude(run: Run, *, quiet: bool = False) -> None:
         say(f"A cap of the run is reached: {left}{paused}. The same command with a higher cap continues the run.")
     elif not run.complete:
         say(f"{left}; {run.folder.path / 'attempts'} has their records. The same command retries them.")
+    if beginnings := run.folder.beginnings():
+        count = beginnings.total()
+        episodes = "1 episode began" if count == 1 else f"{count} episodes began"
+        reasons = "; ".join(f"{reason} ({count})" for reason, count in beginnings.items())
+        say(f"{episodes} again instead of going on, and what was spent before is counted: {reasons}.")
     if run.waiting:
         say(f"{run.waiting} of them wait for the trial before them in their chain, which has no result yet.")
     warnings = unplayed(run.rows)

@@ -1,7 +1,4 @@
-"""The commands `submit prepare`, `submit check` and `submit seed`: a run as a file that proves itself.
-
-The command `board`: a static leaderboard from submissions.
-"""
+"""The commands `submit ...`: a run as a file that proves itself; and `board`: a static leaderboard of such files."""
 
 from __future__ import annotations
 

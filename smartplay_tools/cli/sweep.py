@@ -1,7 +1,4 @@
-"""The command `sweep`: the same episodes with every window of a grid, followed by tables and figures.
-
-The command `merge`, which merges the shards of a run.
-"""
+"""The commands `sweep`, which plays the same episodes with every window of a grid, and `merge`, which joins shards."""
 
 from __future__ import annotations
 

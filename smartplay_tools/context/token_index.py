@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 
-from smartplay_tools.context.prompts import OBSERVATION_LEFT
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.types.messages import Message
@@ -104,8 +103,9 @@ class TokenIndex:
         """
         tokens, old = 0, turn.masked(oldest)
         if old:
-            masked = [turn.items[at].message for at in old]
-            tokens = sum(map(self._counter.content, masked)) - len(masked) * self._counter.text(OBSERVATION_LEFT)
+            masked = [turn.items[at] for at in old]
+            marker = self._counter.text(masked[0].words("observation_left"))
+            tokens = sum(self._counter.content(item.message) for item in masked) - len(masked) * marker
         if pictures:
             for item in [turn.items[at] for at in turn.left_out(pictures) if at not in old]:
                 tokens += self._counter.content(item.message) - self._counter.content(item.unpictured)

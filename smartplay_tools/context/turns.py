@@ -10,12 +10,12 @@ steps never decrease from turn to turn.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from smartplay_tools.context.prompts import MANUAL_IS_ABOVE, OBSERVATION_LEFT, PICTURE_SHOWN
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import message_bytes
 from smartplay_tools.types.messages import (
@@ -47,6 +47,8 @@ class Item:
     """The position of the call that it answers; None if it is not a tool result."""
     brings_back: bool = False
     """Whether it is the answer of a tool of memory that brings observations back."""
+    words: Wording = field(kw_only=True, repr=False, compare=False)
+    """What replaces it once it is too old."""
 
     @property
     def date(self) -> int | None:
@@ -57,17 +59,17 @@ class Item:
     def masked(self) -> Message:
         """The message that replaces this one once it is too old to be shown."""
         masked = self.message.copy()
-        masked["content"] = OBSERVATION_LEFT
+        masked["content"] = self.words("observation_left")
         return masked
 
     @cached_property
     def unpictured(self) -> Message:
         """The message that replaces this one once its picture is left out: its words, or the marker without any."""
-        words = text_of(self.message)
-        if words.startswith(PICTURE_SHOWN):
+        text = text_of(self.message)
+        if text.startswith(self.words("picture_shown")):
             return self.masked
         unpictured = self.message.copy()
-        unpictured["content"] = words
+        unpictured["content"] = text
         return unpictured
 
 
@@ -246,7 +248,9 @@ class Turn:
 class TurnBuilder:
     """Makes turns from events, one event after the other."""
 
-    def __init__(self) -> None:
+    def __init__(self, words: Wording) -> None:
+        """`words` are those of the episode."""
+        self._words = words
         self.turns: list[Turn] = []
         """The turns that are complete."""
         self.step = 0
@@ -269,14 +273,6 @@ class TurnBuilder:
         self._others: list[Item] = []
         self._latest: Turn | None = None
         self._first_picture = 0
-
-    @classmethod
-    def of(cls, events: Iterable[Mapping[str, Any]]) -> TurnBuilder:
-        """Return the builder after these events."""
-        builder = cls()
-        for event in events:
-            builder.apply(event)
-        return builder
 
     def apply(self, event: Mapping[str, Any]) -> None:
         """Take an event of a record; kinds that make no turn are ignored."""
@@ -313,7 +309,7 @@ class TurnBuilder:
     def add_result(self, position: int, text: str, data: Mapping[str, Any]) -> None:
         """Add the game's answer to a call."""
         if data.get("manual"):
-            self.manual, text = text, MANUAL_IS_ABOVE
+            self.manual, text = text, self._words("manual_is_above")
         if "notes" in data:
             self.notes = self.number if data["notes"] == "kept" else None
         observation = data.get("observation_step")
@@ -323,11 +319,12 @@ class TurnBuilder:
         if (picture := data.get("picture")) is not None:
             content = [{"type": "text", "text": text}, picture_part(picture)]
         message: Message = {"role": "tool", "content": content, "tool_call_id": self.calls[position].id}
-        self._answer(position, Item(message, self.step, observation, position, not BROUGHT_BACK.isdisjoint(data)))
+        is_back = not BROUGHT_BACK.isdisjoint(data)
+        self._answer(position, Item(message, self.step, observation, position, is_back, words=self._words))
 
     def add(self, message: Message, position: int | None) -> None:
         """Add a message of the host or the library; with a `position`, the result of a foreign tool's call."""
-        item = Item(message, self.step, position=position)
+        item = Item(message, self.step, position=position, words=self._words)
         if position is not None:
             self._answer(position, item)
         else:

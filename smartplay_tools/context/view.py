@@ -112,10 +112,16 @@ class View:
         return "summary" if self.asks_for_summary else "play"
 
     def prompt(
-        self, max_tokens: int | None, prefix_messages: int, cache_key: str, pictures: Mapping[str, Picture]
+        self,
+        max_tokens: int | None,
+        prefix_messages: int,
+        cache_key: str,
+        pictures: Mapping[str, Picture],
+        version: str,
     ) -> Prompt:
         """Return the prompt, which copies the window's messages when they are first read."""
-        return Prompt(self.shown, self.tools, max_tokens, prefix_messages, self.purpose, cache_key, pictures)
+        facts = prefix_messages, self.purpose, cache_key, pictures, version
+        return Prompt(self.shown, self.tools, max_tokens, *facts)
 
     @property
     def messages(self) -> list[Message]:

@@ -24,6 +24,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from smartplay_tools.context.prefix import common_tokens
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import Strategies, Summary, share_kept
 from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
@@ -57,8 +58,8 @@ class ContextWindow:
         counter: TokenCounter,
         strategies: Strategies | None = None,
     ) -> None:
-        """`strategies` are the episode's own; by default they are made from the budget."""
-        self._strategies = strategies or Strategies(budget, counter)
+        """`strategies` are the episode's own; by default they are made from the budget, with the newest words."""
+        self._strategies = strategies or Strategies(budget, counter, Wording.of(VERSION))
         self._reserve = self._strategies.reserve
         self._ageing, self._form = self._strategies.ageing, self._strategies.summaries
         self.budget = budget

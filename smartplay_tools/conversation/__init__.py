@@ -2,13 +2,12 @@
 
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.conversation.base import BaseConversation
-from smartplay_tools.conversation.host_chat import SUB_AGENT, HostChat, HostHistory
+from smartplay_tools.conversation.host_chat import HostChat, HostHistory
 from smartplay_tools.conversation.loop import AttachedPlayer, aplay, check_observation, play
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.conversation.text_env import TextEnv
 
 __all__ = [
-    "SUB_AGENT",
     "AgentSession",
     "AttachedPlayer",
     "BaseConversation",

@@ -20,9 +20,6 @@ from smartplay_tools.types.messages import Call
 
 R = TypeVar("R", bound=Reply)
 
-NOT_RUN = "Error: The host's agent did not run this call."
-"""The answer to a call that is still open when the next prompt is asked for."""
-
 
 class AgentSession(ToolConversation):
     """An episode as a chat whose calls are answered one by one, by the framework of the host's agent.
@@ -139,7 +136,7 @@ class AgentSession(ToolConversation):
 
     def _settle(self, call: Call) -> None:
         """Answer a call that is still open when the next prompt is asked for."""
-        self.refuse(call.id, NOT_RUN)
+        self.refuse(call.id, self.episode.words("not_run"))
 
 
 class Conversation(ToolConversation):

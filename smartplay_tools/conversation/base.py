@@ -62,10 +62,11 @@ class Pending:
     prefix_messages: int
     cache_key: str
     pictures: Mapping[str, Picture]
+    version: str
 
     def prompt(self) -> Prompt:
         """Return the prompt."""
-        return self.view.prompt(self.max_tokens, self.prefix_messages, self.cache_key, self.pictures)
+        return self.view.prompt(self.max_tokens, self.prefix_messages, self.cache_key, self.pictures, self.version)
 
     def cost(self, reply: int) -> dict[str, Any]:
         """Our count of the prompt and its reply, as fields of a `usage` event."""
@@ -128,7 +129,7 @@ class BaseConversation(ABC):
             )
         self.episode = episode
         self._ledger = episode.ledger
-        self._builder = TurnBuilder()
+        self._builder = TurnBuilder(episode.words)
         self._ids = CallIds()
         self._view: View | None = None
         self._shown_before: Sequence[Message] = ()
@@ -301,7 +302,8 @@ class BaseConversation(ABC):
             self._ledger.on_view(view.tokens, max_tokens or 0)
         prefix_messages = _common_beginning(view.shown, self._shown_before)
         self._shown_before = view.shown
-        return Pending(view, max_tokens, prefix_messages, self._cache_key, self._shown_pictures(view))
+        pictures, version = self._shown_pictures(view), self.episode.words.version
+        return Pending(view, max_tokens, prefix_messages, self._cache_key, pictures, version)
 
     def _shown_pictures(self, view: View) -> Mapping[str, Picture]:
         """The pictures in a view, by their sha256."""

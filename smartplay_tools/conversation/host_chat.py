@@ -19,14 +19,11 @@ from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.conversation.agent_session import NOT_RUN, AgentSession
+from smartplay_tools.conversation.agent_session import AgentSession
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import ToolResult, ToolSpec
 from smartplay_tools.types.messages import Message, text_of, words_of
-
-SUB_AGENT = "A game is played by one agent: this model answers the agent that began, and none of its sub-agents."
-"""The answer to a sub-agent, for which the model is not asked."""
 
 log = logging.getLogger("smartplay_tools.conversation")
 
@@ -38,7 +35,7 @@ class HostChat:
         episode: a fresh episode whose context is "window"; or, to go on with an episode from its record, the session
             of `smartplay_tools.resume(record, session=True)`.
         player: the player's name, for the record.
-        not_run: the answer to a call that the host has left open.
+        not_run: the name, in `Words`, of the answer to a call that the host has left open.
         no_result: the same for a call of one of the host's own tools; `not_run` if not given.
         pictures: whether the host gives its model pictures (see `AgentSession`).
     """
@@ -48,7 +45,7 @@ class HostChat:
         episode: Episode | AgentSession,
         *,
         player: str,
-        not_run: str = NOT_RUN,
+        not_run: str = "not_run",
         no_result: str | None = None,
         pictures: bool = False,
     ) -> None:
@@ -56,7 +53,8 @@ class HostChat:
         """The session; None before the first prompt."""
         self.episode = episode.episode if isinstance(episode, AgentSession) else episode
         self._player, self._pictures = player, pictures
-        self._not_run, self._no_result = not_run, not_run if no_result is None else no_result
+        words = self.episode.words
+        self._not_run, self._no_result = words(not_run), words(no_result or not_run)
         if not pictures:
             self.episode.refuse_pictures("This host", has_option=True)
         self._is_told = False

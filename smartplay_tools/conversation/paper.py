@@ -228,4 +228,4 @@ def _cut_to_cap(episode: Episode, observation: str) -> str:
     cap = episode.budget.result_tokens
     if cap is None or episode.counter.text(observation) <= cap:
         return observation
-    return truncation.cut_end(observation, cap, episode.counter.text)
+    return truncation.cut_end(observation, cap, episode.counter.text, episode.words.cut)

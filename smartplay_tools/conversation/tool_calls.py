@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from smartplay_tools.context import prompts
 from smartplay_tools.context.choosing import ChoosingWindow
 from smartplay_tools.context.view import View
 from smartplay_tools.context.window import ContextWindow
@@ -293,7 +292,7 @@ class ToolConversation(BaseConversation):
         self._builder.add(message, position)
 
     def _answer_idle_reply(self) -> None:
-        self._add({"role": "user", "content": prompts.text("idle")}, "library", None)
+        self._add({"role": "user", "content": self.episode.words("idle")}, "library", None)
         if self._idle_in_a_row == IDLE_REPLIES:
             self.episode.end("no_tool_call")
         self._ledger.complete_turn()

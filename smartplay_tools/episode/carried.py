@@ -17,7 +17,7 @@ from typing import Annotated, Any, Protocol, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from smartplay_tools.context import prompts
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.files import Files
 from smartplay_tools.context.strategies.memory import COMMANDS
 from smartplay_tools.context.tokens import TokenCounter, truncation
@@ -37,7 +37,7 @@ class StoreKind(Protocol):
     kept: str
     """The field of `Carried` that holds it."""
 
-    def after(self, calls: Iterable[CallEvent], before: Any) -> Any:
+    def after(self, calls: Iterable[CallEvent], before: Any, words: Wording) -> Any:
         """Return what the store holds after these calls; `before` is what it held at the start, None for nothing."""
         ...
 
@@ -48,7 +48,7 @@ class NotesStore:
     field = "notes_tokens"
     kept = "notes"
 
-    def after(self, calls: Iterable[CallEvent], before: str | None) -> str | None:
+    def after(self, calls: Iterable[CallEvent], before: str | None, words: Wording) -> str | None:
         """Return the newest notes; the earlier trial's if none were taken, None if the newest call cleared them."""
         for call in calls:
             if call["name"] == NOTES_TOOL and (done := call["data"].get("notes")) is not None:
@@ -62,9 +62,11 @@ class FilesStore:
     field = "memory_tokens"
     kept = "files"
 
-    def after(self, calls: Iterable[CallEvent], before: Mapping[str, str] | None) -> dict[str, str] | None:
+    def after(
+        self, calls: Iterable[CallEvent], before: Mapping[str, str] | None, words: Wording
+    ) -> dict[str, str] | None:
         """Return the files after the commands that were carried out; None if there are none."""
-        files = Files(lambda path, text: 0)  # sizes are for answers, which are on record
+        files = Files(lambda path, text: 0, words)  # sizes are for answers, which are on record
         files.apply(before or {})
         for call in calls:
             if call["name"] == MEMORY_TOOL and not call["is_error"]:
@@ -105,28 +107,28 @@ class Carried(BaseModel):
         except ValidationError as error:
             raise TranscriptError(f"The record's start event carries nothing valid: {in_one_line(error)}.") from None
 
-    def message(self, counter: TokenCounter, longest: int | None) -> Message:
+    def message(self, counter: TokenCounter, longest: int | None, words: Wording) -> Message:
         """Return the message that ends the head of the trial; `longest` is what `longest_message` gives for it.
 
         Tokens of joined texts do not add up. Should the whole be longer than its parts, the end of the result is cut.
         """
-        whole = _message(self.result, self.notes)
+        whole = _message(words, self.result, self.notes)
         if longest is None or self.result is None or counter.message(whole) <= longest:
             return whole
 
         def count(result: str) -> int:
-            return counter.message(_message(result, self.notes))
+            return counter.message(_message(words, result, self.notes))
 
-        return _message(truncation.cut_end(self.result, longest, count), self.notes)
+        return _message(words, truncation.cut_end(self.result, longest, count, words.cut), self.notes)
 
 
-def longest_message(carry: CarriedStore, budget: ResolvedBudget, counter: TokenCounter) -> int:
+def longest_message(carry: CarriedStore, budget: ResolvedBudget, counter: TokenCounter, words: Wording) -> int:
     """Return the tokens of the longest message that a trial can find in its head, under a cap on prompts."""
     results = (budget.result_tokens, budget.manual_tokens, budget.recall_tokens)
     longest = max((cap for cap in results if cap is not None), default=0)
     if carry == "memory":
-        return counter.message(_message("", None)) + longest
-    return counter.message(_message("", "")) + longest + (budget.notes_tokens or 0)
+        return counter.message(_message(words, "", None)) + longest
+    return counter.message(_message(words, "", "")) + longest + (budget.notes_tokens or 0)
 
 
 def check_carry(rules: Rules, budget: Budget) -> None:
@@ -152,9 +154,9 @@ def check_carry(rules: Rules, budget: Budget) -> None:
         )
 
 
-def _message(result: str | None, notes: str | None) -> Message:
-    parts: list[str] = [prompts.text("carried")]
+def _message(words: Wording, result: str | None, notes: str | None) -> Message:
+    parts: list[str] = [words("carried")]
     for name, text in (("carried_result", result), ("carried_notes", notes)):
         if text is not None:
-            parts.append(f"{prompts.text(name)}\n{text}")
+            parts.append(f"{words(name)}\n{text}")
     return {"role": "user", "content": "\n\n".join(parts)}

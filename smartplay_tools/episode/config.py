@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_a
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from smartplay_tools.context import prompts
+from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, check_choice, in_one_line
 from smartplay_tools.games.specs import GAMES, GameSpec, get_spec
@@ -134,7 +134,7 @@ class CellConfig(Rules):
     """The sha256 of the tokenizer's vocabulary; None if the tokenizer does not give one."""
     strategy_sha256: str | None = None
     """The sha256 of the file of the budget's strategy; None if it is not in a file."""
-    prompts: str = prompts.VERSION
+    prompts: str = VERSION
     """The version of the prompts around the games."""
     player: str | None = None
     """The player's name; None if it was not given."""

@@ -173,6 +173,8 @@ class Episode:
             self.game.close()
             raise
         session.game_seconds = time.perf_counter() - began
+        self.words = session.words
+        """What the model is told, in the version of the config."""
         self.budget = session.budget
         """The budget in numbers."""
         self.head = session.head

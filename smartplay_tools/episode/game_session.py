@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context import prompts
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies import Strategies, StrategyTool
 from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.episode import budgets
@@ -56,11 +57,13 @@ class GameSession:
         asked, manual, context, observation = config.budget, config.manual, config.context, config.observation
         self.observation = observation
         self.spec, self.game, self.counter = spec, game, counter
+        self.words = Wording.of(config.prompts)
+        """What the model is told, in the version of the config."""
         self.manual, self.context = manual, context
         budgets.check_strategies(asked, spec, context=context, observation=observation)
         check_carry(config, asked)
-        self.strategies = Strategies(asked, counter)
-        self.tools = Tools(game, self.strategies.tools)
+        self.strategies = Strategies(asked, counter, self.words)
+        self.tools = Tools(game, self.words, self.strategies.tools)
         self.steps = self.tool_calls = 0
         self.end_reason: EndReason | None = None
         self.game_seconds = 0.0
@@ -70,26 +73,28 @@ class GameSession:
         # Without a prompt cap nothing depends on the head, and the tokenizer need not be loaded for it.
         head = 0
         if asked.prompt_tokens is not None:
-            head = counter.messages(prompts.head(context=context)) + counter.tools(self.tools.game_specs)
+            head = counter.messages(prompts.head(self.words, context=context)) + counter.tools(self.tools.game_specs)
         self._picture_tokens = 0 if observation == "text" else counter.image(*game.picture_shape)
         self.budget: ResolvedBudget = budgets.resolve(asked, spec, head, self._picture_tokens)
         self.manual_text = self._cut(game.manual, self.budget.manual_tokens, truncation.cut_middle)
         self.manual_is_cut = self.manual_text != game.manual
-        self.head = prompts.head(self.manual_text if manual == "pinned" else None, context=context)
+        self.head = prompts.head(self.words, self.manual_text if manual == "pinned" else None, context=context)
         least = 0
         if asked.prompt_tokens is not None and context == "window":
             least = counter.prompt(self.head, self.tools.specs)
-            longest = 0 if config.carry is None else longest_message(config.carry, self.budget, counter)
+            longest = 0 if config.carry is None else longest_message(config.carry, self.budget, counter, self.words)
             budgets.check_head(self.budget, least, self.strategies, carried=longest)
         if observation != "text":
-            words = counter.text(f"{prompts.PICTURE_SHOWN}\n{prompts.GAME_IS_OVER}")
+            words = counter.text(f"{self.words('picture_shown')}\n{self.words('game_is_over')}")
             budgets.check_pictures(self.budget, least, self._picture_tokens, words)
         if carried is not None and config.carry is not None:
             store = STORES[config.carry]
             if held := getattr(carried, store.kept):
                 self.strategies.asked[store.field].begin(held)
-            cap = None if asked.prompt_tokens is None else longest_message(config.carry, self.budget, counter)
-            self.head = [*self.head, carried.message(counter, cap)]
+            cap = (
+                None if asked.prompt_tokens is None else longest_message(config.carry, self.budget, counter, self.words)
+            )
+            self.head = [*self.head, carried.message(counter, cap, self.words)]
 
     def end(self, reason: EndReason, error: BaseException | None = None, detail: str | None = None) -> None:
         """End the play, unless it has ended already."""
@@ -102,7 +107,7 @@ class GameSession:
     def answer(self, name: str, arguments: Arguments, *, may_act: bool = True) -> Answer:
         """Answer a call; `may_act` is False where the batch policy refuses another action."""
         if self.end_reason is not None:
-            return self.refuse(f"The episode is over ({self.end_reason}); no call is played.", "over")
+            return self.refuse(self.words("episode_is_over", reason=self.end_reason), "over")
         self.tool_calls += 1
         try:
             parsed = self.tools.parse(name, arguments)
@@ -110,7 +115,7 @@ class GameSession:
             answer = self.refuse(str(mistake), mistake.kind)
         else:
             if parsed.tool == "act" and not may_act:
-                answer = self.refuse("Only the first action of a message is played, and this was not the first.")
+                answer = self.refuse(self.words("only_first_action"))
             else:
                 answer = self._play(parsed)
         self._end_if_calls_are_spent()
@@ -122,12 +127,16 @@ class GameSession:
         A call whose arguments are not an object is a mistake of the model's, whoever answers it. Any other call was
         refused by the host. Results of the host's own tools are not cut, and nor is this text.
         """
-        text = f"Error: The arguments {arguments.problem}." if said is None else said
-        mistake = "host" if arguments.problem is None else "malformed"
-        if mistake == "malformed":
+        mistake, problem = "host", arguments.problem
+        if problem is not None:
+            mistake = "malformed"
             self.tool_calls += 1
             self._end_if_calls_are_spent()
-        return Answer(text, {"step": self.steps, "mistake": mistake, "legal": False}, is_error=True)
+            if said is None:
+                reason = self.words("bad_foreign_arguments", problem=self.words(problem.name, **problem.values))
+                said = self.words("error", reason=reason)
+        assert said is not None, "a call with sound arguments is answered by its host"
+        return Answer(said, {"step": self.steps, "mistake": mistake, "legal": False}, is_error=True)
 
     def _end_if_calls_are_spent(self) -> None:
         if self.tool_calls == self.budget.tool_calls:
@@ -135,7 +144,7 @@ class GameSession:
 
     def refuse(self, reason: str, kind: str = "refused") -> Answer:
         """Return the answer to a call that was not played."""
-        return self.say(f"Error: {reason}", kind)
+        return self.say(self.words("error", reason=reason), kind)
 
     def say(self, text: str, kind: str) -> Answer:
         """Return a text, such as the host's, as the answer to a call that was not played; it is cut as any other."""
@@ -157,7 +166,7 @@ class GameSession:
                 return answer
             case "read_manual" if self.manual == "tool":
                 return Answer(self.manual_text, {"step": self.steps, "manual": True}, cut=self.manual_is_cut)
-        return self._show(prompts.MANUAL_IS_ABOVE if self.manual == "pinned" else prompts.NO_MANUAL)
+        return self._show(self.words("manual_is_above" if self.manual == "pinned" else "no_manual"))
 
     def _use(self, tool: StrategyTool, given: str | Mapping[str, Any]) -> Answer:
         """Answer a call of a strategy's tool."""
@@ -175,7 +184,7 @@ class GameSession:
         except Exception as error:
             # An engine that breaks ends this episode, on the record, and no other.
             self.end("game_error", error)
-            return self.refuse("The game has failed; the episode is over.", "game_error")
+            return self.refuse(self.words("game_has_failed"), "game_error")
         self.game_seconds += time.perf_counter() - began
         self.steps += 1
         if terminated:
@@ -186,7 +195,7 @@ class GameSession:
         data: dict[str, Any] = {"reward": reward, "score": self.game.score, "legal": True}
         if over or self.steps % self.game.hash_every == 0 or self.tool_calls == self.budget.tool_calls:
             data["state_hash"] = self.game.state_hash()
-        return self._show_observation(text, prompts.GAME_IS_OVER if over else "", **data)
+        return self._show_observation(text, self.words("game_is_over") if over else "", **data)
 
     def _observation(self) -> tuple[str, bool]:
         """The current observation and whether it was cut; where the host owns the context, with the history."""
@@ -198,11 +207,11 @@ class GameSession:
         if cap is None or self.counter.text(whole) <= cap:
             return whole, False
         steps = self.steps if self.budget.history is None else min(self.steps, self.budget.history)
-        return truncation.cut_history(self.game.recent, steps, current, cap, self.counter.text), True
+        return truncation.cut_history(self.game.recent, steps, current, cap, self.counter.text, self.words.cut), True
 
     def _show_observation(self, text: str, last_line: str = "", **data: Any) -> Answer:
         """Return the answer with the current observation: in words, as a picture, or both; a picture is never cut."""
-        shown = prompts.PICTURE_SHOWN if self.observation == "picture" else text
+        shown = self.words("picture_shown") if self.observation == "picture" else text
         shown = f"{shown}\n{last_line}" if last_line else shown
         words, data = self._beginning(shown), {"step": self.steps, "observation_step": self.steps, **data}
         if self.observation == "text":
@@ -215,7 +224,7 @@ class GameSession:
         cap, shortening, results = self._cap_on_words, self.strategies.shortening, self.budget.result_tokens
         if shortening is None or cap is None or results is None:
             return self._cut(observation, cap, truncation.cut_end)
-        return self._cut(observation, cap, lambda text, cap, count: shortening.shorten(text, cap, results))
+        return self._cut(observation, cap, lambda text, cap, *_: shortening.shorten(text, cap, results))
 
     @property
     def _cap_on_words(self) -> int | None:
@@ -227,7 +236,7 @@ class GameSession:
         shown = self._cut(text, self.budget.result_tokens, truncation.cut_end)
         return Answer(shown, {"step": self.steps, **data}, cut=shown != text)
 
-    def _cut(self, text: str, cap: int | None, cut: Callable[[str, int, truncation.Count], str]) -> str:
+    def _cut(self, text: str, cap: int | None, cut: truncation.Cut) -> str:
         if cap is None or self.counter.text(text) <= cap:
             return text
-        return cut(text, cap, self.counter.text)
+        return cut(text, cap, self.counter.text, self.words.cut)

@@ -136,7 +136,7 @@ class Ledger:
         asked, result = self._answered[key]
         if asked == (name, arguments.canonical):
             return replace(result, data={**result.data, "replayed": True})
-        answer = self.session.refuse("This call id was used for another call; send a new one.")
+        answer = self.session.refuse(self.session.words("call_id_was_used"))
         return ToolResult(answer.text, True, self.is_over, answer.data)
 
     def record(self, *events: Mapping[str, Any]) -> None:

@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_type_hints
 
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import StrategyTool, is_memory_tool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GameSpec, get_spec
@@ -88,16 +89,14 @@ class Tools:
     `added` are the tools of the episode's strategies.
     """
 
-    def __init__(self, game: TextGame, added: Sequence[StrategyTool] = ()) -> None:
+    def __init__(self, game: TextGame, words: Wording, added: Sequence[StrategyTool] = ()) -> None:
+        self.words = words
+        """The words of what is said about them."""
         self._actions = _actions_of(tuple(game.actions), tuple(game.numbered_actions))
         self.game_specs = (
-            ToolSpec("observe", "Show the current observation again, without playing.", text_parameters()),
-            ToolSpec(
-                "act",
-                f"Play one action and show what happens. The actions, by name or number:\n{self._actions.listed}",
-                text_parameters(action="The action's name or number, exactly as listed."),
-            ),
-            ToolSpec("read_manual", "Show the game's manual.", text_parameters()),
+            ToolSpec("observe", words("observe"), text_parameters()),
+            ToolSpec("act", words("act", actions=self._actions.listed), text_parameters(action=words("act_action"))),
+            ToolSpec("read_manual", words("read_manual"), text_parameters()),
         )
         """The three tools of every agent."""
         self.added = {tool.spec.name: tool for tool in added}
@@ -109,11 +108,13 @@ class Tools:
     def parse(self, name: Any, arguments: Arguments) -> ParsedCall:
         """Return the parsed call; raise `MistakeError`, and nothing else, if it cannot be played."""
         if name not in self._names:
-            raise MistakeError("malformed", f"There is no tool {quote(name)}. The tools are {', '.join(self._names)}.")
+            raise self._malformed("no_such_tool", name=quote(name), tools=", ".join(self._names))
         # Quoted in canonical form, so that an error reads alike in frameworks that parse and in those that do not.
         text, values = arguments.canonical, arguments.values
-        if values is None:
-            raise MistakeError("malformed", f"The arguments {arguments.problem}: {quote(text)}. {self._usage(name)}")
+        if arguments.problem is not None:
+            problem = self.words(arguments.problem.name, **arguments.problem.values)
+            raise self._malformed("bad_arguments", problem=problem, sent=quote(text), usage=self._usage(name))
+        assert values is not None
         if name == "act":
             return ParsedCall("act", action=self._action(self._only(name, "action", values, text)))
         if (added := self.added.get(name)) is not None:
@@ -121,39 +122,45 @@ class Tools:
                 return ParsedCall(name, values=values)
             return ParsedCall(name, text=self._only(name, added.argument, values, text))
         if values:
-            raise MistakeError("malformed", f"Unexpected arguments: {quote(text)}. {self._usage(name)}")
+            raise self._malformed("unexpected_arguments", sent=quote(text), usage=self._usage(name))
         return ParsedCall(name)
 
     def _only(self, tool: str, argument: str, values: Mapping[str, Any], sent: str) -> str:
         """The text of a tool's one argument."""
-        if values.keys() != {argument}:
-            problem = "is missing" if argument not in values else "must be the only argument"
-            raise MistakeError("malformed", f"The argument `{argument}` {problem}: {quote(sent)}. {self._usage(tool)}")
-        if not isinstance(values[argument], str):
-            raise MistakeError("malformed", f"`{argument}` must be a string: {quote(sent)}. {self._usage(tool)}")
-        return str(values[argument])
+        if argument not in values:
+            problem = "missing_argument"
+        elif len(values) > 1:
+            problem = "other_arguments"
+        elif not isinstance(values[argument], str):
+            problem = "not_a_string"
+        else:
+            return str(values[argument])
+        raise self._malformed(problem, argument=argument, sent=quote(sent), usage=self._usage(tool))
 
     def _action(self, sent: str) -> int:
         action = self._actions.find(sent)
         if action is None:
-            listed = self._actions.listed
-            raise MistakeError("illegal", f"{quote(sent)} is not a legal action. The legal actions are:\n{listed}")
+            reason = self.words("illegal_action", sent=quote(sent), actions=self._actions.listed)
+            raise MistakeError("illegal", reason)
         return action
+
+    def _malformed(self, sentence: str, **values: str) -> MistakeError:
+        return MistakeError("malformed", self.words(sentence, **values))
 
     def _usage(self, tool: str) -> str:
         if tool == "act":
             actions = self._actions
-            return f"Call act with {actions.example}, for example. The legal actions are:\n{actions.listed}"
+            return self.words("act_usage", example=actions.example, actions=actions.listed)
         if (added := self.added.get(tool)) is not None:
             return added.usage
-        return f"Call {tool} without arguments."
+        return self.words("usage_without_arguments", tool=tool)
 
 
 def tool_specs(game: str | GameSpec, **options: Any) -> tuple[ToolSpec, ...]:
     """Return the three tools of a setting, without an episode; `options` are the game's own."""
     made = get_spec(game).make(**options)
     try:
-        return Tools(made).specs
+        return Tools(made, Wording.of(VERSION)).specs
     finally:
         made.close()
 

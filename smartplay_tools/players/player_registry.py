@@ -51,7 +51,6 @@ PLAYERS: dict[str, str] = {
     "random": "smartplay_tools.players.scripted:RandomPlayer",
     "rule": "smartplay_tools.players.rule:RulePlayer",
     "rule-notes": "smartplay_tools.players.rule:RuleNotesPlayer",
-    "rule-pixels": "smartplay_tools.players.crafter_pixels:RulePixelsPlayer",
 }
 """The players of this package: name -> location of the class."""
 
@@ -66,10 +65,7 @@ _REGISTRY = Registry("player", PLAYERS, ENTRY_POINTS)
 
 @overload
 def get_player(
-    name: Literal["first", "human", "oracle", "random", "rule", "rule-notes", "rule-pixels"],
-    *,
-    seed: int = 0,
-    **options: Any,
+    name: Literal["first", "human", "oracle", "random", "rule", "rule-notes"], *, seed: int = 0, **options: Any
 ) -> Player: ...
 
 

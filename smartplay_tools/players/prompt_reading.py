@@ -15,18 +15,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from smartplay_tools.context.prompts import (
-    GAME_IS_OVER,
-    MANUAL_IS_ABOVE,
-    NO_MANUAL,
-    OBSERVATION_LEFT,
-    text as text_of_prompts,
-)
+from smartplay_tools.context.prompts.wording import beginnings, in_any_version
 from smartplay_tools.types import PAGES_TOOL, Prompt
 from smartplay_tools.types.messages import FunctionCall, Message, MessageToolCall, calls_of, text_of
-
-NEXT_PAGE = re.compile(rf'\n\[-?\d+ more tokens: {PAGES_TOOL}\("(r\d+\.\d+)"\)\]$')
-"""The last line of an observation that was too long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,14 +46,16 @@ class Reading:
 
     @cached_property
     def _manuals(self) -> tuple[str, ...]:
-        read = (s.text for s in self.seen if s.tool == "read_manual" and not s.text.startswith("Error: "))
-        return tuple(text for text in read if text not in (MANUAL_IS_ABOVE, NO_MANUAL))
+        read = (s.text for s in self.seen if s.tool == "read_manual" and not is_error(s.text))
+        others = in_any_version("manual_is_above") + in_any_version("no_manual")
+        return tuple(text for text in read if text not in others)
 
     @cached_property
     def is_over(self) -> bool:
         """Whether the latest answer says that the game is over, after which a host may still ask for a reply."""
         latest = self.seen[-1].text if self.seen else ""
-        return latest.endswith(GAME_IS_OVER) or latest.startswith("Error: The episode is over")
+        refusal = next((latest.removeprefix(error) for error in beginnings("error") if latest.startswith(error)), "")
+        return latest.endswith(in_any_version("game_is_over")) or refusal.startswith(beginnings("episode_is_over"))
 
     @cached_property
     def actions(self) -> tuple[str, ...]:
@@ -100,8 +93,8 @@ class Reading:
     def next_page(self) -> str | None:
         """The page that the latest answer names as the next one, where it has an observation that was too long."""
         latest = self._latest_answer
-        match = None if latest is None else NEXT_PAGE.search(latest)
-        return None if match is None else match[1]
+        match = None if latest is None else _page_line().search(latest)
+        return None if match is None else match[match.lastindex or 0]
 
     @cached_property
     def _latest_answer(self) -> str | None:
@@ -112,7 +105,7 @@ class Reading:
     def observations(self) -> tuple[str, ...]:
         """The visible observations, oldest first: answers to `act` and `observe` that are still in the window."""
         answers = (s.text for s in self.seen if s.tool in ("act", "observe"))
-        return tuple(text for text in answers if text != OBSERVATION_LEFT and not text.startswith("Error: "))
+        return tuple(text for text in answers if text not in in_any_version("observation_left") and not is_error(text))
 
     @cached_property
     def is_start(self) -> bool:
@@ -122,7 +115,21 @@ class Reading:
 
 def is_carried(message: Message) -> bool:
     """Whether a message is about the game that was played before this one, in another world."""
-    return message["role"] == "user" and text_of(message).startswith(text_of_prompts("carried"))
+    return message["role"] == "user" and text_of(message).startswith(in_any_version("carried"))
+
+
+def is_error(text: str) -> bool:
+    """Whether a result is a refusal."""
+    return text.startswith(beginnings("error"))
+
+
+@functools.cache
+def _page_line() -> re.Pattern[str]:
+    """The last line of an observation that was too long; its only group that matches is the next page."""
+    missing, page = re.escape("{missing}"), re.escape("{page}")
+    lines = [re.escape(text) for text in in_any_version("next_page")]
+    lines = [line.replace(missing, r"-?\d+").replace(page, r"(r\d+\.\d+)") for line in lines]
+    return re.compile(rf"\n(?:{'|'.join(lines)})$")
 
 
 @functools.lru_cache(64)
@@ -155,8 +162,8 @@ def _call(call: MessageToolCall) -> _Call:
 def _whole(seen: Seen, pages: Mapping[str | None, str]) -> Seen:
     """An observation with those of its pages that are visible."""
     text = seen.text
-    while (match := NEXT_PAGE.search(text)) and match[1] in pages:
-        text = text[: match.start()] + pages[match[1]]
+    while (match := _page_line().search(text)) and (page := match[match.lastindex or 0]) in pages:
+        text = text[: match.start()] + pages[page]
     return replace(seen, text=text)
 
 

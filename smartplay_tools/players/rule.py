@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import ClassVar, Protocol
 
-from smartplay_tools.context.prompts import GAME_IS_OVER
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules import (
@@ -77,7 +76,7 @@ class RulePlayer:
         if prompt.asks_for_summary:
             return Reply({"role": "assistant", "content": self._summary(reading)})
         if reading.is_over:
-            return Reply({"role": "assistant", "content": GAME_IS_OVER})
+            return Reply({"role": "assistant", "content": "The game is over."})
         if all(tool.name != "act" for tool in prompt.tools) and (message := self._beside_the_play(reading)) is not None:
             return Reply(message)
         for rules in self.rules:

@@ -18,6 +18,7 @@ from operator import add, sub
 from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies import drops_old_turns, summaries_of
 from smartplay_tools.context.tokens import DEFAULT_TOKENIZER, PRIMING
 from smartplay_tools.context.tokens.counter import shared_counter
@@ -84,7 +85,8 @@ class Accounts:
         self._record = record
         self._counter = shared_counter(record.config.tokenizer)
         self._budget = ResolvedBudget(**record.budget)
-        self._drops, self._form = drops_old_turns(self._budget), summaries_of(self._budget, self._counter)
+        words = Wording.of(record.config.prompts)
+        self._drops, self._form = drops_old_turns(self._budget), summaries_of(self._budget, self._counter, words)
         self._turns = record.turns
         self._steps = [turn.step for turn in self._turns]
         self._replies = [self._parts_of_reply(turn, turn.assistant) for turn in self._turns]

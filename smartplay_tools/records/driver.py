@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby, zip_longest
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.conversation.paper import PaperConversation
@@ -65,6 +66,7 @@ class Driver:
         self.record = MemoryRecord()
         """The new record."""
         config = config or EpisodeConfig.from_event(recorded[0])
+        Wording.recorded(recorded[0])  # otherwise the head would seem to differ
         carried = Carried.of(recorded[0])
         self.episode = Episode.from_config(
             config, tokenizer=tokenizer, transcript=self.record, is_recorded=True, carried=carried

@@ -19,6 +19,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from smartplay_tools.context.choosing import text_message
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import Turn, TurnBuilder
@@ -74,8 +75,11 @@ def sent_prompts(
 
 def recorded_turns(events: Sequence[Event]) -> list[Turn]:
     """Return the turns of a transcript, the last one as far as it goes."""
-    builder = TurnBuilder()
+    if not events or events[0]["event"] != "start":
+        return []
     with ErrorLocation() as at:
+        at.number, at.event = 1, events[0]
+        builder = TurnBuilder(Wording.recorded(at.event))
         for at.number, at.event in enumerate(events, start=1):
             builder.apply(at.event)
     builder.close()
@@ -124,7 +128,9 @@ class Rebuilder:
         self._turns, self._pictures = turns, pictures
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         # What a prompt says does not depend on how it is counted.
-        self._form = summaries_of(ResolvedBudget(**events[0]["budget"]), shared_counter("approximate"))
+        self._form = summaries_of(
+            ResolvedBudget(**events[0]["budget"]), shared_counter("approximate"), Wording.recorded(events[0])
+        )
 
     def use_head(self, head: Event) -> None:
         """Rebuild the following prompts with another head and its tools."""
@@ -218,7 +224,7 @@ def whole_conversation(record: Record) -> WholeConversation:
     if record.config.context == "host":
         head, tools = _head_of_a_host(record)
         calls = _renumbered(record.calls)
-        turns = _turns_of_a_host(calls)
+        turns = _turns_of_a_host(calls, Wording.of(record.config.prompts))
     else:
         turns, calls = record.turns, record.calls
         head, tools = record.head_messages, record.tools
@@ -250,8 +256,8 @@ def _renumbered(calls: Sequence[CallEvent]) -> Sequence[CallEvent]:
     return [{**call, "position": at} for own in turns for at, call in enumerate(own)]
 
 
-def _turns_of_a_host(calls: Sequence[CallEvent]) -> Sequence[Turn]:
-    builder, ids = TurnBuilder(), CallIds()
+def _turns_of_a_host(calls: Sequence[CallEvent], words: Wording) -> Sequence[Turn]:
+    builder, ids = TurnBuilder(words), CallIds()
     for number, group in groupby(calls, key=lambda call: call["turn"]):
         own = list(group)
         taken = ids.take([""] * len(own), number)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.files import FileError
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
@@ -155,9 +156,9 @@ def left_by(path: Path) -> Carried:
     if carry is None:
         raise TranscriptError(f"{path} is of an episode that leaves nothing to another one.")
     played = [call for call in record.calls if call["data"].get("mistake") != "over"]
-    store = STORES[carry]
+    store, words = STORES[carry], Wording.of(record.config.prompts)
     try:
-        held = store.after(record.calls, None if before is None else getattr(before, store.kept))
+        held = store.after(record.calls, None if before is None else getattr(before, store.kept), words)
     except (*SENSELESS, FileError) as error:
         raise TranscriptError(f"{path} has calls with answers that are impossible: {in_one_line(error)}.") from error
     result = played[-1]["text"] if played else None

@@ -27,6 +27,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.conversation.loop import play
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import Tools
@@ -234,7 +235,7 @@ def has_a_state_hash_that_changes_with_play(game: Setting) -> None:
 def numbers_its_actions_as_its_manual_does(game: Setting) -> None:
     """Each number in the manual is the action it names, and the tool `act` lists them alike."""
     made = _begun(game)
-    tools = Tools(made)
+    tools = Tools(made, Wording.of(VERSION))
     act = next(spec for spec in tools.specs if spec.name == "act")
     for number, name in enumerate(made.numbered_actions, start=1):
         _require(f"\n{number}. {name}" in made.manual, f"the manual has no line '{number}. {name}'")

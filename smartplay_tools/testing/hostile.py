@@ -7,7 +7,7 @@ import random
 from collections.abc import Sequence
 from typing import Any
 
-from smartplay_tools.context.prompts import OBSERVATION_LEFT
+from smartplay_tools.context.prompts.wording import in_any_version
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.episode.episode import Episode
@@ -61,7 +61,8 @@ class Judge:
         shown = {
             self._step_of[message["tool_call_id"]]
             for message in prompt.messages
-            if message.get("tool_call_id") in self._step_of and message["content"] != OBSERVATION_LEFT
+            if message.get("tool_call_id") in self._step_of
+            and message["content"] not in in_any_version("observation_left")
         }
         if prompt.asks_for_summary or not self._step_of:
             return

@@ -20,6 +20,7 @@ from typing import Any
 __all__ = [
     "DEEPEST",
     "Arguments",
+    "Problem",
     "as_text",
     "canonical",
     "canonical_text",
@@ -82,6 +83,14 @@ DEEPEST = 100
 
 
 @dataclass(frozen=True, slots=True)
+class Problem:
+    """What is wrong with arguments: the name of a sentence that completes "The arguments ...", and its values."""
+
+    name: str
+    values: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
 class Arguments:
     """The arguments of one call, read. Exactly one of `values` and `problem` is None."""
 
@@ -91,8 +100,8 @@ class Arguments:
     """The object as `json.dumps(object, ensure_ascii=False)` prints it in the order sent; anything else as sent."""
     values: Mapping[str, Any] | None
     """The object that the text holds; empty for no text at all."""
-    problem: str | None
-    """What is wrong with the text; completes the sentence "The arguments ..."."""
+    problem: Problem | None
+    """What is wrong with the text."""
 
 
 def read(arguments: Any) -> Arguments:
@@ -110,7 +119,7 @@ def _read(text: str) -> Arguments:
         values = parse(text)
         canonical = text if text in ("", "{}") else _encode(values)
     except _UnreadableError as error:
-        return Arguments(text, text, None, str(error))
+        return Arguments(text, text, None, error.problem)
     except (ValueError, RecursionError):  # Python reads 1e999 as infinity, which is not JSON
         return Arguments(text, text, values, None)
     return Arguments(text, canonical, values, None)
@@ -137,27 +146,27 @@ def as_text(arguments: Any) -> str:
 def parse(text: str) -> dict[str, Any]:
     """Return the object that the text holds; empty text is an empty object.
 
-    Raises ValueError, whose message completes "The arguments ...", for anything else: text that is not JSON, JSON
-    that is not an object, a repeated key, `NaN` or infinity, nesting or length beyond the limits.
+    Raises ValueError for anything else: text that is not JSON, JSON that is not an object, a repeated key, `NaN` or
+    infinity, nesting or length beyond the limits.
     """
     if not text:
         return {}
     if len(text) > LONGEST:
-        raise _UnreadableError(f"are longer than {LONGEST:,} characters")
+        raise _UnreadableError("too_long", most=f"{LONGEST:,}")
     if text.count("[") + text.count("{") > DEEPEST and _text_is_deeper(text, DEEPEST):
-        raise _UnreadableError("are nested too deep")
+        raise _UnreadableError("too_deep")
     try:
         value = _DECODER.decode(text)
     except _UnreadableError:
         raise
     except json.JSONDecodeError:
-        raise _UnreadableError("are not valid JSON") from None
+        raise _UnreadableError("not_json") from None
     except RecursionError:
-        raise _UnreadableError("are nested too deep") from None
+        raise _UnreadableError("too_deep") from None
     except ValueError:
-        raise _UnreadableError("hold a number that is too long to read") from None
+        raise _UnreadableError("long_number") from None
     if not isinstance(value, dict):
-        raise _UnreadableError("are not a JSON object")
+        raise _UnreadableError("no_object")
     return value
 
 
@@ -167,18 +176,22 @@ def canonical(arguments: Any) -> str:
 
 
 class _UnreadableError(ValueError):
-    """The arguments are refused; the message completes "The arguments ..."."""
+    """The arguments are refused for a problem."""
+
+    def __init__(self, name: str, **values: str) -> None:
+        super().__init__(name)
+        self.problem = Problem(name, values)
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     value = dict(pairs)
     if len(value) < len(pairs):
-        raise _UnreadableError("have a key that stands twice")
+        raise _UnreadableError("repeated_key")
     return value
 
 
 def _constant(name: str) -> Any:
-    raise _UnreadableError(f"hold {name}, which is not JSON")
+    raise _UnreadableError("no_json_number", number=name)
 
 
 def _is_deeper(value: Any, limit: int) -> bool:

@@ -52,6 +52,8 @@ class Prompt:
     """The same for all prompts of an episode, for providers that cache prompts with the same key together."""
     pictures: Mapping[str, Picture] = field(default_factory=lambda: NO_PICTURES, compare=False)
     """The pictures that the messages name, by their sha256."""
+    version: str = field(default="", compare=False)
+    """The version of the words around the game; empty for a prompt that came through a provider's interface."""
 
     @property
     def asks_for_summary(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 
 from smartplay_anthropic.codec import LIMIT
 
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies.memory import memory_spec
 from tests.adapters.conformance import MEMORY, Received
 from tests.adapters.scripted_server import ScriptedServer
@@ -91,6 +92,6 @@ def described(tool: dict[str, Any]) -> tuple[str, str, Any]:
     """Name, description and schema of a tool; the provider knows those of its own by their type."""
     if tool.get("type") == "memory_20250818":
         assert tool == {"type": "memory_20250818", "name": "memory"}
-        spec = memory_spec(MEMORY)
+        spec = memory_spec(MEMORY, Wording.of(VERSION))
         return spec.name, spec.description, spec.parameters
     return tool["name"], tool["description"], tool["input_schema"]

@@ -1,18 +1,19 @@
 """One conversation for every adapter: the script, a model that replies with it, and the expected results.
 
-An adapter joins `test_conformance.py` with one row. A row that owns its context (`Window`) has the framework's own
-runner play the script, and returns what its model was sent. A row whose host owns the context (`Host`) opens episodes
-in whatever way the framework has, and hands out a function for each that makes one call. Nothing else is said of an
-adapter, so nothing else can be asked of it: every row is held to everything.
+An adapter joins with a module of rows in `rows`, where `test_conformance.py` finds it. A row that owns its context
+(`Window`) has the framework's own runner play the script, and returns what its model was sent. A row whose host owns
+the context (`Host`) opens episodes in whatever way the framework has, and hands out a function for each that makes one
+call. Nothing else is said of an adapter, so nothing else can be asked of it: every row is held to everything.
 """
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import threading
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
@@ -21,6 +22,7 @@ from typing import Any, NamedTuple, Protocol
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.players import ModelPlayer
 from smartplay_tools.transcript.file import comparable
 from tests import checker
 
@@ -29,6 +31,8 @@ WAY = ["A->C", "A->B", "C->B", "A->C", "B->A", "B->C", "A->C"]
 """The seven moves that solve it."""
 
 Script = list[sp.Message]
+Replies = Iterable[sp.Message]
+"""What a model says, reply by reply."""
 
 
 class Received(NamedTuple):
@@ -65,7 +69,7 @@ class Hold(Protocol):
     """
 
     def __call__(
-        self, episode: sp.Episode, script: Iterable[sp.Message], /, *, own_cap: int | None = None, situation: str = ""
+        self, episode: sp.Episode, script: Replies, /, *, own_cap: int | None = None, situation: str = ""
     ) -> Held: ...
 
 
@@ -82,6 +86,8 @@ class Window:
     """The situations into which its host cannot get, and why."""
     refuses: Mapping[str, str] | None = None
     """With which words its user is refused a request that is not for a move; None if it is answered."""
+    slow: bool = False
+    """Whether only the slow tests play it, because it needs servers or repeats another row on an event loop."""
 
 
 Send = Callable[[str, Any], Awaitable[tuple[str, bool | None]]]
@@ -97,6 +103,7 @@ class Host:
     through: str
     carries: Callable[[str, Any], bool] = lambda name, arguments: True
     """Which calls reach us. The framework answers, or refuses, the others itself."""
+    slow: bool = False
 
 
 def move(short: str) -> str:
@@ -124,6 +131,12 @@ def act(short: str) -> tuple[str, Any]:
     return "act", {"action": move(short)}
 
 
+def with_one_id(message: sp.Message) -> sp.Message:
+    """The message with one id for all of its calls."""
+    calls = [{**call, "id": "same"} for call in message["tool_calls"]]
+    return {**message, "tool_calls": calls}  # type: ignore[return-value]
+
+
 BASIC: Script = [
     calling(("read_manual", {}), say="First the rules."),
     calling(("observe", {})),
@@ -132,7 +145,7 @@ BASIC: Script = [
     calling(("act", {"action": 3}), ("act", {"actoin": "Rock"}), ("act", {"action": "1", "now": True}), say="Oops."),
     calling(("observe", {"deep": {"list": [1, "ä", None]}})),
     calling(("jump", {"how": "high"}), ("observe", {})),
-    calling(*map(act, WAY[3:5])),
+    with_one_id(calling(*map(act, WAY[3:5]))),
     calling(("observe", {}), say="So?"),
     calling(*map(act, WAY[5:]), act(WAY[0])),
 ]
@@ -182,8 +195,11 @@ BUDGETS = {
     "tight": sp.Budget(prompt_tokens=1400, history=2, result_tokens=150),
     "lazy": sp.Budget(prompt_tokens=1400, slack=0.5, result_tokens=150, episode_tokens=20_000, reply_tokens=300),
     "spent": sp.Budget(prompt_tokens=900, history=2),
+    "poor": sp.Budget(episode_tokens=1500, reply_tokens=40),
 }
-"""With all but the last the game is played to its end; with the second and third, turns leave the window."""
+"""With the first three the game is played to its end; with the second and third, turns leave the window."""
+ENDS = {"spent": "prompt_tokens", "poor": "episode_tokens"}
+"""How the episode ends under a budget with which it is not."""
 
 
 def fresh(budget: sp.Budget | None = None, seed: int = SEED, **options: Any) -> tuple[sp.Episode, list[Any]]:
@@ -191,9 +207,7 @@ def fresh(budget: sp.Budget | None = None, seed: int = SEED, **options: Any) -> 
     return sp.Episode(GAME, seed=seed, budget=budget, transcript=events, **options), events
 
 
-def by_conversation(
-    episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = ""
-) -> Held:
+def by_conversation(episode: sp.Episode, script: Replies, *, own_cap: int | None = None, situation: str = "") -> Held:
     """The reference for all rows: `play` with a scripted player."""
     player = sp.ScriptedPlayer(script)
     sp.play(episode, player)
@@ -209,9 +223,24 @@ def received(prompt: sp.Prompt, own_cap: int | None = None) -> Received:
     )
 
 
-def by_session(
-    episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = ""
-) -> Held:
+Play = Callable[[sp.Episode, ModelPlayer], None]
+"""Plays an episode with the player of a model."""
+
+
+def waiting(episode: sp.Episode, player: ModelPlayer) -> None:
+    with player:
+        sp.play(episode, player)
+
+
+def on_a_loop(episode: sp.Episode, player: ModelPlayer) -> None:
+    async def play() -> None:
+        async with player:
+            await sp.aplay(episode, player)
+
+    asyncio.run(play())
+
+
+def by_session(episode: sp.Episode, script: Replies, *, own_cap: int | None = None, situation: str = "") -> Held:
     """An `AgentSession` whose host runs the last call of a message first."""
     session, replies, sent = sp.AgentSession(episode, summaries=True), iter(script), []
     while (prompt := session.prompt()) is not None:
@@ -237,6 +266,13 @@ def judge(row: Window, script: Script, budget: sp.Budget, turns: Turns | None = 
     independently(events, sent, episode)
     assert episode.result is not None
     return episode.result
+
+
+def judge_end(row: Window, budget: str) -> None:
+    """Play the script with every kind of call under one of `BUDGETS`."""
+    result = judge(row, BASIC, BUDGETS[budget])
+    assert result.end_reason == ENDS.get(budget, "terminated")
+    assert result.refused_calls == (budget not in ENDS), "the last act comes after the end"
 
 
 def judge_summaries(row: Window) -> None:
@@ -288,7 +324,7 @@ class Turns:
         other.mine, other.others = self.others, self.mine
         return other
 
-    def taken(self, script: Iterable[sp.Message]) -> Iterator[sp.Message]:
+    def taken(self, script: Replies) -> Iterator[sp.Message]:
         for message in script:
             assert self.mine.acquire(timeout=30), "the other conversation does not go on"
             self.others.release()
@@ -360,9 +396,7 @@ class WindowConformance:
 
     @pytest.mark.parametrize("budget", BUDGETS)
     def test_the_game_cannot_tell_it_apart(self, budget):
-        result = judge(self.row, BASIC, BUDGETS[budget])
-        assert result.end_reason == ("prompt_tokens" if budget == "spent" else "terminated")
-        assert result.refused_calls == (budget != "spent"), "the last act comes after the end"
+        judge_end(self.row, budget)
 
     def test_the_tools_of_memory(self):
         judge_memory(self.row)
@@ -414,6 +448,19 @@ HOST_BUDGET = sp.Budget(history=3)
 
 def host_episode(seed: int, folder: Path) -> sp.Episode:
     return sp.Episode(GAME, seed=seed, budget=HOST_BUDGET, context="host", transcript=folder / f"{seed}.jsonl")
+
+
+@asynccontextmanager
+async def direct(
+    seeds: Sequence[int], folder: Path, send_to: Callable[[sp.Episode], Send]
+) -> AsyncIterator[list[Send]]:
+    """Episodes in this process."""
+    with ExitStack() as stack:
+        yield [send_to(stack.enter_context(host_episode(seed, folder))) for seed in seeds]
+
+
+def is_of_the_game(name: str, arguments: Any) -> bool:
+    return name in ("observe", "act", "read_manual")
 
 
 async def judge_hosts(row: Host, folder: Path) -> None:

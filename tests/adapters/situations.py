@@ -13,7 +13,6 @@ from collections.abc import Callable
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.conversation import SUB_AGENT
 from tests.adapters.conformance import (
     EACH,
     PLACE,
@@ -96,7 +95,7 @@ def picture(row: Window, log: pytest.LogCaptureFixture) -> None:
 def sub_agent(row: Window, log: pytest.LogCaptureFixture) -> None:
     """An agent in a tool of the agent's own, with the same model and tools, gets words, and plays nothing."""
     _, held = played(row, [calling(("helper", {})), *MOVES], "sub-agent")
-    assert SUB_AGENT in result_of(held)
+    assert held.episode.words("sub_agent") in result_of(held)
 
 
 def another_purpose(situation: str) -> Callable[[Window, pytest.LogCaptureFixture], None]:
@@ -181,6 +180,20 @@ def of(row: Window) -> list[str]:
 def lacking(reason: str, *also: str) -> dict[str, str]:
     """Say for all situations, or for these, why a host cannot get there."""
     return dict.fromkeys(also or SITUATIONS, reason)
+
+
+LOOP = lacking("a loop of ours or yours: there is no agent of a host's that could do anything beside playing")
+REFUSED = {
+    "no calls": "tool choice `none`",
+    "no tools": "has the game's tools|has removed act, observe, read_manual",
+    "schema": "cannot have a",
+}
+"""How an adapter in a framework's agent refuses what is not for a move (`Window.refuses`)."""
+
+
+def weather(city: str = "") -> str:
+    """Tell the weather."""
+    raise AssertionError("its arguments are not JSON")
 
 
 class SituationConformance:

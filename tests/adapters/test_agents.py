@@ -46,14 +46,6 @@ async def run(episode: sp.Episode, script: list[sp.Message], tools: tuple = (), 
     return inner, result
 
 
-async def test_the_run_ends_with_the_episode():
-    episode, _ = fresh(sp.Budget(tool_calls=2))
-    with episode:
-        inner, result = await run(episode, [calling(("observe", {}))] * 5)
-    assert len(inner.calls) == 2
-    assert result.final_output == "The episode is over."
-
-
 @pytest.mark.parametrize("beside", [[], [act(WAY[0])]], ids=["alone", "beside a move"])
 async def test_the_agents_other_tools_can_be_hidden_and_are_not_run(beside):
     @function_tool
@@ -70,28 +62,6 @@ async def test_the_agents_other_tools_can_be_hidden_and_are_not_run(beside):
     assert {tuple(tool.name for tool in call.tools) for call in inner.calls} == {("observe", "act", "read_manual")}
     assert (episode.result.score, episode.result.malformed_calls) == (3.0, 1)
     assert sp.replay(events).identical
-
-
-async def test_a_spent_budget_ends_it_before_the_model_is_called():
-    episode, _ = fresh(sp.Budget(episode_tokens=1500, reply_tokens=40))
-    with episode:
-        inner, _ = await run(episode, [calling(act("A->B")), calling(act("B->A"))] * 9)
-    result = episode.result
-    assert (result.end_reason, result.turns) == ("episode_tokens", len(inner.calls))
-    assert result.tokens.prompt + result.tokens.reply <= 1500
-    assert {call.model_settings.max_tokens for call in inner.calls} == {40}
-
-
-async def test_twin_ids_are_two_calls():
-    episode, _ = fresh(sp.Budget(tool_calls=4))
-    twins = calling(act("A->C"), act("A->B"))
-    for call in twins["tool_calls"]:
-        call["id"] = "same"
-    with episode:
-        _, result = await run(episode, [twins, twins])
-    outputs = [item.output for item in result.new_items if item.type == "tool_call_output_item"]
-    assert len(outputs) == 4
-    assert episode.result.steps == 4
 
 
 async def test_the_hosts_words_and_tools_are_counted_and_shown():

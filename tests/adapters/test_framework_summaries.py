@@ -238,21 +238,6 @@ def test_a_summary_is_one_more_call_of_the_model_that_the_agent_does_not_see(hos
     as_recorded(events, stub)
 
 
-@in_every_host
-def test_summaries_are_charged(host):
-    result, _, stub, _ = undisturbed(host)
-    tokens, calls = result.tokens, len(stub.bodies)
-    assert 0 < tokens.summary_prompt < tokens.prompt
-    assert 0 < tokens.summary_reply < tokens.reply
-    provider = tokens.provider
-    assert (provider.requests, provider.prompt, provider.reply) == (calls, 100 * calls, 10 * calls)
-
-
-def test_a_run_of_the_agents_sdk_has_the_usage_of_summaries():
-    played = undisturbed("Agents SDK, chat completions")
-    assert played.returned.context_wrapper.usage.input_tokens == 100 * len(played.stub.bodies)
-
-
 def test_a_state_of_langchain_has_no_summary():
     messages = undisturbed("LangChain agent").returned
     assert [message.type for message in messages] == ["ai", "tool"] * TURNS

@@ -461,14 +461,6 @@ def test_a_task_runs_by_its_file_as_a_register_of_evaluations_runs_it(tmp_path):
     assert sample.scores["smartplay_scorer"].value["score"] == 3
 
 
-def test_a_spent_budget_ends_the_sample_before_the_model_is_asked():
-    model = Scripted([calling(act("A->B")), calling(act("B->A"))] * 9)
-    sample = sample_of(run(smartplay("Hanoi3Disk-v0", trials=1, episode_tokens=1500, reply_tokens=40), model))
-    result = sample.store_as(Played).result
-    assert (result["end_reason"], result["turns"]) == ("episode_tokens", len(model.received))
-    assert {prompt.cap for prompt in model.received} == {40}
-
-
 class OpenAI(OpenAIStub):
     """Inspect spells items in more ways than our players do."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import signal
 import socket
@@ -295,17 +294,6 @@ class TestHttp:
             headers = {**AGENT, "Mcp-Protocol-Version": version}
             answer = httpx2.post(url, json=body, headers=headers, trust_env=False, verify=False)
         assert (answer.status_code, answer.json()["error"]["code"]) == (400, -32600)
-
-    async def test_many_calls_at_once_are_played_one_at_a_time(self):
-        store = EpisodeStore()
-        handle = store.open(GAME, seed=1, budget=sp.Budget(stalled_turns=None))
-        with HttpServer(store, port=0) as server:
-            async with httpx2.AsyncClient(trust_env=False, verify=False) as client:
-                url = f"{server.url}/mcp/{handle}"
-                body = request("tools/call", name="observe")
-                answers = await asyncio.gather(*(client.post(url, json=body, headers=AGENT) for _ in range(20)))
-        assert {answer.status_code for answer in answers} == {200}
-        assert store.find(handle).episode.stats.tool_calls == 20
 
 
 def test_a_budget_that_only_a_window_can_keep_is_refused():

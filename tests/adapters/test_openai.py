@@ -102,38 +102,7 @@ def test_hundreds_of_conversations_at_once():
     assert slow.most > 50
 
 
-def test_one_player_serves_one_event_loop_after_another(endpoint):
-    player = sp.get_player("openai:rule", base_url=endpoint.base_url)
-
-    async def play():
-        async with player:
-            return await arecord("Hanoi3Disk-v0", player)
-
-    assert asyncio.run(play())[0].completed
-    assert asyncio.run(play())[0].completed
-
-
-@pytest.mark.parametrize("name", ["openai", "openai-responses"])
-def test_the_record_replays(endpoint, name, tmp_path):
-    path = tmp_path / "run.jsonl"
-    with (
-        sp.get_player(f"{name}:rule", base_url=endpoint.base_url) as player,
-        sp.Episode("Hanoi3Disk-v0", seed=7, budget=BUDGET, transcript=path) as episode,
-    ):
-        sp.play(episode, player)
-    assert sp.replay(path).identical
-
-
 # What is counted.
-
-
-def test_the_providers_usage_stands_beside_our_count(endpoint):
-    with sp.get_player("openai:rule", base_url=endpoint.base_url) as player:
-        result, _ = record("Hanoi3Disk-v0", player)
-    # The endpoint counts budget tokens, so here the two agree to the token.
-    provider = result.tokens.provider
-    assert (provider.prompt, provider.reply) == (result.tokens.prompt, result.tokens.reply)
-    assert provider.requests == result.turns
 
 
 @pytest.mark.parametrize(("name", "stream"), WAYS)
@@ -149,18 +118,6 @@ def test_cached_and_reasoning_tokens_are_recorded(name, stream):
     assert result.tokens.provider == sp.Usage(
         prompt=3000, reply=270, cached=1920, written=384, reasoning=192, requests=3
     )
-
-
-@pytest.mark.parametrize(("name", "field"), [("openai", "max_tokens"), ("openai-responses", "max_output_tokens")])
-def test_the_reply_is_capped_by_the_budget(name, field):
-    scripted = sp.ScriptedPlayer([{"role": "assistant", "content": "I wait."}] * 3)
-    with (
-        so.LocalEndpoint(scripted) as endpoint,
-        sp.get_player(f"{name}:scripted", base_url=endpoint.base_url) as player,
-    ):
-        record("Hanoi3Disk-v0", player, budget=sp.Budget(reply_tokens=123))
-        assert player.request(scripted.prompts[0])[field] == 123
-    assert [prompt.max_tokens for prompt in scripted.prompts] == [123] * 3
 
 
 # What the client is told.

@@ -281,16 +281,25 @@ FIELDS = [
     "output",
     "id",
     "text",
+    "description",
+    "parameters",
 ]
-WORDS = st.sampled_from(["assistant", "tool", "user", "function_call", "function_call_output", "message", "reasoning"])
+WORDS = st.sampled_from(
+    ["assistant", "act", "tool", "user", "function_call", "function_call_output", "message", "reasoning"]
+)
 ITEM = st.dictionaries(st.sampled_from(FIELDS), WORDS | JSON, max_size=6) | JSON
 BODY = st.fixed_dictionaries(
     {
-        "model": st.just("echo"),
+        "model": st.sampled_from(["echo", "rule"]) | JSON,
         "messages": st.lists(ITEM, max_size=4) | JSON,
         "input": st.lists(ITEM, max_size=4) | JSON,
     },
-    optional={"tools": st.lists(ITEM, max_size=2) | JSON, "stream": JSON, "stream_options": JSON, "max_tokens": JSON},
+    optional={
+        "tools": st.lists(st.fixed_dictionaries({"type": st.just("function"), "function": ITEM}) | ITEM, max_size=2)
+        | JSON,
+        "tool_choice": st.sampled_from(["none", "required"]) | JSON,
+        **dict.fromkeys(("stream", "stream_options", "max_tokens", "parallel_tool_calls", "n"), JSON),
+    },
 )
 
 

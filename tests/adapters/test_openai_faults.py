@@ -319,14 +319,6 @@ def test_a_server_that_is_silent_for_ever_ends_it_too(tmp_path):
     assert_given_up(result, "in 2 attempts: APITimeoutError")
 
 
-def test_a_server_that_is_not_there_ends_it_too(tmp_path):
-    with so.LocalEndpoint(sp.get_player("rule")) as endpoint:
-        gone = endpoint.base_url
-    with sp.get_player("openai:rule", base_url=gone, retries=1, pause=0.01) as player, sp.Episode(GAME, seed=7) as e:
-        result = sp.play(e, player)
-    assert_given_up(result, "in 2 attempts: APIConnectionError")
-
-
 def test_trouble_in_the_midst_of_a_game_keeps_what_was_played(tmp_path):
     result, events = play(Faulty(None, None, None, always=problem(500, retry_after="0")), tmp_path, retries=1)
     assert (result.end_reason, result.steps) == ("player_error", 2)
@@ -387,22 +379,6 @@ def test_pauses_double_up_to_a_limit():
 
 def results_of(events, turn=0):
     return [event for event in events if event["event"] == "call" and event["turn"] == turn]
-
-
-def test_several_calls_in_one_message_are_played_in_their_order(tmp_path):
-    moves = [("a", "act", '{"action": "2"}'), ("b", "observe", ""), ("c", "act", '{"action": "1"}')]
-    result, events = play(Faulty(says("Two at once.", *moves)), tmp_path)
-    assert [(call["position"], call["name"]) for call in results_of(events)] == [(0, "act"), (1, "observe"), (2, "act")]
-    assert result.completed
-
-
-@pytest.mark.parametrize("arguments", ["{", '{"action": ', "act(1)", "[1]", "null", '{"action": 1}', "{" * 5000])
-def test_arguments_that_are_not_json_are_told_and_counted(arguments, tmp_path):
-    result, events = play(Faulty(says(None, ("a", "act", arguments))), tmp_path)
-    (call,) = results_of(events)
-    assert call["is_error"]
-    assert call["arguments"] == arguments
-    assert (result.malformed_calls, result.end_reason) == (1, "terminated")
 
 
 def part(index, call_id, name, arguments):
@@ -466,13 +442,6 @@ def test_arguments_that_a_server_parsed_itself_are_taken(tmp_path):
     assert (result.malformed_calls, result.completed) == (0, True)
 
 
-@pytest.mark.parametrize("name", ["jump", "go north!", "", "x" * 200])
-def test_an_unknown_tool_is_told_and_counted(name, tmp_path):
-    result, events = play(Faulty(says(None, ("a", name, "{}"))), tmp_path)
-    assert "The tools are observe, act, read_manual." in results_of(events)[0]["text"]
-    assert (result.malformed_calls, result.end_reason) == (1, "terminated")
-
-
 @pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
 def test_half_a_character_is_recorded_and_passed_by(player, tmp_path):
     output = [{"type": "message", "role": "assistant", "content": [{"type": "output_text", "text": "\ud83d"}]}]
@@ -487,28 +456,6 @@ def test_a_reply_without_a_call_is_asked_to_go_on(tmp_path):
     assert (result.idle_replies, result.end_reason) == (3, "no_tool_call")
     result, _ = play(Faulty(says("Let me think.")), tmp_path / "again")
     assert (result.idle_replies, result.end_reason) == (1, "terminated")
-
-
-def test_a_reply_longer_than_allowed_is_an_overrun_and_charged_in_full(tmp_path):
-    words = "word " * 300
-    result, events = play(Faulty(says(words)), tmp_path, budget=sp.Budget(reply_tokens=100))
-    usage = next(event for event in events if event["event"] == "usage")
-    assert usage["overrun"]
-    assert usage["reply"] > 300
-    assert (result.tokens.overruns, result.end_reason) == (1, "terminated")
-
-
-def test_repeated_call_ids_are_told_apart(tmp_path):
-    act = ("act:0", "act", '{"action": "2"}')
-    twice = says(None, act, ("act:0", "observe", "{}"))
-    faulty = Faulty(twice, says(None, ("act:0", "act", '{"action": "1"}')), says(None, ("", "observe", "")))
-    result, events = play(faulty, tmp_path)
-    assert len([event for event in events if event["event"] == "call"]) == result.tool_calls
-    # The endpoint refuses repeated ids, so the episode could not have continued with one.
-    _, last = faulty.requests[-1]
-    ids = [call["id"] for message in last["messages"] for call in message.get("tool_calls", ())]
-    assert len(ids) == len(set(ids))
-    assert result.completed
 
 
 # Proxies.

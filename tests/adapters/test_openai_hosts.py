@@ -265,13 +265,6 @@ def test_limits_that_would_refuse_everything_are_refused():
 
 # Whatever is sent.
 
-SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=8)
-JSON = st.recursive(
-    SCALARS,
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
-    max_leaves=6,
-)
-ROLE = st.sampled_from(["system", "developer", "user", "assistant", "tool"])
 OBSERVED = st.sampled_from(
     [
         HANOI.format("2, 1", "0", ""),
@@ -287,25 +280,6 @@ OBSERVED = st.sampled_from(
         "MESSENGER\nYou (agent) don't have the message.\nYou see: - airplane 3 steps to your north.",
     ]
 )
-NAME = st.sampled_from(["act", "observe", "read_manual", "jump", ""])
-IDS = st.sampled_from(["c1", "c2", ""])
-CALLS = st.lists(
-    st.builds(
-        lambda call_id, name, arguments: {
-            "id": call_id,
-            "type": "function",
-            "function": {"name": name, "arguments": arguments},
-        },
-        IDS | JSON,
-        NAME | JSON,
-        st.sampled_from(["{}", '{"action": "1"}', "{", '{"action": 3}', "null"]) | JSON,
-    ),
-    max_size=3,
-)
-MESSAGE = st.fixed_dictionaries(
-    {"role": ROLE | JSON},
-    optional={"content": OBSERVED | JSON, "tool_calls": CALLS | JSON, "tool_call_id": IDS | JSON, "name": JSON},
-)
 ROUND = st.builds(
     lambda call_id, name, arguments, text: [
         {
@@ -319,42 +293,6 @@ ROUND = st.builds(
     st.sampled_from(["act", "observe", "read_manual", "jump"]),
     st.sampled_from(["{}", '{"action": "1"}', "{", '{"action": 3}']),
     OBSERVED | st.text(max_size=20),
-)
-SCHEMA = st.fixed_dictionaries(
-    {"type": st.just("object")},
-    optional={
-        "properties": st.dictionaries(
-            st.text(max_size=4),
-            JSON | st.fixed_dictionaries({}, optional={"type": JSON, "description": JSON, "enum": JSON}),
-            max_size=3,
-        ),
-        "required": JSON,
-        "additionalProperties": JSON,
-    },
-)
-TOOL = st.builds(
-    lambda name, description, parameters: {
-        "type": "function",
-        "function": {"name": name, "description": description, "parameters": parameters},
-    },
-    NAME,
-    JSON,
-    JSON | SCHEMA,
-)
-BODY = st.fixed_dictionaries(
-    {
-        "model": st.just("rule") | JSON,
-        "messages": st.just([{"role": "user", "content": "Play."}]) | st.lists(MESSAGE, max_size=4) | JSON,
-    },
-    optional={
-        "tools": st.lists(TOOL, max_size=2) | st.lists(TOOL | JSON, max_size=2) | JSON,
-        "tool_choice": JSON | st.sampled_from(["none", "required"]),
-        "stream": JSON,
-        "stream_options": JSON,
-        "max_tokens": JSON,
-        "parallel_tool_calls": JSON,
-        "n": JSON,
-    },
 )
 
 
@@ -371,16 +309,6 @@ def test_an_output_item_without_text_is_refused(app, content):
     assert answer.json()["error"]["param"] == "input[1]"
 
 
-@settings(max_examples=250, deadline=None)
-@given(body=BODY, path=st.sampled_from(["chat/completions", "responses"]))
-@pytest.mark.slow
-def test_no_request_makes_the_server_fail(app, body, path):
-    if path == "responses" and "messages" in body:
-        body["input"] = body.pop("messages")
-    answer = app.post(f"/v1/{path}", content=json.dumps(body))
-    assert answer.status_code in (200, 400, 404), answer.text
-
-
 def tools_of(game):
     with sp.Episode(game, seed=1) as episode:
         return [sp.schema(tool, "openai") for tool in episode.tools]
@@ -390,7 +318,7 @@ TOOLS = {game: tools_of(game) for game in [*GAMES, "MessengerL3-v0", "Crafter-v0
 
 
 @pytest.mark.parametrize(("player", "game"), [*(("rule", game) for game in TOOLS), ("rule-notes", "Crafter-v0")])
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=settings().max_examples // 5, deadline=None)
 @given(rounds=st.lists(ROUND, max_size=3), system=OBSERVED | st.text(max_size=20))
 def test_no_observation_makes_a_rule_player_fail(app, game, player, rounds, system):
     messages = [{"role": "system", "content": system}, {"role": "user", "content": "Play."}]

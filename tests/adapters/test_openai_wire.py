@@ -51,7 +51,7 @@ def prompts(messages, budget):
 
 
 @pytest.mark.parametrize("interface", SERVER)
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=settings().max_examples // 2, deadline=None)
 @given(messages=MESSAGES, budget=BUDGETS)
 def test_a_request_is_taken_and_counts_what_the_prompt_counts(interface, messages, budget):
     request, read = SERVER[interface]
@@ -70,7 +70,7 @@ STRANGE = st.text(st.characters(), max_size=70)  # lone surrogates included
 
 
 @pytest.mark.parametrize("interface", SERVER)
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=settings().max_examples // 2, deadline=None)
 @given(
     messages=st.lists(
         st.builds(
@@ -86,7 +86,7 @@ def test_a_request_is_taken_whatever_was_said(interface, messages):
         assert read({"model": "m", **json.loads(body)}).messages
 
 
-@settings(max_examples=100, deadline=None)
+@settings(deadline=None)
 @given(reply=st.builds(message, WORDS, CALLS, st.just([])))
 def test_a_stream_adds_up_to_the_completion(reply):
     completion = so.CHAT.write(reply, "m", sp.Usage(prompt=3, reply=2))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+from functools import partial
 
 import pytest
 
@@ -66,6 +67,7 @@ def is_below(body, files):
     words = [part["text"] for part in below["content"] if part["type"] == "text"]
     assert words == [f"The picture of the result of {message['tool_call_id']}:" for message in (one, two)]
     assert files_below(body) == files[:2]
+    assert "Error: " in str(body["messages"][-1]["content"])
 
 
 def files_below(body):
@@ -74,13 +76,13 @@ def files_below(body):
     return [unpacked(part["image_url"]["url"]) for part in parts if isinstance(part, dict) and "image_url" in part]
 
 
-def is_in_outputs(body, files, form):
+def is_in_outputs(body, files):
     """A request of Responses has the pictures of its first turn in its results."""
     outputs = [item["output"] for item in body["input"] if item.get("type") == "function_call_output"]
     for output, file in zip(outputs[:2], files, strict=False):
         text, picture = output
         assert text["type"] == "input_text"
-        assert text["text"] == SHOWN if form == "picture" else text["text"].startswith(("You took", "You see"))
+        assert text["text"].startswith((SHOWN, "You took", "You see"))
         assert picture["type"] == "input_image"
         assert unpacked(picture["image_url"]) == file
     assert outputs[2].startswith("Error: ")
@@ -94,69 +96,50 @@ def is_in_results(body, files):
         assert text == {"type": "text", "text": SHOWN}
         assert picture["source"]["media_type"] == "image/png"
         assert base64.b64decode(picture["source"]["data"]) == file
-    return results[2]
+    assert "Error: " in str(results[2])
 
 
-@pytest.mark.parametrize("typed", [True, False])
-def test_chat_completions_have_pictures_in_a_user_message_after_the_results(typed):
-    openai_stub = pytest.importorskip("tests.adapters.openai_stub")
-    server = openai_stub.OpenAIStub(SCRIPT)
-    player = sp.get_player("openai:m", base_url=server.base_url, pictures=True, typed=typed)
-    events, body = played(player, "picture", server)
-    is_below(body, files(events))
-    assert body["messages"][-1]["content"].startswith("Error: ")
+def by_openai(name, **options):
+    server = pytest.importorskip("tests.adapters.openai_stub").OpenAIStub(SCRIPT)
+    return server, sp.get_player(f"{name}:m", base_url=server.base_url, pictures=True, **options)
 
 
-def test_responses_have_pictures_inside_the_result():
-    openai_stub = pytest.importorskip("tests.adapters.openai_stub")
-    server = openai_stub.OpenAIStub(SCRIPT)
-    player = sp.get_player("openai-responses:m", base_url=server.base_url, pictures=True)
-    events, body = played(player, "both", server)
-    is_in_outputs(body, files(events), "both")
-
-
-@pytest.mark.parametrize("cache", [True, "stable", False])
-def test_messages_have_pictures_inside_the_result(cache):
+def by_anthropic(cache):
     pytest.importorskip("anthropic")
-    anthropic_stub = pytest.importorskip("tests.adapters.anthropic_stub")
-    server = anthropic_stub.AnthropicStub(SCRIPT)
-    player = sp.get_player("anthropic:m", base_url=server.url, api_key="k", cache=cache)
-    events, body = played(player, "picture", server)
-    assert is_in_results(body, files(events)).startswith("Error: ")
+    server = pytest.importorskip("tests.adapters.anthropic_stub").AnthropicStub(SCRIPT)
+    return server, sp.get_player("anthropic:m", base_url=server.url, api_key="k", cache=cache)
 
 
-@pytest.mark.parametrize("cache", [True, "stable", False])
-def test_langchains_anthropic_has_pictures_inside_the_result(cache):
-    langchain_anthropic = pytest.importorskip("langchain_anthropic")
-    anthropic_stub = pytest.importorskip("tests.adapters.anthropic_stub")
-    from smartplay_langchain import LangChainPlayer
-
-    server = anthropic_stub.AnthropicStub(SCRIPT)
-    model = langchain_anthropic.ChatAnthropic(model="m", base_url=server.url, api_key="k")
-    events, body = played(LangChainPlayer(model, cache=cache, pictures=True), "picture", server)
-    assert "Error: " in str(is_in_results(body, files(events)))
+def by_langchains_openai(**options):
+    client = pytest.importorskip("langchain_openai").ChatOpenAI
+    server = pytest.importorskip("tests.adapters.openai_stub").OpenAIStub(SCRIPT)
+    model = client(model="m", base_url=server.base_url, api_key="k", **options)
+    return server, pytest.importorskip("smartplay_langchain").LangChainPlayer(model, pictures=True)
 
 
-def test_langchains_openai_has_pictures_in_a_user_message_after_the_results():
-    langchain_openai = pytest.importorskip("langchain_openai")
-    openai_stub = pytest.importorskip("tests.adapters.openai_stub")
-    from smartplay_langchain import LangChainPlayer
-
-    server = openai_stub.OpenAIStub(SCRIPT)
-    model = langchain_openai.ChatOpenAI(model="m", base_url=server.base_url, api_key="k")
-    events, body = played(LangChainPlayer(model, pictures=True), "picture", server)
-    is_below(body, files(events))
+def by_langchains_anthropic(cache):
+    client = pytest.importorskip("langchain_anthropic").ChatAnthropic
+    server = pytest.importorskip("tests.adapters.anthropic_stub").AnthropicStub(SCRIPT)
+    model = client(model="m", base_url=server.url, api_key="k")
+    return server, pytest.importorskip("smartplay_langchain").LangChainPlayer(model, cache=cache, pictures=True)
 
 
-def test_langchains_openai_with_responses_has_pictures_inside_the_result():
-    langchain_openai = pytest.importorskip("langchain_openai")
-    openai_stub = pytest.importorskip("tests.adapters.openai_stub")
-    from smartplay_langchain import LangChainPlayer
-
-    server = openai_stub.OpenAIStub(SCRIPT)
-    model = langchain_openai.ChatOpenAI(model="m", base_url=server.base_url, api_key="k", use_responses_api=True)
-    events, body = played(LangChainPlayer(model, pictures=True), "both", server)
-    is_in_outputs(body, files(events), "both")
+@pytest.mark.parametrize(
+    ("ask", "form", "is_shown"),
+    [
+        (partial(by_openai, "openai", typed=True), "picture", is_below),
+        (partial(by_openai, "openai", typed=False), "picture", is_below),
+        (partial(by_openai, "openai-responses"), "both", is_in_outputs),
+        (by_langchains_openai, "picture", is_below),
+        (partial(by_langchains_openai, use_responses_api=True), "both", is_in_outputs),
+        *((partial(by_anthropic, cache), "picture", is_in_results) for cache in (True, "stable", False)),
+        *((partial(by_langchains_anthropic, cache), "picture", is_in_results) for cache in (True, "stable", False)),
+    ],
+)
+def test_each_client_sends_pictures_where_its_interface_takes_them(ask, form, is_shown):
+    server, player = ask()
+    events, body = played(player, form, server)
+    is_shown(body, files(events))
 
 
 def test_a_langchain_agent_is_sent_the_pictures_and_keeps_words_in_its_state():
@@ -218,7 +201,7 @@ async def test_the_agents_sdk_has_pictures_where_the_interface_takes_them(interf
             agent = agents.Agent("player", model=model, tools=model.tools)
             await agents.Runner.run(agent, [], max_turns=None, run_config=model.run_config)
     if interface == "responses":
-        is_in_outputs(server.bodies[-1], files(events), "picture")
+        is_in_outputs(server.bodies[-1], files(events))
     else:
         is_below(server.bodies[-1], files(events))
 
@@ -289,9 +272,9 @@ def test_pydantic_ai_has_pictures_where_the_interface_takes_them(interface):
         case "chat":
             is_below(body, shown)
         case "responses":
-            is_in_outputs(body, shown, "picture")
+            is_in_outputs(body, shown)
         case "messages":
-            assert "Error: " in str(is_in_results(body, shown))
+            is_in_results(body, shown)
 
 
 @pytest.mark.parametrize("interface", ["chat", "responses"])
@@ -317,7 +300,7 @@ def test_inspect_has_pictures_where_the_interface_takes_them(interface):
         (log,) = inspect_ai.eval(task, model=model, display="none", max_retries=0, log_dir="memory://logs")
     assert log.status == "success", log.error
     if responses:
-        is_in_outputs(server.bodies[-1], files(events), "picture")
+        is_in_outputs(server.bodies[-1], files(events))
     else:
         is_below(server.bodies[-1], files(events))
 

@@ -207,21 +207,6 @@ def test_the_hosts_words_and_tools_are_counted_and_shown():
     assert head["tools"][-1]["name"] == "search"
 
 
-def test_a_spent_budget_ends_the_run_before_the_model_is_asked():
-    episode, _ = fresh(sp.Budget(episode_tokens=1500, reply_tokens=40))
-    with episode:
-        sent, *_ = hold(episode, [calling(act("A->B")), calling(act("B->A"))] * 9)
-    assert (episode.result.end_reason, episode.result.turns) == ("episode_tokens", len(sent))
-    assert {prompt.cap for prompt in sent} == {40}
-
-
-def test_three_replies_of_words_end_the_run_although_the_agent_would_take_the_first():
-    episode, _ = fresh()
-    with episode:
-        sent, *_ = hold(episode, [calling(say="Hm.")] * 3)
-    assert (episode.result.end_reason, len(sent)) == ("no_tool_call", 3)
-
-
 def test_a_limit_of_the_agents_ends_the_episode_as_the_hosts():
     episode, _ = fresh()
     with episode, pytest.raises(UsageLimitExceeded):

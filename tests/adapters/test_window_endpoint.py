@@ -71,13 +71,6 @@ class TestAGame:
         run = sp.evaluate([GAME], {"mine": at_an_address}, out=tmp_path, trials=1, budgets=BUDGET)
         assert [(row["score"], row["end_reason"]) for row in run.rows] == [(3.0, "terminated")]
 
-    def test_is_the_same_as_without_the_endpoint(self, endpoint, tmp_path):
-        with sp.Episode(GAME, seed=7, budget=BUDGET) as alone:
-            expected = sp.play(alone, sp.get_player("rule"))
-        handle = endpoint.open(GAME, seed=7, budget=BUDGET)
-        HostAgent(endpoint, handle).play()
-        assert endpoint.result(handle) == expected
-
     @pytest.mark.parametrize("stream", [False, True])
     @pytest.mark.parametrize("interface", INTERFACES)
     def test_is_played_through_the_providers_client(self, endpoint, interface, stream):
@@ -162,43 +155,6 @@ class TestRetries:
         second = host.post()
         assert host.post() == second != first
         assert endpoint.store.find(handle).episode.stats.turns == 2
-
-    def test_a_call_that_is_sent_again_is_not_played_again(self):
-        endpoint, _ = scripted(calling(act(WAY[0])), calling(act(WAY[1])))
-        with endpoint:
-            handle = endpoint.open(GAME, seed=7)
-            host = HostAgent(endpoint, handle)
-            host.post()
-            texts = {host.run(*act(WAY[0]), key="k") for _ in range(3)} | {host.run(*act(WAY[0]))}
-            assert len(texts) == 1
-            assert endpoint.store.find(handle).episode.stats.steps == 1
-
-    def test_calls_are_played_in_the_order_of_the_message(self):
-        endpoint, _ = scripted(calling(act(WAY[0]), act(WAY[1]), act(WAY[2])))
-        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
-            host = HostAgent(endpoint, endpoint.serve(episode))
-            host.post()
-            for way in reversed(WAY[:3]):
-                host.run(*act(way))
-        assert played(events) == [act(way)[1]["action"] for way in WAY[:3]]
-
-    def test_a_cancelled_request_costs_nothing_twice(self):
-        player = Slow()
-        with WindowEndpoint(player) as endpoint:
-            handle = endpoint.open(GAME, seed=7)
-            host = HostAgent(endpoint, handle)
-            with pytest.raises(httpx2.TimeoutException):
-                httpx2.post(
-                    f"{endpoint.base_url}/chat/completions",
-                    json=host.request(),
-                    timeout=0.2,
-                    trust_env=False,
-                    verify=False,
-                )
-            player.may_answer.set()
-            assert host.post()["tool_calls"]
-            assert player.asked == 1
-            assert endpoint.store.find(handle).episode.stats.turns == 1
 
     def test_the_model_is_not_asked_again_for_a_client_that_has_gone(self):
         """The reply that it was giving is kept; the next request continues after it, and its usage has both."""
@@ -311,12 +267,6 @@ class TestHosts:
             (call,) = host.post()["tool_calls"]
         assert call["function"]["name"] == "mcp__smartplay__act"
 
-    def test_a_request_without_the_games_tools_is_answered_in_words_and_costs_nothing(self, endpoint):
-        handle = endpoint.open(GAME, seed=7)
-        message = HostAgent(endpoint, handle, tools=[]).post()
-        assert "MCP server" in message["content"]
-        assert endpoint.store.find(handle).episode.stats.turns == 0
-
     def test_what_a_host_refuses_to_run_is_recorded_as_refused(self):
         endpoint, player = scripted(calling(("observe", {}), act(WAY[0])), calling(act(WAY[0])))
         with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
@@ -376,23 +326,6 @@ class Failing:
 
 
 class TestWhoMayComeIn:
-    def test_host_and_origin_are_checked(self, endpoint):
-        host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
-        for headers, status in (({"host": "evil.example"}, 421), ({"origin": "https://evil.example"}, 403)):
-            for url in (f"{host.url}/chat/completions", f"{host.url}/models", host.mcp_url):
-                assert httpx2.post(url, json={}, headers=headers, trust_env=False, verify=False).status_code == status
-
-    def test_a_token_is_asked_for_everywhere(self):
-        with WindowEndpoint(sp.get_player("rule"), token="secret") as endpoint:
-            host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
-            for url in (f"{host.url}/chat/completions", f"{host.url}/responses", host.mcp_url):
-                assert httpx2.post(url, json=host.request(), trust_env=False, verify=False).status_code == 401
-            assert host.post(headers={"authorization": "Bearer secret"})["tool_calls"]
-
-    def test_an_address_for_others_needs_a_token_and_names(self):
-        with pytest.raises(sp.InvalidArgumentError, match="give a token"):
-            WindowEndpoint(sp.get_player("rule"), host="0.0.0.0")
-
     def test_no_handle_is_listed_or_guessed(self, endpoint):
         handle = endpoint.open(GAME, seed=7)
         url = f"{endpoint.base_url}/models"

@@ -6,7 +6,8 @@ Every test that opens a page fails on an error in the browser's console and on a
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,10 @@ FLAGS = (
 )
 
 
+FILES = ("file:", "data:", "blob:")
+"""How addresses begin that lead to no server."""
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     sync_api = pytest.importorskip("playwright.sync_api")
@@ -32,24 +37,22 @@ def browser() -> Iterator[Any]:
         browser.close()
 
 
-@pytest.fixture
-def show(browser, tmp_path) -> Iterator[Any]:
-    """Make the page of a run and open it; what went wrong in the browser fails the test in the end."""
+@contextmanager
+def pages_of(browser: Any, *allowed: str, **settings: Any) -> Iterator[Callable[..., Any]]:
+    """What opens an address in the browser; what went wrong there, or asked for what does not begin with one of the
+    allowed words, fails the test in the end."""
     wrong: list[str] = []
     contexts = []
 
-    def opened(run: Path | list[Path] | None, fragment: str = "", **options: Any) -> Any:
-        out = tmp_path / "page.html"
-        if run is not None:
-            write_report(run, out)
-        context = browser.new_context(offline=True, **options)
+    def opened(url: str, **options: Any) -> Any:
+        context = browser.new_context(**settings, **options)
         contexts.append(context)
         page = context.new_page()
         page.on("console", lambda message: wrong.append(f"{message.type}: {message.text}"))
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("dialog", lambda dialog: wrong.append(f"dialog: {dialog.message}"))
-        page.on("request", lambda request: note_request(request.url, wrong))
-        page.goto(out.as_uri() + fragment)
+        page.on("request", lambda request: note_request(request.url, wrong, allowed))
+        page.goto(url)
         page.wait_for_selector("body[data-ready]")
         return page
 
@@ -59,6 +62,20 @@ def show(browser, tmp_path) -> Iterator[Any]:
     assert wrong == []
 
 
-def note_request(url: str, wrong: list[str]) -> None:
-    if not url.startswith(("file:", "data:", "blob:")):
+def note_request(url: str, wrong: list[str], allowed: tuple[str, ...] = FILES) -> None:
+    if not url.startswith(allowed):
         wrong.append(f"request: {url}")
+
+
+@pytest.fixture
+def show(browser, tmp_path) -> Iterator[Any]:
+    """Make the page of a run and open it."""
+    out = tmp_path / "page.html"
+
+    def opened(run: Path | list[Path] | None, fragment: str = "", **options: Any) -> Any:
+        if run is not None:
+            write_report(run, out)
+        return open_page(out.as_uri() + fragment, **options)
+
+    with pages_of(browser, *FILES, offline=True) as open_page:
+        yield opened

@@ -18,12 +18,12 @@ from smartplay_tools.cli import app
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.episode.carried import Carried, longest_message
 from smartplay_tools.evaluation.analysis.area import areas
-from smartplay_tools.evaluation.analysis.figures import score_against_trial
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, sample
 from smartplay_tools.evaluation.board.submissions import check_submission, prepare_submission
 from smartplay_tools.evaluation.run_folder import RunFolder, Until, trial_seed
 from smartplay_tools.evaluation.runs import merge
 from smartplay_tools.evaluation.runs.merge import audit
+from smartplay_tools.registry import read_file
 from smartplay_tools.types.messages import text_of
 from tests.evaluation.bundles import FACTS
 from tests.evaluation.players import BrokenOnce, act
@@ -32,6 +32,7 @@ from tests.processes import heed_interrupts, needs_unix
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 NOTING = sp.Budget(notes_tokens=100, prompt_tokens=900, tool_calls=12)
 ROOT = Path(__file__).parents[2]
+EXPERIMENT = ROOT / "experiments" / "carry.py"
 
 
 def run(out: Path, **options) -> sp.evaluation.Run:
@@ -158,7 +159,9 @@ def test_the_unit_of_every_interval_is_the_chain(played, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not EXPERIMENT.exists(), reason="not in a checkout")
 def test_the_figure_has_a_place_for_every_trial_of_a_chain(played, tmp_path):
+    score_against_trial = read_file(f"{EXPERIMENT}:score_against_trial")
     without = run(tmp_path / "without", carry=None, chain=None)
     (panel,) = score_against_trial([*without.rows, *played.rows]).axes
     assert [label.get_text() for label in panel.get_xticklabels()] == ["1", "2", "3"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import subprocess
 import sys
 
 import pytest
@@ -204,20 +203,6 @@ def test_drawing_leaves_matplotlib_as_it_was_and_opens_no_windows(comparisons):
     figures.score_against_history(comparisons)
     assert {name: matplotlib.rcParams[name] for name in RULES} == before != RULES
     assert "matplotlib.pyplot" not in sys.modules
-
-
-@pytest.mark.slow
-def test_without_matplotlib_the_remedy_is_named():
-    """In a separate process that cannot import matplotlib."""
-    script = (
-        "import sys; sys.modules['matplotlib'] = None\n"
-        "from smartplay_tools.errors import MissingExtraError\n"
-        "from smartplay_tools.evaluation.analysis import figures\n"
-        "try: figures.score_against_history([])\n"
-        "except MissingExtraError as error: print(error)\n"
-    )
-    shown = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert "pip install 'smartplay-tools[evaluation]'" in shown.stdout
 
 
 def test_a_figure_says_how_many_episodes_and_what_the_bars_are(comparisons):

@@ -20,7 +20,6 @@ from smartplay_tools.evaluation.board.submissions import (
     check_submission,
     prepare_submission,
     report_json,
-    rollout_cards as card,
 )
 from smartplay_tools.evaluation.board.submissions.submitted_plan import cell_results, read_plan
 from smartplay_tools.evaluation.suites import SUITES, Suite
@@ -50,8 +49,8 @@ class Paid(FirstMoves):
 
 @pytest.fixture(scope="module")
 def small_suite() -> Iterator[Suite]:
-    """A fixed suite that takes a second."""
-    suite = Suite("small", {HANOI: 1, BANDIT: 2}, (sp.Budget(),))
+    """A fixed suite that takes a second; of the last message of a long episode one call is refused."""
+    suite = Suite("small", {HANOI: 1, BANDIT: 2}, (sp.Budget(tool_calls=59),))
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(SUITES, "small", suite)
         yield suite
@@ -86,7 +85,7 @@ def check(files: Files, folder: Path) -> Checked:
 
 
 def fit(files: Files, folder: Path) -> None:
-    """Make rows, results and rollout card what the records say."""
+    """Make rows and results what the records say."""
     plan, rows = read_plan(json.loads(files["manifest.json"])), []
     for episode in plan.episodes:
         record = folder / f"{episode.key}.jsonl"
@@ -95,10 +94,6 @@ def fit(files: Files, folder: Path) -> None:
     files["results.jsonl"] = "".join(json.dumps(row) + "\n" for row in rows).encode()
     results = [result.model_dump(mode="json") for result in cell_results(rows)]
     edit_json(files, "submission.json", lambda facts: facts.update(results=results))
-    attempts = [folder / Path(name).name for name in files if name.startswith("attempts/")]
-    for attempt in attempts:
-        attempt.write_bytes(files[f"attempts/{attempt.name}"])
-    files[card.NAME] = json.dumps(card.rollout_card(len(rows), rows, card.attempts_by_reason(attempts))).encode()
 
 
 def events_of(files: Files, name: str) -> Events:
@@ -390,8 +385,12 @@ def a_finished_episode_among_the_attempts(files: Files) -> None:
 def the_best_of_several_plays(files: Files) -> None:
     """Another play of the same seed, which is as true as the first."""
     name = records(files, BANDIT)[0]
-    events = events_of(files, name)
-    files[name] = bundles.chained(played_again(events, reply=lambda message: act("2")))
+    other = act("2")["tool_calls"]
+
+    def reply(message: sp.Message) -> sp.Message:
+        return {**message, "tool_calls": [*other, *message["tool_calls"][1:]]}
+
+    files[name] = bundles.chained(played_again(events_of(files, name), reply=reply))
 
 
 @unprovable("attempts that were left out")

@@ -449,24 +449,6 @@ def test_light_and_dark_follow_the_reader_and_the_button(show, tmp_path):
     assert (ground(light), ground(dark)) == (was_dark, was_light)
 
 
-UNNAMED = """() => [...document.querySelectorAll(
-  'button, input, select, a, [role=img], canvas, img, table, dialog, [role=region]')]
-  .filter((one) => one.checkVisibility())
-  .filter((one) => !(one.ariaLabel || one.getAttribute('aria-labelledby') || one.labels?.length || one.alt
-    || (!one.matches('[role=img]') && one.textContent.trim()))).map((one) => one.outerHTML.slice(0, 120))"""
-
-
-def test_everything_that_can_be_used_or_looked_at_has_a_name(show, tmp_path):
-    for name, game in (("rps", RPS), ("crafter", "Crafter-v0"), ("bandit", BANDIT)):
-        record(tmp_path / "run" / f"{name}.jsonl", game, "random", tool_calls=10)
-    page = show(tmp_path / "run")
-    assert page.evaluate(UNNAMED) == []
-    for key in ("rps", "crafter", "bandit"):
-        page.evaluate("(key) => (location.hash = `#episode=${key}&turn=2`)", key)
-        page.wait_for_function("(key) => shown.episode?.key === key", arg=key)
-        assert page.evaluate(UNNAMED) == []
-
-
 # Nothing runs, nothing loads.
 
 

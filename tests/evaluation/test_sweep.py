@@ -60,10 +60,9 @@ def test_what_does_not_vary_is_in_the_budget():
     assert [(cell.budget.history, cell.budget.tool_calls) for cell in cells] == [(3, 5), (3, 9)]
 
 
-def test_an_axis_as_an_argument_of_its_own_still_works_with_a_warning():
-    with pytest.warns(DeprecationWarning, match=r'write it as vary={"history": \[1, 5\], "manual": \[\'tool\'\]}'):
-        older = grid([BANDIT], ["rule"], history=[1, 5], manual=["tool"])
-    assert older == grid([BANDIT], ["rule"], vary={"manual": ["tool"], "history": [1, 5]})
+def test_an_axis_is_no_argument():
+    with pytest.raises(sp.InvalidArgumentError, match="no argument history"):
+        grid([BANDIT], ["rule"], history=[1, 5])
 
 
 def test_only_axes_vary():

@@ -16,6 +16,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.web.site import BrowserGames
+from tests.evaluation.conftest import pages_of
 from tests.evaluation.test_view import BANDIT, HANOI, large
 
 view = pytest.importorskip("smartplay_tools.web.site")
@@ -48,31 +49,9 @@ def runs(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def show(browser) -> Iterator[Any]:
-    """Open a page of a site; what went wrong in the browser fails the test in the end."""
-    wrong: list[str] = []
-    contexts = []
-
-    def opened(site: str, path: str = "", **options: Any) -> Any:
-        context = browser.new_context(**options)
-        contexts.append(context)
-        page = context.new_page()
-        page.on("console", lambda message: wrong.append(f"{message.type}: {message.text}"))
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("dialog", lambda dialog: wrong.append(f"dialog: {dialog.message}"))
-        page.on("request", lambda request: _note(request.url, site, wrong))
-        page.goto(site + path)
-        page.wait_for_selector("body[data-ready]")
-        return page
-
-    yield opened
-    for context in contexts:
-        context.close()
-    assert wrong == []
-
-
-def _note(url: str, site: str, wrong: list[str]) -> None:
-    if not url.startswith((site, "data:")):
-        wrong.append(f"request: {url}")
+    """Open a page of a site on this machine."""
+    with pages_of(browser, "http://127.0.0.1:", "data:") as opened:
+        yield lambda site, path="", **options: opened(site + path, **options)
 
 
 @pytest.fixture(scope="module")

@@ -181,13 +181,6 @@ def test_only_the_page_of_the_play_may_answer(playing):
     assert page.post(f"{page.api}/reply", body, **{"Sec-Fetch-Site": "same-origin"})[0] == 200
 
 
-def test_a_token_is_needed_to_play_for_others(tmp_path):
-    with BrowserGames([HANOI], tmp_path / "human") as games:
-        runs = view.RunList(own=[games.folder])
-        with view.ViewServer(runs, play=games, token="secret") as server, pytest.raises(TypeError):
-            Page(server.url, HANOI)  # there is no page, and so no key
-
-
 def test_free_text_is_asked_for_as_such(playing):
     play, page = playing(BANDIT, protocol="paper", budget=sp.Budget(tool_calls=1))
     assert page.state()["asked"]["asks"] == "words"

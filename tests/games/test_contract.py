@@ -56,7 +56,7 @@ ANYTHING = st.one_of(
 )
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=settings().max_examples // 6, deadline=None)
 @given(st.lists(ANYTHING | st.integers(0, 20), max_size=8), ANYTHING)
 @pytest.mark.parametrize("family", {spec.family: name for name, spec in sp.GAMES.items()}.values())
 def test_whatever_is_sent_is_played_or_refused_on_purpose(family, actions, seed):

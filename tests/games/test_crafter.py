@@ -3,13 +3,10 @@
 import copy
 import hashlib
 import pickle
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from crafter import constants, engine
-from gymnasium.utils.env_checker import check_env
 
 from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.game import Crafter
@@ -207,7 +204,7 @@ def test_without_any_seed_worlds_differ() -> None:
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
-@pytest.mark.parametrize("steps", [0, 3, 210])
+@pytest.mark.parametrize("steps", [3, 210])
 def test_a_copy_continues_identically(copied: object, steps: int) -> None:
     game = started(11)
     random_steps(game, steps)
@@ -258,43 +255,7 @@ def test_the_state_hash_covers_what_cannot_be_seen() -> None:
     assert len({hash_after(change) for change in changes}) == len(changes)
 
 
-SCRIPT = """
-import numpy as np
-from smartplay_tools.games.specs import GAMES
-game = GAMES["Crafter-v0"].make()
-game.reset(seed=4)
-rng = np.random.default_rng(0)
-for _ in range(300):
-    _, _, terminated, _, _ = game.step(rng.integers(17))
-    if terminated:
-        game.reset()
-print(game.state_hash())
-import sys
-assert not {"crafter", "opensimplex", "PIL"} & sys.modules.keys()
-"""
-
-
-@pytest.mark.slow
-def test_another_process_plays_the_same_and_needs_no_crafter() -> None:
-    hashes = {
-        subprocess.run(
-            [sys.executable, "-c", SCRIPT],
-            capture_output=True,
-            text=True,
-            check=True,
-            env={"PYTHONHASHSEED": hash_seed},
-        ).stdout
-        for hash_seed in ("1", "2")
-    }
-    assert len(hashes) == 1
-    assert len(hashes.pop().strip()) == 32
-
-
 # --- Environment -----------------------------------------------------------------------------------------------------
-
-
-def test_the_environment_checker_is_content() -> None:
-    check_env(make().unwrapped, skip_render_check=True)
 
 
 def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
@@ -349,11 +310,17 @@ class Stage:
         return self.world[at]
 
 
-@pytest.mark.parametrize("size", [65, 128, 576])
-def test_larger_pictures_are_the_packages_too(size: int) -> None:
-    package = ReferenceEngine(3, 1)
+@pytest.fixture(scope="module")
+def package() -> ReferenceEngine:
+    """The package's own world after some steps."""
+    played = ReferenceEngine(3, 1)
     for step in range(60):
-        package.step([0, 1, 5, 3][step % 4])
+        played.step([0, 1, 5, 3][step % 4])
+    return played
+
+
+@pytest.mark.parametrize("size", [65, 128, 576])
+def test_larger_pictures_are_the_packages_too(package: ReferenceEngine, size: int) -> None:
     unit = np.array([size // 9] * 2)
     textures = engine.Textures(constants.root / "assets")
     view = engine.LocalView(Stage(package), textures, [9, 7])(package.env._player, unit)

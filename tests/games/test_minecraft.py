@@ -8,7 +8,6 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.games import GameSpec
 from smartplay_tools.games.minecraft.engines import (
     CORRECTED_GOALS,
     ENGINES,
@@ -140,13 +139,6 @@ def test_a_start_is_on_the_record_and_is_replayed(tmp_path):
     assert config["config"]["options"] == {"start": "anywhere"}
     assert "start" not in result["result"]["deviations"]
     assert sp.replay(path).identical
-
-
-def test_a_score_of_another_engine_is_not_compared_with_people():
-    spec = GameSpec(**{**vars(sp.GAMES["MinedojoCreative0-v0"]), "rollout": 2})
-    with sp.Episode(spec, seed=0) as episode:
-        result = sp.play(episode, sp.get_player("random", seed=0))
-    assert (result.engine, result.normalized_score) == ("voxel", None)
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,32 @@
-"""`rule-pixels` plays from pictures as `rule` plays from words."""
+"""The player of `experiments/rule_pixels.py` plays from pictures as `rule` plays from words."""
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.games.crafter.creatures import light
-from smartplay_tools.players.crafter_pixels import in_words
 from smartplay_tools.players.prompt_reading import Reading
+from smartplay_tools.registry import read_file
+
+FILE = Path(__file__).parents[2] / "experiments" / "rule_pixels.py"
+PIXELS = f"{FILE}:RulePixelsPlayer"
+
+
+pytestmark = pytest.mark.skipif(not FILE.exists(), reason="not in a checkout")
 
 BUDGET = sp.Budget(history=5)
 NIGHT = 148
 """The first step of the original's night, when pictures become grainy."""
+
+
+def words_of(prompt):
+    """The newest observation of a prompt as the player puts it into words; None if there is none yet."""
+    seen = Reading(sp.Prompt(read_file(f"{FILE}:in_words")(prompt), prompt.tools)).observations
+    return seen[-1] if seen else None
 
 
 def action(message):
@@ -24,7 +37,7 @@ def action(message):
 
 def decisions(seed, steps):
     """Of every prompt of an episode that `rule` plays: the step, and what both players decide."""
-    rule, pixels = sp.get_player("rule"), sp.get_player("rule-pixels")
+    rule, pixels = sp.get_player("rule"), sp.get_player(PIXELS)
     with sp.Episode("Crafter-v0", seed=seed, observation="both", budget=BUDGET) as episode:
         conversation = sp.Conversation(episode)
         while (prompt := conversation.prompt()) is not None and episode.stats.steps < steps:
@@ -57,10 +70,10 @@ def test_its_words_are_the_games_by_day():
         player = sp.get_player("random", seed=3)
         for _ in range(40):
             prompt = conversation.prompt()
-            if seen := Reading(sp.Prompt(in_words(prompt), prompt.tools)).observations:
+            if (seen := words_of(prompt)) is not None:
                 _, _, words = episode.game.observation.partition(".")
                 assert light(episode.game._world.steps).daylight > 0.5
-                assert seen[-1].strip() == words.strip()
+                assert seen.strip() == words.strip()
             conversation.receive(player.reply(prompt).message)
 
 
@@ -73,14 +86,13 @@ def test_it_looks_at_the_border_as_the_words_do():
             calls = [{"id": "a", "type": "function", "function": call}]
             conversation.receive({"role": "assistant", "content": None, "tool_calls": calls})
         prompt = conversation.prompt()
-        seen = Reading(sp.Prompt(in_words(prompt), prompt.tools)).observations
-        assert ("out of the map" in seen[-1]) == ("out of the map" in episode.game.observation)
+        assert ("out of the map" in words_of(prompt)) == ("out of the map" in episode.game.observation)
 
 
 def test_it_plays_a_whole_episode_and_unlocks_what_rule_unlocks():
     budget = sp.Budget(history=5, tool_calls=60)
     scores = {}
-    for player, form in (("rule", "text"), ("rule-pixels", "picture"), ("rule-pixels", "both")):
+    for player, form in (("rule", "text"), (PIXELS, "picture"), (PIXELS, "both")):
         with sp.Episode("Crafter-v0", seed=7, observation=form, budget=budget) as episode:
             scores[player, form] = sp.play(episode, sp.get_player(player)).score
     assert len(set(scores.values())) == 1
@@ -90,7 +102,7 @@ def test_it_plays_a_whole_episode_and_unlocks_what_rule_unlocks():
 def test_pictures_of_another_size_are_refused_in_a_sentence(size):
     with sp.Episode("Crafter-v0", seed=7, observation="picture", picture_size=size) as episode:
         conversation = sp.Conversation(episode)
-        player = sp.get_player("rule-pixels")
+        player = sp.get_player(PIXELS)
         conversation.receive(player.reply(conversation.prompt()).message)
         with pytest.raises(sp.InvalidArgumentError, match="picture_size=64 only"):
             player.reply(conversation.prompt())
@@ -101,4 +113,4 @@ def test_it_plays_from_pictures_only():
         sp.Episode("Crafter-v0", seed=7) as episode,
         pytest.raises(sp.InvalidArgumentError, match='rule-pixels does not play from observation="text"'),
     ):
-        sp.play(episode, sp.get_player("rule-pixels"))
+        sp.play(episode, sp.get_player(PIXELS))

@@ -35,7 +35,6 @@ from smartplay_tools import (
     Usage,
 )
 from smartplay_tools.context import Turn
-from smartplay_tools.context.prompts import GAME_IS_OVER
 from smartplay_tools.conversation import AttachedPlayer, HostChat, HostHistory, check_observation
 from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.episode import tool_functions
@@ -51,17 +50,11 @@ class FromThreads:
     call: Callable[[str, Any], ToolResult]
 
 
-NO_RESULT = "Error: The host's agent gave no result for this call."
-"""The answer to a foreign call of which the host's next request has no result."""
-
 SUMMARIES = (
     "A summary asked of this endpoint cost nothing. A summary by another model was a call with at least these tokens, "
     "which you pay for and the budget does not count."
 )
 """What the summaries of a host's own messages cost."""
-
-NOT_CALLED = "Error: The model has made no such call; nothing was played."
-"""The answer to a call that the latest reply does not have."""
 
 
 class WindowEpisode:
@@ -90,7 +83,7 @@ class WindowEpisode:
     ) -> None:
         self.handle, self.episode, self.player = handle, episode, player
         check_observation(player, episode.config.observation)
-        self._chat = HostChat(session or episode, player=player.name, no_result=NO_RESULT, pictures=True)
+        self._chat = HostChat(session or episode, player=player.name, no_result="no_result", pictures=True)
         self._closing, self._is_resumed = closing, session is not None
         self._shown = shown or Shown()
         self._notices = Notices(handle, self._shown)
@@ -175,7 +168,7 @@ class WindowEpisode:
             slot = self._by_key.get(call_id or "") or (self._latest.called(name, arguments) if self._latest else None)
             session = self._chat.session
             if slot is None or session is None:
-                return self._error(NOT_CALLED)
+                return self._error(self.episode.words("not_called"))
             if call_id:
                 self._by_key[call_id] = slot
             if slot.result is None:
@@ -191,7 +184,7 @@ class WindowEpisode:
     def call_from_thread(self, name: str, arguments: Any) -> ToolResult:
         """Play a call as `call` does, from a thread that is not the server's."""
         if self._loop is None:
-            return self._error(NOT_CALLED)
+            return self._error(self.episode.words("not_called"))
         return asyncio.run_coroutine_threadsafe(self.call(name, arguments), self._loop).result()
 
     async def stop(self) -> None:
@@ -309,9 +302,10 @@ class WindowEpisode:
         return pending if pending.sent else None
 
     def _last_words(self, request: CompletionRequest, tools: HostTools) -> PendingReply:
-        message: Message = {"role": "assistant", "content": in_schema(request, GAME_IS_OVER)}
+        is_over = self.episode.words("game_is_over")
+        message: Message = {"role": "assistant", "content": in_schema(request, is_over)}
         if tools.closing is not None:
-            message = {**message, "tool_calls": [tools.close(self._call_id(-1, 0), GAME_IS_OVER)]}
+            message = {**message, "tool_calls": [tools.close(self._call_id(-1, 0), is_over)]}
         return PendingReply(message, self._spent)
 
     def _error(self, text: str) -> ToolResult:

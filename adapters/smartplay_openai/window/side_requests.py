@@ -17,8 +17,6 @@ from smartplay_openai.window.formats import CompletionRequest
 from smartplay_openai.window.names import HostTools, filled
 from smartplay_openai.window.pending_reply import PendingReply
 from smartplay_tools import Episode, Message, Usage
-from smartplay_tools.context.prompts import GAME_IS_OVER
-from smartplay_tools.conversation import SUB_AGENT
 
 NO_TOOLS = (
     "This endpoint plays a game: it answers requests that offer the game's tools, which its MCP server has. An "
@@ -69,19 +67,19 @@ class SideRequests:
                 return PendingReply({"role": "assistant", "content": None, "tool_calls": [call]}, Usage(requests=0))
             return self._words(request, WITHOUT_TOOLS, NO_TOOLS)
         if request.is_of_sub_agent:
-            return self._words(request, OF_SUB_AGENT, SUB_AGENT)
+            return self._words(request, OF_SUB_AGENT, self._episode.words("sub_agent"))
         if request.forbids_calls:
             return self._words(request, WITHOUT_CALLS, NO_CALLS)
         names = frozenset(tool.name for tool in request.tools)
         if self._tools is None:
             self._tools = names
         elif self._tools - names and not self._is_ours(request.body):
-            return self._words(request, OF_SUB_AGENT, SUB_AGENT)
+            return self._words(request, OF_SUB_AGENT, self._episode.words("sub_agent"))
         return None
 
     def _words(self, request: CompletionRequest, kind: str, text: str) -> PendingReply:
         self._note(kind)
-        text = GAME_IS_OVER if self._episode.done else text
+        text = self._episode.words("game_is_over") if self._episode.done else text
         message: Message = {"role": "assistant", "content": in_schema(request, text)}
         return PendingReply(message, Usage(requests=0))
 

@@ -1,14 +1,8 @@
-"""Prompts: the texts that this library, not the benchmark, adds around the games.
+"""Prompts: their head, and the two forms that interfaces ask for.
 
-They are data files in a folder for each version, and a record names its version, because a changed text changes the
-benchmark. The first sentence of the system text is the original's (with its typographic apostrophe); the rest describes
-tools and windows, and gives no advice on any game.
-
-Where a prompt is marked for a provider's cache, which stores a prompt up to each mark.
-
-Prompts for interfaces that refuse pictures in the results of tools: the pictures follow in a user message.
-
-The lines around them are an interface's, as chat templates are: they are neither recorded nor counted.
+`words` has every sentence that this library, not the benchmark, puts around the games. A provider's cache stores a
+prompt up to each mark. Interfaces that refuse pictures in the results of tools have them in a user message after these;
+the lines around them are an interface's, as chat templates are: they are neither recorded nor counted.
 """
 
 from __future__ import annotations
@@ -17,29 +11,20 @@ import functools
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib import resources
 from typing import Any, Literal
 
+from smartplay_tools.context.prompts.wording import VERSION, Wording, in_any_version
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import Prompt, ToolSpec
 from smartplay_tools.types.messages import Message, pictures_of, text_of
 
 __all__ = [
-    "GAME_IS_OVER",
-    "MANUAL_IS_ABOVE",
-    "NO_MANUAL",
-    "OBSERVATION_LEFT",
-    "PICTURE_BELOW",
-    "PICTURE_OF",
-    "PICTURE_SHOWN",
-    "VERSION",
     "CacheMarks",
     "checked_marks",
     "head",
     "last_markable",
     "received",
     "stable_end",
-    "text",
     "with_pictures_below",
 ]
 
@@ -82,17 +67,11 @@ def _is_markable(message: Message) -> bool:
     return bool(text_of(message))
 
 
-PICTURE_BELOW = "The picture is in the message below."
-"""The last line of a result whose picture follows in a user message."""
-
-PICTURE_OF = "The picture of the result of {id}:"
-"""The words before a picture in that message."""
-
-
 def with_pictures_below(prompt: Prompt) -> Prompt:
     """Return a prompt whose pictures are in a user message after the results of each turn, and not in the results."""
     if not prompt.pictures:
         return prompt
+    words = Wording.of(prompt.version or VERSION)
     shown, below, stable = list[Message](), list[dict[str, Any]](), 0
     for at, message in enumerate([*prompt.messages, _END]):
         if below and message["role"] != "tool":
@@ -102,41 +81,15 @@ def with_pictures_below(prompt: Prompt) -> Prompt:
             stable = len(shown)
         if named := pictures_of(message):
             for part in named:
-                below += [{"type": "text", "text": PICTURE_OF.format(id=message["tool_call_id"])}, dict(part)]
+                below += [{"type": "text", "text": words("picture_of", id=message["tool_call_id"])}, dict(part)]
             message = message.copy()
-            message["content"] = f"{text_of(message)}\n{PICTURE_BELOW}"
+            message["content"] = f"{text_of(message)}\n{words('picture_below')}"
         shown.append(message)
     return replace(prompt, messages=shown[:-1], prefix_messages=stable)
 
 
 _END: Message = {"role": "user", "content": None}
 """Stands after the last message, so that the pictures of the last results have a place before it."""
-
-
-VERSION = "v1"
-"""The version in use, which every transcript contains."""
-
-OBSERVATION_LEFT = "[observation left the history window]"
-"""The text of a result whose observation is older than the history limit."""
-
-PICTURE_SHOWN = "The picture shows the current observation."
-"""The text of a result whose observation is a picture only."""
-
-MANUAL_IS_ABOVE = "The manual stands at the end of the system message."
-"""The text of a `read_manual` result if the manual itself is in the head."""
-
-NO_MANUAL = "There is no manual for this game."
-"""The answer of `read_manual` if the manual is withheld."""
-
-GAME_IS_OVER = "The game is over."
-"""The last line of the result that ends a game."""
-
-
-@functools.cache
-def text(name: str) -> str:
-    """Return one of the texts, by the name of its file: "system", "window", "task", "idle", "summary", "carried" ..."""
-    file = resources.files(__package__).joinpath(VERSION, f"{name}.txt")
-    return file.read_text(encoding="utf-8").removesuffix("\n")
 
 
 def received(messages: list[Message], tools: tuple[ToolSpec, ...] = (), max_tokens: int | None = None) -> Prompt:
@@ -148,18 +101,18 @@ def received(messages: list[Message], tools: tuple[ToolSpec, ...] = (), max_toke
 
 @functools.cache
 def _summary_request() -> re.Pattern[str]:
-    before, after = map(re.escape, text("summary_request").split("{tokens}"))
-    return re.compile(rf"{before}\d+{after}")
+    requests = (map(re.escape, text.split("{tokens}")) for text in in_any_version("summary_request"))
+    return re.compile("|".join(r"\d+".join(parts) for parts in requests))
 
 
-def head(manual: str | None = None, *, context: Literal["window", "host"] = "window") -> list[Message]:
+def head(words: Wording, manual: str | None = None, *, context: Literal["window", "host"] = "window") -> list[Message]:
     """Return the first messages of every prompt: system and task; a manual ends the system message.
 
     The system message mentions forgetting only with `context="window"`, where this library decides what the model sees.
     """
     paragraphs = [
-        text("system"),
-        *([text("window")] if context == "window" else []),
+        words("system"),
+        *([words("window")] if context == "window" else []),
         *([] if manual is None else [manual]),
     ]
-    return [{"role": "system", "content": "\n\n".join(paragraphs)}, {"role": "user", "content": text("task")}]
+    return [{"role": "system", "content": "\n\n".join(paragraphs)}, {"role": "user", "content": words("task")}]

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import Ageing, drops_old_turns, turns_leave
 from smartplay_tools.context.strategies.anchors import Anchors
 from smartplay_tools.context.strategies.base import (
@@ -86,12 +87,12 @@ if list(KINDS) != list(STRATEGIES):
 class Strategies:
     """The strategies of one episode: objects for those that its budget asks for."""
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
-        self.asked = {name: KINDS[name](budget, counter) for name in budget.strategies}
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
+        self.asked = {name: KINDS[name](budget, counter, words) for name in budget.strategies}
         """The strategies by the fields that ask for them."""
         asked = tuple(self.asked.values())
         deciding = {name: next((s for s in asked if decides(type(s), name)), None) for name in DECISIONS}
-        self.ageing = Ageing(budget, counter)
+        self.ageing = Ageing(budget, counter, words)
         """Decides what happens to turns that are too old."""
         self.pinning = deciding["pinned"]
         """The strategy that pins a turn; None without one."""

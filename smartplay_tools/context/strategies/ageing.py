@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from fractions import Fraction
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import Budget
@@ -43,7 +44,7 @@ class Ageing(BudgetStrategy):
     name = "beyond_history"
     option_help = "Turns older than --history: drop, or mask (kept, without observations)."
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         self.drops = drops_old_turns(budget)
         """Whether a turn that is older than the history ends the selection."""
         self._share = share_kept(budget.slack)

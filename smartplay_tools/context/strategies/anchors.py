@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import turns_leave
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.tokens import TokenCounter
@@ -18,7 +19,7 @@ class Anchors(BudgetStrategy):
     name = "first_turns"
     option_help = "The number of first turns that stay visible when later ones leave, as far as they fit."
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.first_turns is not None
         self.first_turns = budget.first_turns
 

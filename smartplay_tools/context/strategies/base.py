@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, ClassVar
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Selection, View
@@ -73,7 +74,7 @@ class BudgetStrategy:
     """The last message of a prompt that asks for a summary when turns leave; None: none is asked for."""
     question_tokens = 0
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         """Set it up for one episode."""
 
     @classmethod

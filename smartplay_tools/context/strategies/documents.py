@@ -15,6 +15,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.types.messages import text_of
 
@@ -38,7 +39,10 @@ STEP = re.compile(r"0|[1-9][0-9]{0,17}")
 class Documents:
     """The documents of an episode, in the order of their steps."""
 
-    def __init__(self) -> None:
+    def __init__(self, words: Wording) -> None:
+        self._words = words
+        self._before = words.around("recalled", "step")[0]
+        """What every document says before its step."""
         self.steps: list[int] = []
         """The observation that each document shows."""
         self._turns = 0
@@ -63,7 +67,8 @@ class Documents:
                 step = item.observation_step
                 if step is not None and (not self.steps or step > self.steps[-1]):
                     assert item.position is not None
-                    self._add(step, f", after {_call(turn, item.position)}:\n{text_of(item.message)}")
+                    after = self._words.around("recalled", "step")[1]
+                    self._add(step, after.format(call=_call(turn, item.position), observation=text_of(item.message)))
         self._turns = len(turns)
 
     def _add(self, step: int, text: str) -> None:
@@ -71,7 +76,7 @@ class Documents:
         if number is None:
             number = self._numbers[text] = len(self._texts)
             self._texts.append(text)
-            words = ["step", *WORD.findall(text)]
+            words = WORD.findall(f"{self._before}{text}")
             for word in words:
                 self._places[word.lower()].append(number)
             self._counts.append(0)
@@ -82,7 +87,7 @@ class Documents:
         self._words_before.append(self._words_before[-1] + int(self._lengths[number]))
 
     def __getitem__(self, number: int) -> str:
-        return f"Step {self.steps[number]}{self._texts[self._text_of[number]]}"
+        return f"{self._before}{self.steps[number]}{self._texts[self._text_of[number]]}"
 
     def shown_by(self, view: View) -> list[range]:
         """Return the documents whose observations a view shows, as ascending ranges."""

@@ -3,13 +3,15 @@
 A path is /memories, then names; it is taken literally, and is a file or a folder, never both. Folders exist while a
 file is below them. A command answers with a text and the changes that it makes; nothing changes until they are applied.
 
-Source of the texts: the client `anthropic`, its memory tool for local files. Listings give tokens in place of sizes.
+The texts are in `Wording`; listings give tokens in place of sizes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+
+from smartplay_tools.context.prompts.wording import Wording
 
 ROOT = "/memories"
 LEVELS = 2
@@ -36,8 +38,9 @@ class Outcome:
 class Files:
     """The files of one agent."""
 
-    def __init__(self, tokens: Callable[[str, str], int]) -> None:
-        """`tokens` counts a file, given its path and its text."""
+    def __init__(self, tokens: Callable[[str, str], int], words: Wording) -> None:
+        """`tokens` counts a file, given its path and its text; `words` are those of the answers."""
+        self._words = words
         self.texts: dict[str, str] = {}
         """The text of every file, by its path."""
         self._tokens = tokens
@@ -54,42 +57,40 @@ class Files:
 
     def view(self, path: str, view_range: Sequence[int] | None = None) -> Outcome:
         """Show a file with line numbers, or list a folder."""
-        _check(path)
+        self._check(path)
         if path in self.texts:
             lines = self.texts[path].split("\n")
             first, last = (1, -1) if view_range is None else view_range
             start = max(1, first)
             shown = lines[start - 1 : len(lines) if last == -1 else max(0, last)]
-            return Outcome(f"Here's the content of {path} with line numbers:\n{_numbered(shown, start)}")
+            return Outcome(self._words("memory_shown", path=path, lines=_numbered(shown, start)))
         if not self._is_folder(path):
-            raise FileError(f"The path {path} does not exist. Please provide a valid path.")
-        title = f"Here're the files and directories up to {LEVELS} levels deep in {path}, excluding hidden items:"
+            raise self._error("memory_invalid_path", path=path)
+        title = self._words("memory_listed", levels=LEVELS, path=path)
         return Outcome("\n".join([title, self._entry(path, path), *self._listed(path, LEVELS)]))
 
     def create(self, path: str, file_text: str) -> Outcome:
         """Make a new file."""
-        _check(path)
+        self._check(path)
         if path in self.texts or self._is_folder(path):
-            raise FileError(f"File {path} already exists")
+            raise self._error("memory_exists", path=path)
         self._check_folders(path)
-        return Outcome(f"File created successfully at: {path}", {path: file_text})
+        return Outcome(self._words("memory_created", path=path), {path: file_text})
 
     def str_replace(self, path: str, old_str: str, new_str: str) -> Outcome:
         """Replace a text that occurs once in a file."""
         text = self._file(path)
         places = list(_places(text, old_str))
         if not places:
-            raise FileError(f"No replacement was performed, old_str `{old_str}` did not appear verbatim in {path}.")
+            raise self._error("memory_not_found", old_str=old_str, path=path)
         if text.count(old_str) > 1:
             lines = ", ".join(str(text.count("\n", 0, place) + 1) for place in places)
-            problem = f"Multiple occurrences of old_str `{old_str}` in lines: {lines}. Please ensure it is unique"
-            raise FileError(f"No replacement was performed. {problem}")
+            raise self._error("memory_not_unique", old_str=old_str, lines=lines)
         changed = text.replace(old_str, new_str)
         line = text.count("\n", 0, places[0])
         first = max(0, line - AROUND)
         snippet = _numbered(changed.split("\n")[first : line + AROUND + 1], first + 1)
-        title = "The memory file has been edited. Here is the snippet showing the change (with line numbers):"
-        return Outcome(f"{title}\n{snippet}", {path: changed})
+        return Outcome(self._words("memory_replaced", lines=snippet), {path: changed})
 
     def insert(self, path: str, insert_line: int, insert_text: str) -> Outcome:
         """Insert text after a line of a file; line 0 is before the first."""
@@ -97,48 +98,63 @@ class Files:
         if lines[-1] == "":
             lines.pop()
         if not 0 <= insert_line <= len(lines):
-            allowed = f"It should be within the range [0, {len(lines)}]."
-            raise FileError(f"Invalid `insert_line` parameter: {insert_line}. {allowed}")
+            raise self._error("memory_no_line", line=insert_line, last=len(lines))
         lines.insert(insert_line, insert_text.rstrip("\n"))
         text = "\n".join(lines)
-        return Outcome(f"The file {path} has been edited.", {path: text if text.endswith("\n") else f"{text}\n"})
+        changed = text if text.endswith("\n") else f"{text}\n"
+        return Outcome(self._words("memory_inserted", path=path), {path: changed})
 
     def delete(self, path: str) -> Outcome:
         """Delete a file, or a folder with everything below it."""
-        _check(path)
+        self._check(path)
         if path == ROOT:
-            raise FileError(f"Cannot delete the {ROOT} directory itself")
+            raise self._error("memory_keeps_root", command="delete")
         gone = [path] if path in self.texts else list(self._below(path))
         if not gone:
-            raise FileError(f"The path {path} does not exist")
-        return Outcome(f"Successfully deleted {path}", dict.fromkeys(gone))
+            raise self._error("memory_no_path", path=path)
+        return Outcome(self._words("memory_deleted", path=path), dict.fromkeys(gone))
 
     def rename(self, old_path: str, new_path: str) -> Outcome:
         """Move a file, or a folder with everything below it, to another path."""
-        _check(old_path)
-        _check(new_path)
+        self._check(old_path)
+        self._check(new_path)
         if old_path == ROOT:
-            raise FileError(f"Cannot rename the {ROOT} directory itself")
+            raise self._error("memory_keeps_root", command="rename")
         if new_path in self.texts or self._is_folder(new_path):
-            raise FileError(f"The destination {new_path} already exists")
+            raise self._error("memory_taken", path=new_path)
         moved = [old_path] if old_path in self.texts else list(self._below(old_path))
         if not moved:
-            raise FileError(f"The path {old_path} does not exist")
+            raise self._error("memory_no_path", path=old_path)
         if new_path.startswith(f"{old_path}/"):
-            raise FileError(f"The destination {new_path} is below {old_path}")
+            raise self._error("memory_below_itself", path=new_path, old_path=old_path)
         self._check_folders(new_path)
         changes: dict[str, str | None] = dict.fromkeys(moved)
         changes |= {new_path + path[len(old_path) :]: self.texts[path] for path in moved}
-        return Outcome(f"Successfully renamed {old_path} to {new_path}", changes)
+        return Outcome(self._words("memory_renamed", old_path=old_path, new_path=new_path), changes)
 
     # Look-ups.
 
+    def _error(self, name: str, **values: object) -> FileError:
+        return FileError(self._words(name, **values))
+
+    def _check(self, path: str) -> None:
+        """Raise a `FileError` unless a path is /memories, or names below it."""
+        if path == ROOT:
+            return
+        if not path.startswith(f"{ROOT}/"):
+            raise self._error("memory_outside", path=path)
+        names = path.split("/")[2:]
+        if "." in names or ".." in names:
+            raise self._error("memory_escapes", path=path)
+        if "" in names or "\0" in path:
+            raise self._error("memory_invalid_path", path=path)
+
     def _file(self, path: str) -> str:
-        _check(path)
+        self._check(path)
         if path not in self.texts:
             if self._is_folder(path):
-                raise FileError(f"The path {path} is not a file.")
-            raise FileError(f"The path {path} does not exist. Please provide a valid path.")
+                raise self._error("memory_no_file", path=path)
+            raise self._error("memory_invalid_path", path=path)
         return self.texts[path]
 
     def _is_folder(self, path: str) -> bool:
@@ -151,7 +167,7 @@ class Files:
         """Raise a `FileError` if a folder of a path is a file."""
         while (path := path.rpartition("/")[0]) != ROOT:
             if path in self.texts:
-                raise FileError(f"The path {path} is not a directory.")
+                raise self._error("memory_no_folder", path=path)
 
     def _listed(self, folder: str, levels: int) -> Iterator[str]:
         """The entries of a folder and of its folders, in the order of their names, without hidden ones."""
@@ -169,20 +185,8 @@ class Files:
 
     def _entry(self, path: str, shown: str) -> str:
         files = [path] if path in self.texts else self._below(path)
-        return f"{sum(self._tokens(file, self.texts[file]) for file in files)} tokens\t{shown}"
-
-
-def _check(path: str) -> None:
-    """Raise a `FileError` unless a path is /memories, or names below it."""
-    if path == ROOT:
-        return
-    if not path.startswith(f"{ROOT}/"):
-        raise FileError(f"Path must start with {ROOT}, got: {path}")
-    names = path.split("/")[2:]
-    if "." in names or ".." in names:
-        raise FileError(f"Path {path} would escape {ROOT} directory")
-    if "" in names or "\0" in path:
-        raise FileError(f"The path {path} does not exist. Please provide a valid path.")
+        tokens = sum(self._tokens(file, self.texts[file]) for file in files)
+        return self._words("memory_entry", tokens=tokens, path=shown)
 
 
 def _places(text: str, part: str) -> Iterator[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
@@ -15,11 +16,11 @@ class Notes(BudgetStrategy):
     name = "notes_tokens"
     option_help = "Cap on notes, which the agent takes with a tool; none: no such tool."
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.notes_tokens is not None
-        self._cap, self._counter = budget.notes_tokens, counter
-        usage = f'Call {NOTES_TOOL} with {{"text": "..."}}.'
-        self.tools = (StrategyTool(notes_spec(self._cap), "text", usage, self._take),)
+        self._cap, self._counter, self._words = budget.notes_tokens, counter, words
+        spec = notes_spec(self._cap, words)
+        self.tools = (StrategyTool(spec, "text", words("take_notes_usage"), self._take),)
 
     def pinned(self, turn: Turn) -> int | None:
         """Return the newest turn with notes."""
@@ -29,12 +30,11 @@ class Notes(BudgetStrategy):
         """Accept notes that are within their cap; blank ones clear what was noted. Longer ones change nothing."""
         cap, tokens = self._cap, self._counter.text(text)
         if tokens > cap:
-            reason = f"These notes have {tokens} tokens, more than {cap}. The earlier notes stand."
-            return ToolAnswer(reason, mistake="notes")
-        return ToolAnswer(f"Noted: {tokens} of {cap} tokens.", {"notes": "kept" if text.strip() else "cleared"})
+            return ToolAnswer(self._words("notes_too_long", tokens=tokens, cap=cap), mistake="notes")
+        noted = self._words("noted", tokens=tokens, cap=cap)
+        return ToolAnswer(noted, {"notes": "kept" if text.strip() else "cleared"})
 
 
-def notes_spec(cap: int) -> ToolSpec:
+def notes_spec(cap: int, words: Wording) -> ToolSpec:
     """Return the tool with which an agent takes notes of at most `cap` tokens."""
-    description = "Replace your notes. They stay visible when older turns leave the window."
-    return ToolSpec(NOTES_TOOL, description, text_parameters(text=f"The new notes, at most {cap} tokens."))
+    return ToolSpec(NOTES_TOOL, words("take_notes"), text_parameters(text=words("take_notes_text", cap=cap)))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.types import PAGES_TOOL, Budget, ToolSpec
@@ -19,9 +20,11 @@ PAGE = re.compile(r"r([1-9][0-9]{0,5})\.([1-9][0-9]{0,5})")
 class Pages:
     """The pages of one result, each made when it is asked for."""
 
-    def __init__(self, number: int, text: str, first_cap: int, cap: int, count: truncation.Count) -> None:
+    def __init__(
+        self, number: int, text: str, first_cap: int, cap: int, count: truncation.Count, words: Wording
+    ) -> None:
         """`first_cap` is the cap on what the result shows, `cap` the cap on each later page."""
-        self._number, self._rest, self._count = number, text, count
+        self._number, self._rest, self._count, self._words = number, text, count, words
         self._next_cap, self._cap = first_cap, cap
         self._pages: list[str] = []
         self._is_whole = False
@@ -41,7 +44,7 @@ class Pages:
         following = f"r{self._number}.{len(self._pages) + 2}"
 
         def line(missing: int) -> str:
-            return f'[{missing} more tokens: {PAGES_TOOL}("{following}")]'
+            return self._words("next_page", missing=missing, page=following)
 
         page, length = truncation.cut_page(self._rest, cap, self._count, line)
         self._rest, self._is_whole = self._rest[length:], not length
@@ -54,12 +57,10 @@ class Offload(BudgetStrategy):
     name = "beyond_result"
     option_help = "Observations over --result-tokens: cut, or offload (a tool reads on)."
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
-        self._count = counter.text
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
+        self._count, self._words = counter.text, words
         self._results: list[Pages] = []
-        usage = f'Call {PAGES_TOOL} with {{"page": "r1.2"}}, as the last line of a result says.'
-        self._usage = usage
-        self.tools = (StrategyTool(pages_spec(), "page", usage, self._read),)
+        self.tools = (StrategyTool(pages_spec(words), "page", words("read_result_usage"), self._read),)
 
     @classmethod
     def refusal(cls, budget: Budget, history: int | None) -> str | None:
@@ -74,7 +75,7 @@ class Offload(BudgetStrategy):
 
     def shorten(self, text: str, first_cap: int, cap: int) -> str:
         """Keep a text that is over its cap; return its first page."""
-        self._results.append(Pages(len(self._results) + 1, text, first_cap, cap, self._count))
+        self._results.append(Pages(len(self._results) + 1, text, first_cap, cap, self._count, self._words))
         page = self._results[-1].page(1)
         assert page is not None
         return page
@@ -84,11 +85,10 @@ class Offload(BudgetStrategy):
             text = self._results[int(match[1]) - 1].page(int(match[2]))
             if text is not None:
                 return ToolAnswer(text, {"page": page}, is_cut=False)
-        return ToolAnswer(f"There is no such page. {self._usage}", mistake="malformed")
+        reason = self._words("no_such_page", usage=self._words("read_result_usage"))
+        return ToolAnswer(reason, mistake="malformed")
 
 
-def pages_spec() -> ToolSpec:
+def pages_spec(words: Wording) -> ToolSpec:
     """Return the tool with which an agent reads on."""
-    description = "Read on in a result that was too long to be shown as a whole."
-    page = "The page, as the last line of the result names it."
-    return ToolSpec(PAGES_TOOL, description, text_parameters(page=page))
+    return ToolSpec(PAGES_TOOL, words("read_result"), text_parameters(page=words("read_result_page")))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.view import Selection
@@ -17,7 +18,7 @@ class Pictures(BudgetStrategy):
     name = "newest_pictures"
     option_help = "The number of newest pictures that stay visible; older observations keep their words alone."
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.newest_pictures is not None
         self._past, self._share = budget.newest_pictures - 1, share_kept(budget.slack)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.strategies.documents import Documents
 from smartplay_tools.context.tokens import TokenCounter, truncation
@@ -19,7 +20,6 @@ from smartplay_tools.types.arguments import text_parameters
 
 STEPS = re.compile(r"\s*([0-9]{1,6})\s*(?:-\s*([0-9]{1,6})\s*)?")
 """A query for a step, or for the steps from one to another."""
-NOTHING = "Nothing that has left your view matches."
 
 
 class Recall(BudgetStrategy):
@@ -28,14 +28,14 @@ class Recall(BudgetStrategy):
     name = "recall_tokens"
     option_help = "Cap on an answer of the tool that searches observations that have left; none: no such tool."
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.recall_tokens is not None
-        self._cap, self._count = budget.recall_tokens, counter.text
-        self._documents = Documents()
+        self._cap, self._count, self._words = budget.recall_tokens, counter.text, words
+        self._documents = Documents(words)
         self._view: View | None = None
         """The view of the prompt whose reply is being answered; None before the first, and without a conversation."""
-        usage = f'Call {RECALL_TOOL} with {{"query": "..."}}.'
-        self.tools = (StrategyTool(recall_spec(self._cap), "query", usage, self._answer),)
+        spec = recall_spec(self._cap, words)
+        self.tools = (StrategyTool(spec, "query", words("recall_usage"), self._answer),)
 
     @classmethod
     def refusal(cls, budget: Budget, history: int | None) -> str | None:
@@ -75,8 +75,7 @@ class Recall(BudgetStrategy):
         """Answer with the first documents that fit the cap."""
         view = self._view
         if view is None:
-            reason = f"{RECALL_TOOL} searches what a prompt does not show, and no prompt was sent."
-            return ToolAnswer(reason, mistake="refused")
+            return ToolAnswer(self._words("nothing_to_recall"), mistake="refused")
         shown = self._documents.shown_by(view)
         if (steps := STEPS.fullmatch(query)) is not None:
             first, last = int(steps[1]), int(steps[2] or steps[1])
@@ -103,17 +102,17 @@ class Recall(BudgetStrategy):
             low, high = (middle, high) if fits(middle) else (low, middle)
         if low:
             return self._recalled("\n\n".join(texts[:low]), numbers[:low], is_cut=False)
-        text = texts[0] if texts else NOTHING
+        text = texts[0] if texts else self._words("recalled_nothing")
         if self._count(text) <= self._cap:
             return self._recalled(text, numbers, is_cut=False)
-        return self._recalled(truncation.cut_end(text, self._cap, self._count), numbers[:1], is_cut=True)
+        return self._recalled(
+            truncation.cut_end(text, self._cap, self._count, self._words.cut), numbers[:1], is_cut=True
+        )
 
     def _recalled(self, text: str, numbers: list[int], *, is_cut: bool) -> ToolAnswer:
         return ToolAnswer(text, {"recalled": [self._documents.steps[number] for number in numbers]}, is_cut=is_cut)
 
 
-def recall_spec(cap: int) -> ToolSpec:
+def recall_spec(cap: int, words: Wording) -> ToolSpec:
     """Return the tool with which an agent searches; an answer has at most `cap` tokens."""
-    description = f"Search the observations that have left your view. An answer has at most {cap} tokens."
-    query = "Words to look for, or steps: 12, or 12-15."
-    return ToolSpec(RECALL_TOOL, description, text_parameters(query=query))
+    return ToolSpec(RECALL_TOOL, words("recall", cap=cap), text_parameters(query=words("recall_query")))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from smartplay_tools.context import prompts
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import drops_old_turns, turns_leave
 from smartplay_tools.context.strategies.base import BudgetStrategy, Summary, share_kept
 from smartplay_tools.context.tokens import TokenCounter, truncation
@@ -24,12 +24,12 @@ class Summaries(BudgetStrategy):
     name = "summary_tokens"
     option_help = "Cap on summaries of the turns that leave; none: not asked for."
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.summary_tokens is not None
-        self._counter = counter
+        self._counter, self._words = counter, words
         self._cap = cap = budget.summary_tokens
-        self._frame = f"{prompts.text('summary')}\n"
-        self.question: Message = {"role": "user", "content": prompts.text("summary_request").format(tokens=cap)}
+        self._frame = f"{words('summary')}\n"
+        self.question: Message = {"role": "user", "content": words("summary_request", tokens=cap)}
         """The last message of a prompt that asks for a summary."""
         self.question_tokens = counter.message(self.question)
         longest = 3 + counter.text("user") + counter.text(self._frame) + cap
@@ -57,7 +57,7 @@ class Summaries(BudgetStrategy):
         shown = (
             reply_text
             if self._count(reply_text) <= self._cap
-            else truncation.cut_end(reply_text, self._cap, self._count)
+            else truncation.cut_end(reply_text, self._cap, self._count, self._words.cut)
         )
         return shown if shown.strip() else ""  # where not even the notice fits
 
@@ -71,6 +71,6 @@ class Summaries(BudgetStrategy):
         return self._counter.text(f"{self._frame}{text}") - self._counter.text(self._frame)
 
 
-def summaries_of(budget: Budget, counter: TokenCounter) -> Summaries | None:
+def summaries_of(budget: Budget, counter: TokenCounter, words: Wording) -> Summaries | None:
     """Return the strategy of summaries, for readers of records; None where the budget asks for none."""
-    return Summaries(budget, counter) if budget.summary_tokens is not None else None
+    return Summaries(budget, counter, words) if budget.summary_tokens is not None else None

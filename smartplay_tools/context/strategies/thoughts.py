@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.view import Selection
@@ -17,7 +18,7 @@ class Thoughts(BudgetStrategy):
     name = "own_words"
     option_help = "Past steps whose replies keep their words and reasoning; older ones have their calls alone."
 
-    def __init__(self, budget: Budget, counter: TokenCounter) -> None:
+    def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.own_words is not None
         self._limit, self._share = budget.own_words, share_kept(budget.slack)
 

@@ -11,24 +11,30 @@ from collections.abc import Callable
 Count = Callable[[str], int]
 """A text's tokens."""
 
+Notice = Callable[[int], str]
+"""Says how many tokens are missing."""
 
-def cut_end(text: str, cap: int, count: Count) -> str:
+Cut = Callable[[str, int, Count, Notice], str]
+"""A way to cut a text to a cap."""
+
+
+def cut_end(text: str, cap: int, count: Count, notice: Notice) -> str:
     """Keep the beginning of a text; the notice follows at the end."""
-    return _cut_end(text, text, cap, count)
+    return _cut_end(text, text, cap, count, notice)
 
 
-def cut_middle(text: str, cap: int, count: Count) -> str:
+def cut_middle(text: str, cap: int, count: Count, notice: Notice) -> str:
     """Keep whole lines from both ends of a text, as many above as below; the notice is between them."""
     lines = text.splitlines(keepends=True)
 
     def keep(number: int) -> str:
         above, below = lines[: number - number // 2], lines[len(lines) - number // 2 :]
-        return _with_notice("".join(above), "".join(below), text, count)
+        return _with_notice("".join(above), "".join(below), text, count, notice)
 
     return _longest(len(lines) - 1, keep, cap, count)
 
 
-def cut_history(history: Callable[[int], str], steps: int, current: str, cap: int, count: Count) -> str:
+def cut_history(history: Callable[[int], str], steps: int, current: str, cap: int, count: Count, notice: Notice) -> str:
     """Keep the current observation and as many of the newest past steps as fit; the notice comes first.
 
     `history(n)` prints the newest n past steps. If the current observation alone is too long, its end is cut.
@@ -41,12 +47,12 @@ def cut_history(history: Callable[[int], str], steps: int, current: str, cap: in
 
     def keep(number: int) -> str:
         kept = join(history(number), current)
-        return join(_notice(count(whole) - count(kept)), kept)
+        return join(notice(count(whole) - count(kept)), kept)
 
-    return _longest(steps - 1, keep, cap, count, fallback=lambda: _cut_end(current, whole, cap, count))
+    return _longest(steps - 1, keep, cap, count, fallback=lambda: _cut_end(current, whole, cap, count, notice))
 
 
-def cut_page(text: str, cap: int, count: Count, line: Callable[[int], str]) -> tuple[str, int]:
+def cut_page(text: str, cap: int, count: Count, line: Notice) -> tuple[str, int]:
     """Keep the beginning of a text that is over its cap, at least a character, and `line(missing)` below it.
 
     Return that, and the number of characters kept; without any, the text is empty.
@@ -60,18 +66,14 @@ def cut_page(text: str, cap: int, count: Count, line: Callable[[int], str]) -> t
     return (page, length) if text and count(page) <= cap else ("", 0)
 
 
-def _cut_end(text: str, whole: str, cap: int, count: Count) -> str:
+def _cut_end(text: str, whole: str, cap: int, count: Count, notice: Notice) -> str:
     """Keep the beginning of a part of a text; the notice is about the whole."""
-    return _longest(len(text), lambda length: _with_notice(text[:length], "", whole, count), cap, count)
+    return _longest(len(text), lambda length: _with_notice(text[:length], "", whole, count, notice), cap, count)
 
 
-def _notice(missing: int) -> str:
-    return f"[{missing} tokens cut]"
-
-
-def _with_notice(above: str, below: str, whole: str, count: Count) -> str:
+def _with_notice(above: str, below: str, whole: str, count: Count, notice: Notice) -> str:
     missing = count(whole) - count(above) - count(below)
-    parts = (above.rstrip("\n"), _notice(missing), below)
+    parts = (above.rstrip("\n"), notice(missing), below)
     return "\n".join(part for part in parts if part)
 
 

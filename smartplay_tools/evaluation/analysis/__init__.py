@@ -19,7 +19,7 @@ from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, 
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
 from smartplay_tools.evaluation.analysis.details import details
-from smartplay_tools.evaluation.analysis.formats import TextTable, to_csv, to_html, to_latex, to_markdown
+from smartplay_tools.evaluation.analysis.formats import TextTable, to_html, to_latex, to_markdown
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Method, mean_estimate
@@ -68,7 +68,6 @@ __all__ = [
     "pareto_front",
     "summarize",
     "summary_json",
-    "to_csv",
     "to_html",
     "to_latex",
     "to_markdown",

@@ -15,11 +15,9 @@ import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 from smartplay_tools.evaluation.analysis.intervals import FEW, MeanEstimate
-
-Align = Literal["left", "right"]
 
 
 @dataclass(frozen=True)
@@ -106,15 +104,6 @@ def to_latex(table: TextTable, number: int = 1) -> str:
             "",
         ]
     )
-
-
-def to_csv(table: TextTable) -> str:
-    """Return the cells as they are shown; `tables` writes rows with full precision for further computation."""
-    file = io.StringIO(newline="")
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow([column.heading for column in table.columns])
-    writer.writerows(table.full_rows())
-    return file.getvalue()
 
 
 def rows_to_csv(rows: Sequence[Mapping[str, Any]], columns: Iterable[str] = ()) -> str:

@@ -1,11 +1,10 @@
-"""export: the finished episodes of a run as data of a format, with a dataset card, or as results."""
+"""export: the finished episodes of a run as data of a format, with a dataset card."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,7 +13,6 @@ from pydantic import ValidationError
 
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.evaluation.exports.dataset_cards import dataset_card
-from smartplay_tools.evaluation.exports.published import Publication
 from smartplay_tools.evaluation.exports.sft import EpisodeSelection
 from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
@@ -40,13 +38,7 @@ WITH_SUMMARIES = ("sft", "sft-chains")
 WITH_PICTURES = ("sft", "sft-chains", "sft-episodes")
 """The formats that can have pictures, as files beside the rows."""
 
-RESULTS: dict[str, str] = {
-    "eee": "smartplay_tools.evaluation.exports.published:write_eee",
-    "hf-results": "smartplay_tools.evaluation.exports.published:write_hub_results",
-}
-"""The formats of results: their functions also take a `Publication`, and they have no dataset card."""
-
-_REGISTRY = Registry("export format", FORMATS | RESULTS)
+_REGISTRY = Registry("export format", FORMATS)
 
 
 @dataclass(frozen=True)
@@ -67,17 +59,15 @@ def export(
     *,
     summaries: bool = False,
     pictures: bool = False,
-    publication: Mapping[str, Any] | None = None,
     **selection: Any,
 ) -> Exported:
     """Export the finished episodes of a run's folder, of a folder of records, or of one record.
 
     `out` is a new folder, in which the data and a dataset card (`README.md`) are written. With `summaries`, replies to
     prompts for a summary get rows, too. With `pictures`, episodes whose observations are pictures are exported instead
-    of left out, and their pictures are written as files. `selection` are the fields of an `EpisodeSelection`, and
-    `publication` those of a `Publication`, for the formats of results. Every prompt is rebuilt from its record and
-    verified; a record that was changed is a `TranscriptError`, and a selection without any episode an
-    `InvalidArgumentError`.
+    of left out, and their pictures are written as files. `selection` are the fields of an `EpisodeSelection`.
+    Every prompt is rebuilt from its record and verified; a record that was changed is a `TranscriptError`, and a
+    selection without any episode an `InvalidArgumentError`.
     """
     write: Write = _REGISTRY[format]
     if summaries and format not in WITH_SUMMARIES:
@@ -91,15 +81,9 @@ def export(
             "pictures out."
         )
     try:
-        chosen, about = EpisodeSelection(**selection), Publication(**(publication or {}))
+        chosen = EpisodeSelection(**selection)
     except ValidationError as error:
         raise InvalidArgumentError(f"The selection is invalid: {in_one_line(error)}.") from None
-    if format in RESULTS:
-        write = partial(write, about=about)
-    elif about != Publication():
-        raise InvalidArgumentError(
-            f"The format {format} holds data; only {' and '.join(RESULTS)} say whose results they hold."
-        )
     records, left_out = chosen.choose(Path(source), pictures=pictures)
     if not records:
         why = ", ".join(f"{number} {reason}" for reason, number in left_out.items()) or "there is none"
@@ -114,9 +98,8 @@ def export(
         written: list[Record] = []
         asked = {"summaries": summaries, "pictures": pictures}
         counts = write(_read(records, written), part, **{name: True for name, value in asked.items() if value})
-        if format in FORMATS:
-            card = dataset_card(format, written, chosen, counts, left_out)
-            (part / "README.md").write_text(card, encoding="utf-8", newline="\n")
+        card = dataset_card(format, written, chosen, counts, left_out)
+        (part / "README.md").write_text(card, encoding="utf-8", newline="\n")
         part.rename(folder)
     return Exported(folder, counts, left_out)
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import EngineError, InvalidArgumentError, extra_named
 from smartplay_tools.games.specs import get_spec
@@ -157,7 +158,7 @@ def _images(record: Record) -> Iterator[Any]:
     options = {**config.options, "render_mode": PICTURES}
     with closing(config.model_copy(update={"options": options}).make_game(config.spec)) as game:
         game.reset(seed=config.seed)
-        tools = Tools(game)
+        tools = Tools(game, Wording.of(record.config.prompts))
         yield game.render()
         for call in record.calls:
             if call["data"].get("legal") is True:

@@ -6,7 +6,7 @@
     running/KEY.N.jsonl   the records that are being written now
     results.jsonl         a row for every finished episode; no times in it
     status.json           the current figures, while the run is played; deleted when it stops
-    timings.jsonl         a row for every attempt: wall time, processor time of the game
+    timings.jsonl         a row for every attempt: wall time, processor time of the game, why it began again
 
 Rows can always be computed again from the records. Reading works at any time, also during the run. Only
 `evaluation.runs` writes to the folder.
@@ -23,6 +23,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -244,6 +246,10 @@ class RunFolder:
         """Return a row for every attempt at an episode, in the order of completion."""
         return list(read_rows(self.path / "timings.jsonl"))
 
+    def beginnings(self) -> Counter[str]:
+        """Return how many attempts began their episode again instead of continuing an earlier one, by the reason."""
+        return Counter(reason_of(str(row["began_again"])) for row in self.timings() if "began_again" in row)
+
     def transcript(self, key: str) -> Path:
         """Return the path of a finished episode's record."""
         return self.path / "episodes" / f"{key}.jsonl"
@@ -259,6 +265,11 @@ class RunFolder:
         yield from sorted((self.path / "episodes").glob("*.jsonl"))
         yield from self.attempts()
         yield from self.running()
+
+
+def reason_of(why: str) -> str:
+    """Return the beginning of what an error says, which episodes share: up to the first colon or full stop."""
+    return re.split(r"[.:](?: |$)", why, maxsplit=1)[0]
 
 
 def _place(record: Path) -> tuple[str, int]:

@@ -70,6 +70,8 @@ class RunFigures:
     """The latest failure since the run began or was first looked at, "" if there was none."""
     stalled: int
     """Finished episodes that ended because too many turns in a row showed nothing new (`Budget.stalled_turns`)."""
+    began_again: int = field(default=0, kw_only=True)
+    """Attempts that did not continue an earlier one, because its record does not replay or its agent has a memory."""
 
     def figures(self) -> RunFigures:
         """Return the figures alone."""
@@ -160,7 +162,7 @@ class RunSnapshot(RunFigures):
             words.append(f"${self.cost:.2f}{'' if cost is None else f'/{cost:.2f}'}")
         if self.seconds_left is not None and self.finished < self.planned:
             words.append(f"{duration(self.seconds_left)} left")
-        troubles = {"failed": self.failed, "stalled": self.stalled}
+        troubles = {"failed": self.failed, "stalled": self.stalled, "began again": self.began_again}
         return ", ".join([*words, *(f"{count} {name}" for name, count in troubles.items() if count)])
 
     @property
@@ -238,6 +240,7 @@ class RunFollower:
         self.results: dict[str, Result] = {}
         """The finished episodes by key, as of the latest snapshot."""
         self._rows = GrowingLines(folder.path / "results.jsonl")
+        self._timings, self._began_again = GrowingLines(folder.path / "timings.jsonl"), 0
         self._manifest: tuple[Any, _Plan] | None = None
         self._attempts: dict[Path, _ReadAttempt] = {}
         self._continued: dict[str, Spent] = {}
@@ -257,6 +260,7 @@ class RunFollower:
         with self._lock:
             plan = self._plan()
             self._read_rows()
+            self._read_timings()
             self._read_records(plan.prices)
             return self._count(plan)
 
@@ -284,6 +288,11 @@ class RunFollower:
             except (KeyError, TypeError, ValueError, RecursionError):
                 self._rows, self.results = GrowingLines(self._rows.path), {}
                 raise InvalidArgumentError(f"{self._rows.path} is damaged: one of its lines is not a row.") from None
+
+    def _read_timings(self) -> None:
+        lines, is_replaced = self._timings.read()
+        before = 0 if is_replaced or not self._timings.path.exists() else self._began_again
+        self._began_again = before + sum(b'"began_again"' in line for line in lines)
 
     def _read_records(self, prices: Mapping[str, Price]) -> None:
         earlier, paths = self._attempts, self.folder.attempts()
@@ -318,6 +327,7 @@ class RunFollower:
             seconds_left=self._seconds_left(plan, playing, spending.total),
             latest_error=self._latest_error(plan),
             stalled=sum(result.end_reason == "stalled_turns" for result in self.results.values()),
+            began_again=self._began_again,
             caps=plan.caps,
             cells=cells,
             spending=spending,

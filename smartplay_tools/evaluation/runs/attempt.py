@@ -2,13 +2,12 @@
 
 It always leaves a record: of the whole episode, of an episode that failed, that was stopped between two turns or that
 was paused by a cap, or, if there was no episode yet, the exception. The record alone determines the outcome of the
-attempt. The return value has only times, which are not part of a result.
+attempt. The return value has times, and why the episode began again, which are not part of a result.
 """
 
 from __future__ import annotations
 
 import asyncio
-import logging
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -49,8 +48,6 @@ Opened = TypeVar("Opened", bound="AnyConversation | Held | None")
 
 OnRecord = Callable[[], None]
 
-log = logging.getLogger("smartplay_tools.evaluation")
-
 
 @dataclass(frozen=True)
 class Task:
@@ -74,6 +71,8 @@ class Times:
     seconds: float
     game_seconds: float
     processor_seconds: float
+    began_again: str | None = None
+    """Why the episode did not continue from the record of an earlier attempt; None if there was none, or it did."""
 
 
 class StoppedError(Exception):
@@ -90,20 +89,27 @@ def make_player(task: Task) -> Player | AsyncPlayer:
     return get_player(player_of(cell), seed=seed, **options)
 
 
-def continued(task: Task, player: Player | AsyncPlayer) -> AnyConversation | None:
-    """Return the conversation as an earlier attempt left it; None if the episode has to start over.
+def continued(task: Task, player: Player | AsyncPlayer, clock: _Clock) -> AnyConversation | None:
+    """Return the conversation as an earlier attempt left it; None if the episode has to begin again.
 
     The earlier record is played again and compared in every event. A player with a state is asked the recorded prompts
     again, and has to give the recorded replies; a model, which gets everything in each prompt, is not asked. If either
-    differs, or the record cannot be read, the episode cannot be continued, and the player must not be used any more.
+    differs, or the record cannot be read, the episode cannot be continued, and the player must not be used any more;
+    the clock is told why.
     """
-    if task.previous is None:
+    if not _has_begun(task.previous):
         return None
     try:
         return _continue(task, player)
-    except (SmartPlayError, _DifferentReplyError):
+    except (SmartPlayError, _DifferentReplyError) as error:
         delete_record(task.record)
+        clock.began_again = str(error)
         return None
+
+
+def _has_begun(previous: Path | None) -> bool:
+    """Whether there is an earlier attempt that an exception has not ended before its episode began."""
+    return previous is not None and Record.head(previous).start is not None
 
 
 def begun(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
@@ -154,7 +160,7 @@ def _ask_again(player: Player | AsyncPlayer, events: list[Event]) -> None:
         if sent.turn in replies:
             reply = player.reply(sent.prompt) if isinstance(player, Player) else asyncio.run(player.areply(sent.prompt))
             if assistant_message(reply.message) != replies[sent.turn]:
-                raise _DifferentReplyError(f"The player replies differently in turn {sent.turn}.")
+                raise _DifferentReplyError(f"The player replies differently: in turn {sent.turn}.")
 
 
 class _DifferentReplyError(Exception):
@@ -173,7 +179,7 @@ def play_attempt(task: Task, limits: RunLimits | None, stop: StopFlag, on_record
             asyncio.run(_aplay(task, clock, player, limits, stop, on_record=on_record))
         else:
             _open(player, stack)
-            conversation = continued(task, player)
+            conversation = continued(task, player, clock)
             if conversation is None and task.previous is not None:
                 player = make_player(task)
                 assert isinstance(player, Player)
@@ -199,24 +205,26 @@ async def aplay_attempt(
 
 
 async def _hand_over(task: Task, agent: Agent, clock: _Clock, limits: RunLimits | None, stop: StopFlag) -> None:
-    held = await _in_thread(lambda: _held(task, agent, stop))
+    held = await _in_thread(lambda: _held(task, agent, clock, stop))
     with held.episode as clock.episode, ExitStack() as stack:
         if limits is not None:
             held.episode.ledger.on_view = stack.enter_context(Account(limits, held.episode, task.price)).reserve
         await agent.play(held)
 
 
-def _held(task: Task, agent: Agent, stop: StopFlag) -> Held:
+def _held(task: Task, agent: Agent, clock: _Clock, stop: StopFlag) -> Held:
     key = task.planned.key
-    if task.previous is not None and not agent.goes_on:
-        log.warning("%s starts over, because its agent has a memory of its own; what it has spent is counted.", key)
-    if task.previous is not None and agent.goes_on:
+    has_begun = _has_begun(task.previous)
+    if has_begun and not agent.goes_on:
+        clock.began_again = "Its agent has a memory of its own."
+    if has_begun and agent.goes_on:
         try:
             resumed = resume(_earlier(task), transcript=task.record, session=True)
             session = resumed.conversation if isinstance(resumed.conversation, AgentSession) else None
             return Held(key, resumed.episode, session, stop)
-        except SmartPlayError:
+        except SmartPlayError as error:
             delete_record(task.record)
+            clock.began_again = str(error)
     episode = _episode(task)
     episode.begin()
     return Held(key, episode, None, stop)
@@ -235,7 +243,7 @@ async def _aplay(
     async with AsyncExitStack() as stack:
         if close:
             await _aopen(player, stack)
-        conversation = await _in_thread(partial(continued, task, player))
+        conversation = await _in_thread(partial(continued, task, player, clock))
         if conversation is None:
             if close and task.previous is not None:
                 player = make_player(task)
@@ -332,8 +340,10 @@ class _Clock:
 
     def __init__(self) -> None:
         self.episode: Episode | None = None
+        self.began_again: str | None = None
         self._began, self._processor = time.perf_counter(), time.thread_time()
 
     def times(self) -> Times:
         game = 0.0 if self.episode is None else self.episode.game_seconds
-        return Times(time.perf_counter() - self._began, game, time.thread_time() - self._processor)
+        processor = time.thread_time() - self._processor
+        return Times(time.perf_counter() - self._began, game, processor, self.began_again)

@@ -1,16 +1,17 @@
-"""The estimate of a run's calls, tokens, cost and time before it is played.
+"""The estimate of a run's calls, tokens, cost and time, before it is played or from its first episodes.
 
 For every cell a few episodes are played offline, under the cell's own budget, on the seeds of its first trials. A free
 player plays them itself. In place of a model, the players `rule` and `random` play them, with replies padded to the
 assumed length of the model's, because replies are part of later prompts. The length of an episode depends on how well
 it is played, so every estimate is a range: from the shortest of these episodes to one that lasts as long as the game
-and the budget allow, with a tenth more calls for observing and mistakes.
+and the budget allow, with a tenth more calls for observing and mistakes. From episodes of the run
+itself (`estimate_from`) the mean is taken, and the range is a point.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Any
@@ -71,6 +72,11 @@ class Range:
     expected: float
     high: float
 
+    @classmethod
+    def at(cls, value: float) -> Range:
+        """Return the range of a value that is known."""
+        return cls(value, value, value)
+
     def __add__(self, other: Range) -> Range:
         return Range(self.low + other.low, self.expected + other.expected, self.high + other.high)
 
@@ -93,9 +99,9 @@ class Estimate:
     if the price of the player's model is not known."""
     call_seconds: Range
     """Seconds that the player's replies take, one after another."""
-    cut_share: float
+    cut_share: float = 0.0
     """The share of tool results that were cut to `result_tokens` in the samples."""
-    reply_length: tuple[int, int] | None
+    reply_length: tuple[int, int] | None = None
     """The assumed tokens of a reply; None if the player itself has played."""
 
 
@@ -158,6 +164,23 @@ def estimate_cell(
         call_seconds=Range(0, 0, 0) if is_free else _seconds(figures),
         cut_share=cut / results if results else 0.0,
         reply_length=lengths,
+    )
+
+
+def estimate_from(cell: CellConfig, episodes: int, played: Sequence[Row], seconds: Mapping[str, float]) -> Estimate:
+    """Return the estimate for a cell's episodes from the rows of some of them, and the `seconds` of each by key."""
+
+    def all_episodes(figure: Callable[[Row], float]) -> Range:
+        return Range.at(episodes * fmean(map(figure, played)))
+
+    return Estimate(
+        cell,
+        episodes,
+        calls=all_episodes(lambda row: row["turns"] + row.get("summaries", 0)),
+        prompt_tokens=all_episodes(lambda row: row["tokens"]["prompt"]),
+        reply_tokens=all_episodes(lambda row: row["tokens"]["reply"]),
+        cost=None if any(row["cost"] is None for row in played) else all_episodes(lambda row: row["cost"]),
+        call_seconds=all_episodes(lambda row: seconds.get(row["key"], 0.0)),
     )
 
 

@@ -66,7 +66,8 @@ def _of_calls(reply: Reply, conversation: Conversation, cap: int) -> str | None:
     turn = conversation.latest_turn
     assert turn is not None
     results = {item.position: text_of(item.message) for item in turn.items if item.position is not None}
-    if any(not text.startswith("Error: ") for text in results.values()):
+    error = conversation.episode.words("error", reason="")
+    if not all(text.startswith(error) for text in results.values()):
         return None
     names = [tool.name for tool in conversation.episode.tools]
     function = calls_of(reply.message)[0]["function"]
@@ -81,17 +82,17 @@ def _of_calls(reply: Reply, conversation: Conversation, cap: int) -> str | None:
             else "; look at its server's parser, or use another model"
         )
         return f"has called `{name}`, which is not a tool ({', '.join(names)}){prefix}."
-    return _of_arguments(name, arguments, results.get(0, ""))
+    return _of_arguments(name, arguments, results.get(0, "").removeprefix(error))
 
 
-def _of_arguments(name: str, arguments: str, result: str) -> str:
+def _of_arguments(name: str, arguments: str, reason: str) -> str:
     shown = arguments if len(arguments) <= 80 else f"{arguments[:77]}..."
     if not _is_json(arguments):
         return (
             f"has called `{name}` with arguments that are not JSON ({shown}): use another --tool-call-parser, a model "
             "that is trained on tools, or a server with guided decoding."
         )
-    why = " ".join(result.removeprefix("Error: ").split())[:120].rstrip()
+    why = " ".join(reason.split())[:120].rstrip()
     return (
         f"has called `{name}` with {shown}, which cannot be played ({why}): "
         "the model does not follow the tool's description; a larger model, or a lower temperature, may."

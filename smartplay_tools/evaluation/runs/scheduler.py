@@ -12,12 +12,14 @@ server that does not pass tool calls on, costs one episode instead of a hundred.
 
 from __future__ import annotations
 
+import logging
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from smartplay_tools.evaluation.run_folder.folder import reason_of
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
@@ -35,6 +37,8 @@ from smartplay_tools.records.spent import Spent
 
 if TYPE_CHECKING:
     from smartplay_tools.evaluation.analysis.stopping import Comparisons, Decision
+
+log = logging.getLogger("smartplay_tools.evaluation")
 
 RETRIES = 3
 """How often a failed episode is retried in one run."""
@@ -91,6 +95,7 @@ class Scheduler:
         self._acted: set[str] = set()
         self._silent: set[str] = set()
         self._unpriced: set[str] = set()
+        self._reasons: set[str] = set()
         self._capped = False
         self._executor: Executor | None = None
         self._needed: set[int] | None = None
@@ -268,7 +273,9 @@ class Scheduler:
         task, episode = outcome.task, outcome.task.planned
         record = self._archive(task)
         if outcome.times is not None:
-            self._folder.append_timing({"key": episode.key, "attempt": record.attempt, **asdict(outcome.times)})
+            timing = {name: value for name, value in asdict(outcome.times).items() if value is not None}
+            self._folder.append_timing({"key": episode.key, "attempt": record.attempt, **timing})
+            self._tell_beginning(episode, outcome.times.began_again)
         row, error = None, record.error or record.end_reason
         if not record.exists:
             error = "There is no record of the attempt."
@@ -286,6 +293,12 @@ class Scheduler:
             self._judge(episode, error)
         why = None if row is not None else error
         self._on_progress(RunProgress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, why))
+
+    def _tell_beginning(self, episode: PlannedEpisode, why: str | None) -> None:
+        """Log why an episode began again, once for each reason."""
+        if why is not None and (reason := reason_of(why)) not in self._reasons:
+            self._reasons.add(reason)
+            log.warning("%s began again from its start: %s What it had spent is counted.", episode.key, why)
 
     def _judge(self, episode: PlannedEpisode, error: str) -> None:
         """End the run if a server refuses every request, or give up a player that has never answered."""

@@ -12,7 +12,6 @@ in parallel. In addition to the run's files its folder has
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -129,7 +128,7 @@ def grid(
     `make_cells`. A value that is named twice, or by a number and as "game", makes one cell. Combinations whose strategy
     cannot be enforced, such as summaries at slack 0, are left out and named.
     """
-    games, axes = suite_games(None, games), _axes(vary or {}, rules)
+    games, axes = suite_games(None, games), _axes(vary or {})
     fixed_rules = {name: [rules.pop(name, getattr(Rules(), name))] for name in RULE_AXES if name not in axes}
     varied = {name: axes.pop(name) if name in axes else fixed_rules[name] for name in RULE_AXES}
     fixed = dict(budget or Budget())
@@ -164,20 +163,14 @@ def grid(
     return Grid(list(cells.values()), tuple(dict.fromkeys(left_out)))
 
 
-def _axes(vary: Mapping[str, Sequence[Any]], rules: dict[str, Any]) -> dict[str, Sequence[Any]]:
-    """Return the axes in their order, those that were given as arguments of their own included."""
-    one_value = [name for name in RULE_AXES if isinstance(rules.get(name), str)]
-    named = {name: rules.pop(name) for name in AXES if name in rules and name not in one_value}
-    if named:
-        shown = ", ".join(f'"{name}": {values!r}' for name, values in named.items())
-        warnings.warn(f"{', '.join(named)}: write it as vary={{{shown}}}.", DeprecationWarning, stacklevel=4)
-    axes = {**vary, **named}
-    if unknown := ", ".join(name for name in axes if name not in AXES):
+def _axes(vary: Mapping[str, Sequence[Any]]) -> dict[str, Sequence[Any]]:
+    """Return the axes in their order."""
+    if unknown := ", ".join(name for name in vary if name not in AXES):
         raise InvalidArgumentError(f"A sweep cannot vary {unknown}; its axes are {', '.join(AXES)}.")
-    for name, values in axes.items():
+    for name, values in vary.items():
         if isinstance(values, str) or not isinstance(values, Sequence) or not values:
             raise InvalidArgumentError(f"{name} must be a list of at least one value, such as [{values!r}].")
-    return {name: axes[name] for name in AXES if name in axes}
+    return {name: vary[name] for name in AXES if name in vary}
 
 
 def _split_by_reserve(cells: Iterable[CellConfig]) -> tuple[list[CellConfig], list[str]]:

@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass, replace
 from typing import Any
 
-from smartplay_tools.players.prompt_reading import Reading, call, is_carried
+from smartplay_tools.players.prompt_reading import Reading, call, is_carried, is_error
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, RECALL_TOOL
 from smartplay_tools.types.arguments import object_in, read
 from smartplay_tools.types.messages import Message, calls_of, text_of
@@ -200,7 +200,7 @@ def _steps_played(reading: Reading) -> int:
 
 
 def _steps_in(reading: Reading) -> int:
-    return sum(seen.tool == "act" and not seen.text.startswith("Error: ") for seen in reading.seen)
+    return sum(seen.tool == "act" and not is_error(seen.text) for seen in reading.seen)
 
 
 def _texts(message: Message) -> list[str]:

@@ -1,7 +1,6 @@
 """Figures of a run. They need the extra `evaluation`; `save_figure` writes PNG, SVG and PDF."""
 
 from smartplay_tools.evaluation.analysis.figures.capability_dots import capability_dots
-from smartplay_tools.evaluation.analysis.figures.carried_scores import score_against_trial
 from smartplay_tools.evaluation.analysis.figures.curves import (
     areas_under_curves,
     effects_of_slack,
@@ -26,7 +25,6 @@ __all__ = [
     "save_figure",
     "score_against_history",
     "score_against_prompt_tokens",
-    "score_against_trial",
     "score_over_steps",
     "tokens_by_part",
     "write_figures",

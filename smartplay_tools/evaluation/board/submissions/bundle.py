@@ -2,7 +2,6 @@
 
     submission.json       who submits what (`metadata`)
     environment.json      the packages that prepared the bundle, and those that played
-    rollout-card.json     what the scores are computed from, by which rules, and without what (`rollout_cards`)
     manifest.json         the plan of the run, as in its folder
     results.jsonl         the rows
     episodes/KEY.jsonl    the records of finished episodes
@@ -10,7 +9,8 @@
 
 A bundle comes from a stranger, so nothing in it is trusted when it is unpacked. A name decides where a file goes only
 if it is exactly one of those above; sizes are counted while they are unpacked, not read from the file; links, encrypted
-files, doubled names and other compressions are refused. What is refused is a `BundleError` with one sentence.
+files, doubled names and other compressions are refused. What is refused is a `BundleError` with one sentence. Bundles
+of older versions also hold a `rollout-card.json`, which is not read.
 
 Findings: what the check of a submission has to say, one sentence each.
 """
@@ -37,6 +37,8 @@ NAMES = re.compile(
     re.ASCII,
 )
 """The names that a file of a bundle may have."""
+
+ROLLOUT_CARD = "rollout-card.json"
 
 REQUIRED = ("submission.json", "manifest.json", "results.jsonl")
 

@@ -12,7 +12,6 @@ from typing import Any
 
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.board.submissions import rollout_cards as card
 from smartplay_tools.evaluation.board.submissions.bundle import write_bundle
 from smartplay_tools.evaluation.board.submissions.metadata import Submission, read_submission
 from smartplay_tools.evaluation.board.submissions.submitted_plan import cell_results, check_suite, read_plan
@@ -98,16 +97,15 @@ def _files(
         "prepared_with": {**versions(), "python": platform.python_version(), "platform": platform.platform()},
         "played_with": manifest.versions,
     }
-    attempts = [record for record in folder.attempts() if record.name.partition(".")[0] in keys]
     yield "submission.json", _json(submission.model_dump(mode="json"))
-    yield card.NAME, _json(card.rollout_card(len(keys), rows, card.attempts_by_reason(attempts)))
     yield "environment.json", _json(environment)
     yield "manifest.json", _json(manifest.to_json())
     yield "results.jsonl", "".join(json.dumps(row) + "\n" for row in rows).encode("ascii")
     for key in keys:
         yield f"episodes/{key}.jsonl", folder.transcript(key)
-    for record in attempts:
-        yield f"attempts/{record.name}", record
+    for record in folder.attempts():
+        if record.name.partition(".")[0] in keys:
+            yield f"attempts/{record.name}", record
 
 
 def _json(value: Any) -> bytes:

@@ -21,7 +21,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, FailFast, Field, ValidationError, field_validator
 
-from smartplay_tools.context import prompts
+from smartplay_tools.context.prompts.wording import versions
 from smartplay_tools.context.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.context.tokens.tokenizers import split_rule
 from smartplay_tools.episode.config import CellConfig, EpisodeConfig, Setting
@@ -166,8 +166,10 @@ def _unsafe(cell: CellConfig, allowed: Allowed) -> Iterator[Finding]:
         yield error(
             "plan", f"{game} was counted with the tokenizer {cell.tokenizer!r}; name it with --tokenizer to replay it."
         )
-    if cell.prompts != prompts.VERSION:
-        yield error("plan", f"{game} has prompts {cell.prompts!r}; this version knows {prompts.VERSION!r}.")
+    if cell.prompts not in versions():
+        yield error(
+            "plan", f"{game} has prompts {cell.prompts!r}; this version knows {', '.join(map(repr, versions()))}."
+        )
 
 
 def _is_plain(name: str, value: Any) -> bool:

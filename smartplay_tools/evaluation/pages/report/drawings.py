@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from smartplay_tools.context.prompts import GAME_IS_OVER, PICTURE_SHOWN
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
@@ -166,14 +166,15 @@ class Drawings:
         }
 
     def _game_of(self, config: EpisodeConfig) -> tuple[TextGame, Tools]:
-        cell = (config.game, config.setting, config.engine, config.options, config.budget.history, config.observation)
+        played = (config.game, config.setting, config.engine, config.options, config.budget.history)
+        cell = (*played, config.observation, config.prompts)
         if self._made is None or self._made[0] != cell:
             self._close()
             if not packages_are_imported() and config.setting.kwargs != Setting.of(GAMES[config.game]).kwargs:
                 # Numbers of a stranger could ask for a world of any size.
                 raise _NoDrawingError(f"{config.game} has other numbers here; --plugins draws it.")
             game = config.make_game(config.spec)
-            self._made = (cell, game, Tools(game))
+            self._made = (cell, game, Tools(game, Wording.of(config.prompts)))
         return self._made[1], self._made[2]
 
     def _close(self) -> None:
@@ -198,9 +199,9 @@ def _play_again(game: TextGame, tools: Tools, act: CallEvent, observation: Obser
     if data["reward"] != reward:
         raise _differently(f"Step {step} has a different reward.")
     if observation == "picture":
-        text = PICTURE_SHOWN
+        text = tools.words("picture_shown")
     # What was cut for the player says less than the hash.
-    if not act["cut"] and act["text"] not in (text, f"{text}\n{GAME_IS_OVER}"):
+    if not act["cut"] and act["text"] not in (text, f"{text}\n{tools.words('game_is_over')}"):
         raise _differently(f"Step {step} has a different text.")
     return action
 

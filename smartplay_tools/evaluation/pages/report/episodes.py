@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from smartplay_tools.context import prompts
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.conversation import paper
@@ -32,23 +32,20 @@ from smartplay_tools.transcript.events import CallEvent, concerns_summary
 from smartplay_tools.types import Budget, ResolvedBudget
 from smartplay_tools.types.messages import text_of
 
-FACTS = ("game", "player", "seed", "engine", "options", *RULES, "tokenizer", "budget")
+FACTS = ("game", "player", "seed", "engine", "options", *RULES, "tokenizer", "prompts", "budget")
 """The fields of a start event that the page shows."""
 
 MOST_REBUILT = 200_000
 """The most turns, over all prompts of an episode, that are rebuilt for the check; more would take minutes."""
 
-WORDS = {
-    "observation_left": prompts.OBSERVATION_LEFT,
-    "manual_is_above": prompts.MANUAL_IS_ABOVE,
-    "picture_shown": prompts.PICTURE_SHOWN,
-    "system": paper.SYSTEM,
-    "observation": paper.OBSERVATION,
-    "question": paper.QUESTION,
-    "choice": paper.CHOICE,
-    "summary": prompts.text("summary"),
-}
-"""The fixed texts that are part of prompts."""
+
+def fixed_texts(version: str) -> dict[str, str]:
+    """Return the fixed texts that are part of prompts, by the names that the page's script has for them."""
+    words = {
+        name: Wording.of(version)(name) for name in ("observation_left", "manual_is_above", "picture_shown", "summary")
+    }
+    of_paper = {"system": paper.SYSTEM, "observation": paper.OBSERVATION, "question": paper.QUESTION}
+    return {**words, **of_paper, "choice": paper.CHOICE}
 
 
 def episode_data(key: str, record: Record, facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -59,7 +56,7 @@ def episode_data(key: str, record: Record, facts: Mapping[str, Any]) -> dict[str
     return {
         "key": key,
         **{name: start.get(name) for name in FACTS},
-        **_budget_facts(json.dumps(record.budget), json.dumps(start["asked"])),
+        **_budget_facts(json.dumps(record.budget), json.dumps(start["asked"]), start["prompts"]),
         "family": spec.family if spec else None,
         "rollout": start["setting"]["rollout"],
         "trial": facts.get("trial"),
@@ -77,10 +74,10 @@ def episode_data(key: str, record: Record, facts: Mapping[str, Any]) -> dict[str
 
 
 @functools.lru_cache(64)
-def _budget_facts(numbers: str, asked: str) -> Mapping[str, Any]:
+def _budget_facts(numbers: str, asked: str, version: str) -> Mapping[str, Any]:
     """What the page says of a budget, as it was resolved and as it was asked for; a run has few of them."""
     budget = ResolvedBudget(**json.loads(numbers))
-    asking = summaries_of(budget, shared_counter("approximate"))
+    asking = summaries_of(budget, shared_counter("approximate"), Wording.of(version))
     return {
         "limits": budget.words(),
         "asked": Budget.from_record(json.loads(asked)).words(),

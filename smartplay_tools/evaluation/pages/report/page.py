@@ -27,6 +27,7 @@ from pathlib import Path
 from string import ascii_uppercase
 from typing import Any, Literal
 
+from smartplay_tools.context.prompts.wording import versions
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
@@ -40,7 +41,7 @@ from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records
 from smartplay_tools.evaluation.pages import environment as template_environment
 from smartplay_tools.evaluation.pages.report.drawings import sheet
 from smartplay_tools.evaluation.pages.report.episode_reading import pack, reading
-from smartplay_tools.evaluation.pages.report.episodes import WORDS
+from smartplay_tools.evaluation.pages.report.episodes import fixed_texts
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, choose, find_runs
 from smartplay_tools.evaluation.pages.report.summary_tables import (
     failed_row,
@@ -221,7 +222,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
     episodes = [episode for page in pages for episode in page.episodes]
     packed = {key: data for page in pages for key, data in page.packed.items()}
     index = {
-        "words": WORDS,
+        "words": {version: fixed_texts(version) for version in versions()},
         "mistakes": MISTAKES,
         "partWords": PARTS,
         "usual": Budget().words(),

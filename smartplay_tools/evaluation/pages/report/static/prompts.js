@@ -69,7 +69,7 @@ function markedResults(episode, view) {
     for (let at = first; at <= last; at += 1) {
       const oldest = isHidden(at) ? Infinity : view.oldest;
       episode.turns[at].items.forEach(({ call }, item) => {
-        const isEmpty = isLeftOut(episode, view, at, item) && call.text.startsWith(page.words.picture_shown);
+        const isEmpty = isLeftOut(episode, view, at, item) && call.text.startsWith(page.words[episode.prompts].picture_shown);
         if (isEmpty || (call?.observation_step !== undefined && call.observation_step < oldest)) marked.push([at, item]);
       });
     }

@@ -5,10 +5,10 @@
 // For each turn, whether its prompt has the word. A prompt is made of parts, so each part is searched only once.
 function promptsWith(episode, word) {
   const has = (text) => text.toLowerCase().includes(word);
-  const whole = (at) => (promptParts(episode, page.words, at) ?? []).some(({ message }) => textsOf(message).some(has));
+  const whole = (at) => (promptParts(episode, page.words[episode.prompts], at) ?? []).some(({ message }) => textsOf(message).some(has));
   if (episode.protocol === "paper") return episode.turns.map((_, at) => whole(at));
   const inHead = has(episode.head.map(textOf).join("\n"));
-  const marker = has(page.words.observation_left);
+  const marker = has(page.words[episode.prompts].observation_left);
   const written = writtenIn(episode, has);
   // How many of the turns before each one have the word, in what no view replaces and in observations.
   const sums = { kept: running(written.map(({ kept }) => kept)), seen: running(written.map(({ seen }) => seen.length > 0)) };

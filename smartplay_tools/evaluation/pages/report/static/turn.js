@@ -176,8 +176,8 @@ function renderPrompt(everything = false) {
   const other = between(0, turn + (shown.beside ?? -1), lastTurn());
   $("beside").max = lastTurn();
   $("beside").value = other;
-  const parts = promptParts(episode, page.words, turn) ?? [];
-  const changes = difference(parts, promptParts(episode, page.words, other) ?? []);
+  const parts = promptParts(episode, page.words[episode.prompts], turn) ?? [];
+  const changes = difference(parts, promptParts(episode, page.words[episode.prompts], other) ?? []);
   const count = (change) => changes.filter((part) => part.change === change).length;
   const [here, there] = [plural(count("new"), "message"), plural(count("gone"), "message")];
   $("difference").textContent = other === turn ? "" : `${here} only here, ${there} only there.`;
@@ -210,7 +210,7 @@ function renderPrompt(everything = false) {
 
 // The prompt for a summary that came before this one, and what the model answered.
 function askedBefore(episode, turn) {
-  const asked = requestParts(episode, page.words, turn);
+  const asked = requestParts(episode, page.words[episode.prompts], turn);
   if (!asked) return null;
   const { summary } = episode.turns[turn];
   const outcome = !summary ? "no reply came" : summary.empty ? "empty" : summary.cut ? "cut to its cap" : "shown whole";

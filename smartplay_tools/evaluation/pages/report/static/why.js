@@ -20,7 +20,7 @@ function renderWhy() {
   $("why-turn").value = turn;
   $("why-reason").textContent = whyWords(episode, now, turn);
   $("why-go").onclick = () => goTo(turn);
-  const parts = [{ message }, ...items.map((item) => ({ message: messageOf(episode.turns[turn], item, page.words) }))];
+  const parts = [{ message }, ...items.map((item) => ({ message: messageOf(episode.turns[turn], item, page.words[episode.prompts]) }))];
   $("why-said").replaceChildren(...parts.filter((part) => part.message).map((part) => messageCard({ ...part, turn })));
 }
 

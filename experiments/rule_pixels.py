@@ -1,15 +1,15 @@
-"""The reader of Crafter's pictures: puts what the pixels show into the game's words, so that the rules for words apply.
+"""A player that reads Crafter's pictures: it puts what the pixels show into the game's words, and plays as `rule` does.
+
+    smartplay-tools play Crafter-v0 --observation picture --player experiments/rule_pixels.py:RulePixelsPlayer
+
+It shows that a picture says what the words say: by day it plays the same actions. It looks at pictures only, even where
+words are sent with them. `docs/pictures.md` says what a picture of Crafter cannot say.
 
 By day every cell is compared with all that it can show in the light of every hour, and is identified exactly. At night
 the original covers the view with noise, which is the same in red, green and blue: what it leaves are their differences,
 and the most likely cell is taken. In the corners of the darkest hours nothing is left, and grass is assumed.
 
 Pictures of other sizes than the usual one are not read.
-
-The player `rule-pixels`: reads the pictures of the prompt and then plays as `rule` does.
-
-It shows that a picture says what the words say: by day it plays the same actions. It looks at pictures only, even where
-words are sent with them. `docs/pictures.md` says what a picture of Crafter cannot say.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.context.prompts import GAME_IS_OVER
+from smartplay_tools.context.prompts.wording import in_any_version
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.crafter.creatures import light
 from smartplay_tools.games.crafter.facts import (
@@ -293,5 +293,6 @@ def in_words(prompt: Prompt) -> list[Message]:
 
 def _worded(message: Message, text: str) -> Message:
     worded = message.copy()
-    worded["content"] = f"{text}\n{GAME_IS_OVER}" if text_of(message).endswith(GAME_IS_OVER) else text
+    over = next((line for line in in_any_version("game_is_over") if text_of(message).endswith(line)), None)
+    worded["content"] = text if over is None else f"{text}\n{over}"
     return worded

@@ -1,0 +1,128 @@
+"""Wording: every word of a model is in one file a version, no version changes, and an unknown one is refused."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import inspect
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.context.prompts.wording import VERSION, Wording, versions
+from smartplay_tools.context.strategies.memory import COMMANDS
+from smartplay_tools.episode.cells import cell_config
+from smartplay_tools.episode.tools import AsyncGameTools, GameTools
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.games.specs import get_spec
+from smartplay_tools.records import sent_prompts
+from smartplay_tools.transcript import TranscriptWriter
+from smartplay_tools.types.messages import text_of
+from tests import scripts
+
+ROOT = Path(__file__).parents[1]
+GAME = "Hanoi3Disk-v0"
+RELEASED = {"v1": "45f901036551305bcd54171cf06dcfd89e725983c134feb906772a77824fdb6a"}
+"""The sha256 of each version, which a release never changes."""
+
+
+@pytest.mark.parametrize("version", versions())
+def test_a_version_does_not_change(version):
+    sentences = "\n".join(f"{name}\t{text!r}" for name, text in sorted(Wording.of(version).texts.items()))
+    assert hashlib.sha256(sentences.encode()).hexdigest() == RELEASED.get(version), (
+        f"The words of {version} differ from those that records name: undo the change, copy the file to a new version, "
+        "change VERSION in wording.py, and add the new sha256 here."
+    )
+
+
+def test_every_sentence_is_used_and_every_version_has_all_of_them():
+    """Names in the code are strings; a sentence that none of them names would be dead."""
+    paths = [*(ROOT / "smartplay_tools").rglob("*.py"), *(ROOT / "adapters").rglob("*.py")]
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in paths]
+    named = {node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    named |= {f"memory_{name}" for taken in COMMANDS.values() for name in taken}
+    for version in versions():
+        texts = Wording.of(version).texts
+        assert texts.keys() <= named
+        assert texts.keys() == Wording.of(VERSION).texts.keys()
+        placeholders = {name: set(re.findall(r"{(\w+)}", text)) for name, text in texts.items()}
+        assert placeholders == {
+            name: set(re.findall(r"{(\w+)}", text)) for name, text in Wording.of(VERSION).texts.items()
+        }
+
+
+@pytest.mark.parametrize("kind", [GameTools, AsyncGameTools])
+def test_an_object_of_tools_says_what_the_tools_say(kind):
+    """Its methods are documented in the source, where frameworks read them: a new version changes them, too."""
+    words = Wording.of(VERSION)
+    assert inspect.getdoc(kind.observe) == words("observe")
+    assert inspect.getdoc(kind.read_manual) == words("read_manual")
+    act, argument = inspect.getdoc(kind.act).split("\n\n")
+    assert words("act").startswith(act)
+    assert argument == f"Args:\n    action: {words('act_action')}"
+
+
+def test_a_config_with_an_unknown_version_is_refused():
+    config = cell_config(get_spec(GAME)).with_seed(1).model_copy(update={"prompts": "v9"})
+    with pytest.raises(InvalidArgumentError, match=r"no prompts 'v9' in this release; it knows v1\.$"):
+        sp.Episode.from_config(config)
+
+
+@pytest.fixture
+def of_v9() -> list[dict[str, Any]]:
+    """A record of a later release, as far as this one can tell."""
+    played = scripts.converse(GAME, [], seed=1).events
+    played[0]["config"]["prompts"] = "v9"
+    events: list[dict[str, Any]] = []
+    TranscriptWriter(events).append(*({name: event[name] for name in event if name != "chain"} for event in played))
+    return events
+
+
+@pytest.mark.parametrize("read", [sp.replay, sp.resume, lambda events: list(sent_prompts(events))])
+def test_a_record_of_an_unknown_version_is_told_as_such(of_v9, read):
+    with pytest.raises(TranscriptError, match=r"made with prompts 'v9', which this release does not know; it knows v1"):
+        read(of_v9)
+
+
+PROGRAM = """
+import json, sys
+import smartplay_tools as sp
+
+assert sp.replay(sys.argv[1]).identical
+with sp.Episode("Hanoi3Disk-v0", seed=1, budget=sp.Budget(prompt_tokens=900), transcript=sys.argv[2]) as episode:
+    print(sp.play(episode, sp.get_player("rule")).model_dump_json())
+assert sp.replay(sys.argv[2]).identical
+"""
+
+
+def test_a_new_version_is_a_file_and_a_constant(tmp_path):
+    """In a copy with a second version, players play it, and a record of the first replays with its own words."""
+    old, new = tmp_path / "old.jsonl", tmp_path / "new.jsonl"
+    with sp.Episode(GAME, seed=1, budget=sp.Budget(prompt_tokens=900), transcript=old) as episode:
+        played = sp.play(episode, sp.get_player("rule"))
+    copy = shutil.copytree(
+        ROOT / "smartplay_tools", tmp_path / "smartplay_tools", ignore=shutil.ignore_patterns("*.pyc")
+    )
+    folder = copy / "context" / "prompts"
+    text = (folder / f"{VERSION}.toml").read_text(encoding="utf-8")
+    (folder / "v99.toml").write_text(re.sub(r"(?<=[a-z])\.", "!", text), encoding="utf-8")
+    code = (folder / "wording.py").read_text(encoding="utf-8")
+    (folder / "wording.py").write_text(code.replace(f'VERSION = "{VERSION}"', 'VERSION = "v99"'), encoding="utf-8")
+    program = [sys.executable, "-c", PROGRAM, str(old), str(new)]
+    done = subprocess.run(program, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path)}, capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()
+    assert json.loads(done.stdout)["score"] == played.score
+    before, after = sp.read_transcript(old), sp.read_transcript(new)
+    assert after[0]["config"]["prompts"] == "v99"
+    assert [text_of(m) for m in after[1]["messages"]] == [
+        re.sub(r"(?<=[a-z])\.", "!", text_of(m)) for m in before[1]["messages"]
+    ]
+    assert after[-2]["text"].endswith("The game is over!")
