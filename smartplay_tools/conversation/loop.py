@@ -142,7 +142,7 @@ def check_player(player: object) -> None:
     """Raise an `InvalidArgumentError` that says what an object lacks to be a player."""
     kind = name_of(player)
     if isinstance(player, str):
-        raise InvalidArgumentError(f"{player!r} is the name of a player; pass get_player({player!r}).")
+        raise InvalidArgumentError(f"{player!r} is not a player but the name of one; pass get_player({player!r}).")
     if isinstance(player, type):
         raise InvalidArgumentError(f"{kind} is a class, not a player; pass an instance: {kind}().")
     if not any(callable(getattr(player, method, None)) for method in ("reply", "areply")):
