@@ -45,9 +45,9 @@ WAYS: tuple[dict[str, Any], ...] = (
 """The strategies, as fields of a budget; the first is what the others are compared with."""
 
 
-def budgets(brought: Sequence[str]) -> list[sp.Budget]:
-    """Every strategy under every cap; `brought` are names of further ones."""
-    ways = [*WAYS, *({"strategy": name} for name in brought)]
+def budgets(custom: Sequence[str]) -> list[sp.Budget]:
+    """Every strategy under every cap; `custom` are names of further ones."""
+    ways = [*WAYS, *({"strategy": name} for name in custom)]
     return [sp.Budget(history=HISTORY, prompt_tokens=cap, **way) for cap in CAPS for way in ways]
 
 

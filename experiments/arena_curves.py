@@ -68,7 +68,7 @@ class Stage:
     """The strategies, as fields of a budget; the first is what the others are compared with."""
 
     def budgets(self, further: Iterable[str] = ()) -> Iterator[sp.Budget]:
-        """Yield every strategy under every cap that holds its head and its reserve, brought ones included."""
+        """Yield every strategy under every cap that holds its head and its reserve, custom ones included."""
         for cap in self.caps:
             for way in (*self.ways, *({"strategy": name} for name in further)):
                 budget = sp.Budget(history=None, prompt_tokens=cap, **way)
@@ -109,12 +109,12 @@ LEARNED = ("full-0", "small-1")
 
 
 def play(
-    stage: Stage, players: Sequence[PlayerConfig], brought: Sequence[str], out: Path, **options: Any
+    stage: Stage, players: Sequence[PlayerConfig], custom: Sequence[str], out: Path, **options: Any
 ) -> Iterator[Row]:
     """Play a game, and yield its rows: full context and the control once, and every strategy under every cap."""
     full = sp.Budget(history=None)
     whole = complete([stage.game], [*players, PlayerConfig(name=CONTROL)], budgets=full, out=out / "whole", **options)
-    limited = complete([stage.game], players, budgets=list(stage.budgets(brought)), out=out / "capped", **options)
+    limited = complete([stage.game], players, budgets=list(stage.budgets(custom)), out=out / "capped", **options)
     for run in (whole, limited):
         yield from priced(run.rows, {row["key"]: run.transcript(row["key"]) for row in run.rows})
 

@@ -176,6 +176,11 @@ def extra_named(feature: str, extra: str) -> Iterator[None]:
         raise MissingExtraError(feature, extra) from error
 
 
+def name_of(thing: object) -> str:
+    """Return the name of a class or function, or of an object's class, for messages about a wrong argument."""
+    return str(getattr(thing, "__name__", type(thing).__name__))
+
+
 def in_one_line(error: BaseException) -> str:
     """Return the message of an error as one line; for a pydantic model the first of its errors, with the field."""
     if isinstance(error, ValueError) and callable(errors := getattr(error, "errors", None)):

@@ -5,7 +5,8 @@ it is asked for. A registry may have a group of entry points too, under which in
 their names are read from the packages' metadata, which imports nothing.
 
 `FILE.py:CLASS` names a class in a file of the user's, without a package around it. The name alone says where the class
-is, so it goes to worker processes as text, and each imports the file itself.
+is, so it goes to worker processes as text, and each imports the file itself. A file is known by its resolved path and
+the digest of its content: one that was edited is imported again, and its earlier classes stay what they were.
 
 `lazy_exports` gives a package names that are imported when they are first used, so that importing the package takes
 milliseconds (PEP 562). The package lists them twice: for type checkers and editors as ordinary imports under
@@ -18,12 +19,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, UnknownNameError, in_one_line
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
+    from pathlib import Path
+    from types import ModuleType
 
 __all__ = ["lazy_exports"]
 
@@ -65,38 +68,54 @@ def is_in_file(name: str) -> bool:
     return name.rpartition(":")[0].endswith(".py")
 
 
-def read_file(name: str, kind: str = "player") -> Callable[..., Any]:
+class FileClass(NamedTuple):
+    """A class that was read from a file of the user's."""
+
+    make: Callable[..., Any]
+    sha256: str
+    """The digest of the file's content as it was imported."""
+
+
+def read_file(name: str, kind: str = "player") -> FileClass:
     """Import the file of `FILE.py:CLASS` and return the class; `InvalidArgumentError` if it is not there.
 
     `kind` is what the class is called in messages.
     """
-    path, _, attribute = name.rpartition(":")
-    held = getattr(_module(path, kind), attribute, None)
-    if not callable(held):
-        raise InvalidArgumentError(f"{path} has no class {attribute!r}; name a {kind} of it as {path}:CLASS.")
-    read: Callable[..., Any] = held
-    return read
-
-
-def _module(file: str, kind: str) -> Any:
-    """Return the module of a file, imported once in each process, with its folder on `sys.path`."""
-    import importlib.util
     from hashlib import sha256
     from pathlib import Path
 
-    path = Path(file)
-    name = f"smartplay_file_{sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
+    place, _, attribute = name.rpartition(":")
+    path = Path(place)
+    if not path.is_file():
+        raise InvalidArgumentError(f"There is no file {path}; name a {kind} of your own as FILE.py:CLASS.")
+    source = path.read_bytes()
+    digest = sha256(source).hexdigest()
+    held = getattr(_module(path, source, digest), attribute, None)
+    if not callable(held):
+        raise InvalidArgumentError(f"{path} has no class {attribute!r}; name a {kind} of it as {path}:CLASS.")
+    return FileClass(held, digest)
+
+
+def _module(path: Path, source: bytes, digest: str) -> ModuleType:
+    """Return the module of a file with this content, imported once in each process, with its folder on `sys.path`.
+
+    The content is compiled here: Python's cache would take a file of the same size and second for the same file.
+    """
+    from hashlib import sha256
+    from importlib.util import module_from_spec, spec_from_file_location
+
+    whole = path.resolve()
+    name = f"smartplay_file_{sha256(f'{whole} {digest}'.encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None or not path.is_file():
-        raise InvalidArgumentError(f"There is no file {path}; name a {kind} of your own as FILE.py:CLASS.")
-    module = importlib.util.module_from_spec(spec)
+    spec = spec_from_file_location(name, whole)
+    assert spec is not None
+    module = module_from_spec(spec)
     sys.modules[name] = module
-    if (folder := str(path.resolve().parent)) not in sys.path:
+    if (folder := str(whole.parent)) not in sys.path:
         sys.path.append(folder)
     try:
-        spec.loader.exec_module(module)
+        exec(compile(source, whole, "exec", dont_inherit=True), vars(module))
     except Exception as error:  # whatever the user's file does when it is imported
         del sys.modules[name]
         raise InvalidArgumentError(

@@ -183,7 +183,7 @@ def check_episode(
 ) -> Judge:
     """Check a whole conversation: every prompt that was sent, every result, every number, and its end.
 
-    `choices` are those of a brought strategy, as it returned them; `whole` are the observations that were shown, in
+    `choices` are those of a custom strategy, as it returned them; `whole` are the observations that were shown, in
     their order, as a game without caps shows them.
     """
     budget = events[0]["budget"]
@@ -366,7 +366,7 @@ def check_end(events: Sequence[Json], judge: Judge, spent: int, answered: int) -
 
 
 def stalled(events: Sequence[Json]) -> list[int]:
-    """After every turn, how many turns in a row have brought nothing: no step, and nothing that was not seen before."""
+    """After every turn, how many turns in a row have shown nothing new: no step, and nothing that had not been seen."""
     counts: list[int] = []
     observed, manuals, accepted = set(), 0, {}
     for number in range(
@@ -400,7 +400,7 @@ def stalled(events: Sequence[Json]) -> list[int]:
 
 
 def check_stalls(events: Sequence[Json]) -> None:
-    """Judge whether the episode ended at the turn at which too many had brought nothing, and at no other."""
+    """Judge whether the episode ended at the turn at which too many had shown nothing new, and at no other."""
     cap, counts, end = events[0]["budget"].get("stalled_turns"), stalled(events), events[-1]
     if end["event"] == "end" and end["result"]["end_reason"] == "stalled_turns":
         assert cap is not None

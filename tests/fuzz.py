@@ -258,7 +258,7 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
         counts["recalls that found something"] += bool(event["data"].get("recalled"))
         counts["pages"] += "page" in event["data"]
         counts["calls of memory"] += event["name"] == "memory" and not event["is_error"]
-    choices = None if episode._strategies.brought is None else scripts.choices_of(episode._strategies.brought)
+    choices = None if episode.ledger.strategies.custom is None else scripts.choices_of(episode.ledger.strategies.custom)
     plain = scripts.as_json(events)
     checker.check_episode(plain, sent, tokenizer.count, choices, scripts.whole_observations(plain))
     replayed = replay(events, tokenizer=tokenizer)

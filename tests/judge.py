@@ -65,7 +65,7 @@ class Judge:
         self.summaries = list(summaries)
         """(turns at the time, text shown from then on) of every summary."""
         self.choices = choices
-        """With a brought strategy: (turns, masked turns, texts by turn) that it chose after k turns."""
+        """With a custom strategy: (turns, masked turns, texts by turn) that it chose after k turns."""
         self.newest = functools.cache(self._newest)
         """t: the index of the newest observation that k turns have shown."""
         self.step = functools.cache(self._step)
@@ -322,7 +322,7 @@ class Judge:
         return [(i, hidden) for i, hidden in turns if stop is None or i < stop]
 
     def chosen(self, k: int) -> list[tuple[int, bool]]:
-        """The turns that a brought strategy shows after k turns, with the pinned ones, and whether each is hidden."""
+        """The turns that a custom strategy shows after k turns, with the pinned ones, and whether each is hidden."""
         if k == 0:
             return []
         turns, masked, _ = self.choices.get(k, ((), (), {}))
@@ -331,7 +331,7 @@ class Judge:
         return [(i, i in masked or (i == q and i not in (o, k - 1))) for i in sorted(shown)]
 
     def texts(self, k: int) -> dict[int, str]:
-        """The texts of a brought strategy, by the turn before which each stands."""
+        """The texts of a custom strategy, by the turn before which each stands."""
         return {} if self.choices is None or k not in self.choices else self.choices[k][2]
 
     def traced(self, k: int, stop: int | None = None) -> list[tuple[int, int, Json]]:

@@ -232,6 +232,18 @@ def test_only_records_tell_events_apart():
             )
 
 
+def test_only_the_episode_uses_its_private_members():
+    """Conversations and readers of records use `episode.ledger`, whose members have public names."""
+    adapters = sorted((ROOT / "adapters").rglob("*.py"))
+    for path in [*modules(), *adapters]:
+        if path.parent == PACKAGE / "episode":
+            continue
+        for node in nodes(path):
+            if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
+                owner = getattr(node.value, "attr", getattr(node.value, "id", "")).lstrip("_")
+                assert owner not in ("episode", "ledger", "resumed"), f"{path}:{node.lineno} uses {owner}.{node.attr}"
+
+
 def test_nothing_is_keyed_by_identity():
     for path in modules():
         calls = [node for node in nodes(path) if isinstance(node, ast.Call)]

@@ -278,8 +278,8 @@ class TestInterruptions:
 
     def test_a_full_disk_ends_the_record_and_closes_the_game(self, tmp_path):
         episode = sp.Episode(RPS, seed=1, transcript=tmp_path / "full.jsonl")
-        episode._transcript._file.close()
-        episode._transcript._file = Path("/dev/full").open("wb", buffering=0)  # noqa: SIM115 - the episode closes it
+        episode.ledger.writer._file.close()
+        episode.ledger.writer._file = Path("/dev/full").open("wb", buffering=0)  # noqa: SIM115 - the episode closes it
         closed = []
         episode.game.close = lambda: closed.append(True)
         with pytest.raises(TranscriptError, match=r"full\.jsonl can no longer be written: No space left"), episode:

@@ -35,7 +35,7 @@ def test_a_name_leads_to_no_other_folder(tmp_path, name):
 def test_without_a_folder_nothing_is_recorded():
     factory = EpisodeFactory(GAME, reward="return")
     with factory.episode(7) as episode:
-        assert not episode._recording
+        assert not episode.ledger.is_recording
         assert [tool.name for tool in episode.tools] == [tool.name for tool in factory.tools]
 
 

@@ -126,14 +126,14 @@ def test_the_arena_has_a_row_for_every_strategy_and_cap(arena):
     assert "of which 0 differ in score" in published("arena")[-1]
 
 
-def test_a_strategy_that_was_brought_is_the_same_as_the_windows_own(arena):
+def test_a_custom_strategy_is_the_same_as_the_windows_own(arena):
     """Showing the first three turns and the newest ones is what `first_turns=3` does, as far as the cap decides."""
     rows = cells_of(published("arena"))
-    own, brought = ([row for row in rows if name in row[2]] for name in ("first turns 3", "FirstAndNewest:turns=3"))
+    own, custom = ([row for row in rows if name in row[2]] for name in ("first turns 3", "FirstAndNewest:turns=3"))
     assert len(own) == len(arena.GAMES) * len(arena.CAPS)
-    assert [row[3:5] for row in own] == [row[3:5] for row in brought]
+    assert [row[3:5] for row in own] == [row[3:5] for row in custom]
     assert [row[3:] for row in own if row[2].startswith("700")] == [
-        row[3:] for row in brought if row[2].startswith("700")
+        row[3:] for row in custom if row[2].startswith("700")
     ]
 
 

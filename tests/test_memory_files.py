@@ -99,9 +99,9 @@ def test_a_file_is_made_seen_changed_and_deleted(files):
 )
 def test_what_cannot_be_done_changes_nothing_and_is_no_malformed_call(files, command, arguments, answer):
     files("create", path="/memories/a", file_text="one\ntwo")
-    before = dict(files.episode._strategies.memory.files.texts)
+    before = dict(files.episode.ledger.strategies.asked["memory_tokens"].files.texts)
     assert files(command, **arguments).startswith(f"Error: {answer}")
-    assert files.episode._strategies.memory.files.texts == before
+    assert files.episode.ledger.strategies.asked["memory_tokens"].files.texts == before
     stats = files.episode.stats
     assert (stats.malformed_calls, stats.refused_memory, stats.refused_calls) == (0, 0, 0)
 
@@ -139,7 +139,7 @@ def test_arguments_that_are_not_needed_may_be_null(files):
 
 def test_the_size_of_all_files_with_their_paths_is_capped(files):
     assert files("create", path="/memories/a", file_text="word " * 50).startswith("File created")
-    assert files.episode._strategies.memory.size == 54
+    assert files.episode.ledger.strategies.asked["memory_tokens"].size == 54
     refused = files("create", path="/memories/b", file_text="word word word")
     assert refused == "Error: The files would have 61 tokens, more than 60. Nothing was changed."
     assert files("create", path="/memories/b", file_text="word word").startswith("File created")
@@ -197,7 +197,7 @@ def test_the_files_are_there_again_after_a_resume_and_a_refused_call_changes_not
     conversation.answer(second.id)
     conversation.prompt()
     with resume(scripts.as_json(events), transcript=[], session=True) as resumed:
-        assert resumed.episode._strategies.memory.files.texts == {"/memories/b": "x"}
+        assert resumed.episode.ledger.strategies.asked["memory_tokens"].files.texts == {"/memories/b": "x"}
 
 
 def test_the_rule_player_with_files_plays_as_in_full_context():

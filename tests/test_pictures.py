@@ -260,8 +260,8 @@ def test_an_episode_with_pictures_is_continued_from_its_record(tmp_path):
             conversation.prompt()
             conversation.receive(scripts._move({"content": None}, [(("observe", "{}"), "a")], []).message)
         before = conversation.prompt()
-        episode._transcript.close()
-        episode._transcript = None
+        episode.ledger.writer.close()
+        episode.ledger.writer = None
     with resume(file) as resumed:
         after = resumed.conversation.prompt()
         assert after.messages == before.messages

@@ -166,7 +166,7 @@ def test_it_is_refused_where_nothing_leaves_or_an_answer_cannot_fit():
 
 
 def test_the_same_question_again_brings_nothing_new(later):
-    stalls = later.episode._stalls
+    stalls = later.episode.ledger.stalls
     asked(later, "1")
     assert stalls.in_a_row == 0
     asked(later, "1")

@@ -361,7 +361,7 @@ class TestResume:
         spec = dataclasses.replace(sp.GAMES[RPS], rollout=4)
         episode = sp.Episode(spec, seed=1, context="host", transcript=path)
         episode.call("act", {"action": "1"}, "key-1")
-        episode._transcript.close()  # the process ends here
+        episode.ledger.writer.close()  # the process ends here
         with sp.resume(path) as resumed:
             assert resumed.episode.call("act", {"action": "1"}, "key-1").data["replayed"]
             for _ in range(3):

@@ -50,7 +50,7 @@ BUDGET: Mapping[str, tuple[Any, Any]] = {
         kind.name: (_limit(kind.option_help, "NAME" if kind.name in WORDS else "N"), "none")
         if STRATEGIES[kind.name] is None
         else (_option(str, kind.option_help), STRATEGIES[kind.name])
-        for kind in KINDS
+        for kind in KINDS.values()
     },
 }
 """The fields of `Budget`: the option and its default."""

@@ -1,4 +1,4 @@
-"""The window of a brought strategy: it shows what the strategy chooses, within the cap and the history.
+"""The window of a custom strategy: it shows what the strategy chooses, within the cap and the history.
 
 The strategy is asked once after every turn. A choice is sent only if it fits and each of its turns exists; any other
 choice, and any exception of the strategy, ends the episode. Age is decided by the window alone: an observation older
@@ -23,7 +23,7 @@ from smartplay_tools.types.messages import Message
 
 
 class ChoosingWindow(ContextWindow):
-    """A window whose turns a brought strategy chooses."""
+    """A window whose turns a custom strategy chooses."""
 
     _failure: Exception | None = None
     """The exception that the strategy raised; after it the strategy is not asked again."""
@@ -68,8 +68,8 @@ class ChoosingWindow(ContextWindow):
         return lines
 
     def _choose(self, state: WindowState, room: int | None) -> Selection:
-        assert self._strategies.brought is not None
-        choice = self._strategies.brought.choose(past_of(state, self._text_tokens), room)
+        assert self._strategies.custom is not None
+        choice = self._strategies.custom.choose(past_of(state, self._text_tokens), room)
         selection = chosen_selection(state, choice)
         cap = self.budget.prompt_tokens
         if room is not None and cap is not None and (over := self._tokens(state, selection) - cap) > 0:

@@ -34,11 +34,11 @@ class Selection:
     pictures: int = 0
     """How many of the first pictures of the conversation are left out."""
     is_chosen: bool = False
-    """Whether a brought strategy has chosen the turns; `pinned` are then all but the newest."""
+    """Whether a custom strategy has chosen the turns; `pinned` are then all but the newest."""
     masked: frozenset[int] = frozenset()
-    """Turns whose observations a brought strategy masks."""
+    """Turns whose observations a custom strategy masks."""
     texts: Mapping[int, str] = field(default_factory=dict)
-    """The texts of a brought strategy, by the turn before which each stands."""
+    """The texts of a custom strategy, by the turn before which each stands."""
 
     def __iter__(self) -> Iterator[int]:
         yield from self.pinned

@@ -69,10 +69,11 @@ class ContextWindow:
         self._share = share_kept(budget.slack)
         self._plain_head = list(head)
         self._heads: dict[str | None, Head] = {}
-        self._thoughts = self._strategies.thoughts
-        self._pictures = self._strategies.pictures
-        with_pictures = self._pictures is not None
-        self._index = TokenIndex(counter, with_words=self._thoughts is not None, with_pictures=with_pictures)
+        self._stripping = self._strategies.stripping
+        self._picturing = self._strategies.picturing
+        self._pinning = self._strategies.pinning
+        with_pictures = self._picturing is not None
+        self._index = TokenIndex(counter, with_words=self._stripping is not None, with_pictures=with_pictures)
         self._stretches = self._ageing.stretches(budget.history)
         self._newest: int | None = None
         self._overflows = False
@@ -119,13 +120,14 @@ class ContextWindow:
             self._newest = last
         self._stretches.append(last, has_step=turn.step > self._now.state.step)
         oldest = self._ageing.oldest(turn.step, self.budget.history, self._now.state.oldest)
-        words = 0 if self._thoughts is None else self._thoughts.oldest(turn.step, self._now.state.words)
+        words = 0 if self._stripping is None else self._stripping.bare(turn.step, self._now.state.words)
         pictures = 0
-        if self._pictures is not None:
+        if self._picturing is not None:
             shown = turn.first_picture + len(turn.pictured)
-            pictures = self._pictures.left_out(shown, self._now.state.pictures)
+            pictures = self._picturing.left_out(shown, self._now.state.pictures)
         state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual), words, pictures)
-        return self._anchor(self._pin(state, self._strategies.pinned(turn)))
+        notes = None if self._pinning is None else self._pinning.pinned(turn)
+        return self._anchor(self._pin(state, notes))
 
     def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:
         """Begin all further views with another head and other tools, from the next appended turn on."""
@@ -243,7 +245,7 @@ class ContextWindow:
 
     def _anchor(self, state: WindowState) -> WindowState:
         """Pin as many of the first turns as fit beside the other pinned parts."""
-        most = self._strategies.anchors
+        most = self._strategies.first_turns
         if not most:
             return state
         cap = self.budget.prompt_tokens

@@ -48,7 +48,7 @@ class AgentSession(ToolConversation):
     ) -> None:
         if not pictures:
             episode.refuse_pictures("This host", has_option=True)
-        if (asking := episode._strategies.summaries) is not None and not summaries:
+        if (asking := episode.ledger.strategies.summaries) is not None and not summaries:
             raise InvalidArgumentError(
                 f"{asking.name} takes model calls of its own, which this host does not make; leave it out here."
             )

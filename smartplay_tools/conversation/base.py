@@ -128,6 +128,7 @@ class BaseConversation(ABC):
                 'A conversation decides what the model sees; make the episode with context="window".'
             )
         self.episode = episode
+        self._ledger = episode.ledger
         self._builder = TurnBuilder(episode.words)
         self._ids = CallIds()
         self._view: View | None = None
@@ -143,7 +144,7 @@ class BaseConversation(ABC):
     def _record_head(self, head: Sequence[Message], tools: Sequence[ToolSpec], **facts: Any) -> None:
         self._ids.reserve(call["id"] for message in head for call in calls_of(message))
         schemas = [{"name": t.name, "description": t.description, "parameters": t.parameters} for t in tools]
-        self.episode._record({"event": "head", "messages": list(head), "tools": schemas, **facts})
+        self._ledger.record({"event": "head", "messages": list(head), "tools": schemas, **facts})
 
     @abstractmethod
     def _next_view(self) -> View:
@@ -212,7 +213,7 @@ class BaseConversation(ABC):
         if self._pending is None and episode.result is None:
             self._complete_turn()
             self._pending = None if episode.done else self._next_prompt()
-        episode._finish_if_over()
+        self._ledger.finish_if_over()
         return None if episode.done else self._pending
 
     async def aprompt(self) -> Prompt | None:
@@ -224,7 +225,7 @@ class BaseConversation(ABC):
 
         If the episode is closed before there is a reply, it ends as `player_error` with this error, not as `closed`.
         """
-        self.episode.if_closed = ("player_error", error, None)
+        self._ledger.if_closed = ("player_error", error, None)
 
     def give_up(self, error: Exception) -> None:
         """End the episode because its player gives no reply; what the error's `usage` says is counted, if it has one.
@@ -244,12 +245,12 @@ class BaseConversation(ABC):
 
         If the episode is closed before there is a reply, it ends as `host` with this detail, not as `closed`.
         """
-        self.episode.if_closed = ("host", None, detail)
+        self._ledger.if_closed = ("host", None, detail)
 
     def spend(self, usage: Usage) -> None:
         """Count what the provider charged for attempts at a reply that never came."""
         provider = checked_usage(usage)
-        self.episode._record({"event": "usage", "turn": self.episode.stats.turns, "provider": provider})
+        self._ledger.record({"event": "usage", "turn": self.episode.stats.turns, "provider": provider})
 
     def _open_turn(self, reply: CheckedReply, pending: Pending | None) -> tuple[Call, ...]:
         """Record and charge the reply to a prompt, and return its calls; nothing is played."""
@@ -259,8 +260,8 @@ class BaseConversation(ABC):
         sent = [call["id"] for call in calls_of(reply.message)]
         ids = self._ids.take(sent, number)
         calls = read_calls(reply.message, ids)
-        self.episode._record(*self._reply_events(number, reply, sent, ids, calls, pending))
-        self._pending, self.episode.if_closed = None, None
+        self._ledger.record(*self._reply_events(number, reply, sent, ids, calls, pending))
+        self._pending, self._ledger.if_closed = None, None
         self._builder.open(number, reply.message, calls)
         return calls
 
@@ -295,10 +296,10 @@ class BaseConversation(ABC):
             self.episode.end("episode_tokens")
             return None
         self._view = view
-        if self.episode._recording:
+        if self._ledger.is_recording:
             self._record_view(view, max_tokens)
-        if self.episode._on_view is not None:
-            self.episode._on_view(view.tokens, max_tokens or 0)
+        if self._ledger.on_view is not None:
+            self._ledger.on_view(view.tokens, max_tokens or 0)
         prefix_messages = _common_beginning(view.shown, self._shown_before)
         self._shown_before = view.shown
         pictures, version = self._shown_pictures(view), self.episode.words.version
@@ -337,7 +338,7 @@ class BaseConversation(ABC):
         return left if budget.reply_tokens is None else min(left, budget.reply_tokens)
 
     def _record_view(self, view: View, max_tokens: int | None) -> None:
-        self.episode._record(
+        self._ledger.record(
             {
                 "event": "view",
                 "turn": self.episode.stats.turns,
@@ -358,7 +359,7 @@ class BaseConversation(ABC):
         """
         if self._is_warm and not self.episode.game.is_slow:
             return function()
-        result = await self.episode._queue.run_to_end(function)
+        result = await self._ledger.queue.run_to_end(function)
         self._is_warm = True
         return result
 

@@ -14,7 +14,7 @@ from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, check_choice
+from smartplay_tools.errors import InvalidArgumentError, check_choice, name_of
 from smartplay_tools.types import AsyncPlayer, EpisodeResult, ObservationForm, Player, Prompt, Reply
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ async def aplay(
 ) -> EpisodeResult:
     """Play an episode on a running event loop; slow games, and players that are not asynchronous, run in threads."""
     conversation = _attach(episode, player, protocol)
-    queue = conversation.episode._queue
+    queue = conversation.episode.ledger.queue
     while (prompt := await queue.run_to_end(lambda: _next_prompt(conversation, on_prompt))) is not None:
         try:
             reply = _checked(await reply_of(player, prompt))
@@ -140,7 +140,9 @@ async def aplay(
 
 def check_player(player: object) -> None:
     """Raise an `InvalidArgumentError` that says what an object lacks to be a player."""
-    kind = player.__name__ if isinstance(player, type) else type(player).__name__
+    kind = name_of(player)
+    if isinstance(player, str):
+        raise InvalidArgumentError(f"{player!r} is not a player but the name of one; pass get_player({player!r}).")
     if isinstance(player, type):
         raise InvalidArgumentError(f"{kind} is a class, not a player; pass an instance: {kind}().")
     if not any(callable(getattr(player, method, None)) for method in ("reply", "areply")):
@@ -180,6 +182,10 @@ def _attach(
     episode: Episode | AnyConversation, player: Player | AsyncPlayer, protocol: ProtocolName
 ) -> AnyConversation:
     check_player(player)
+    if not isinstance(episode, Episode | BaseConversation):
+        raise InvalidArgumentError(
+            f'{name_of(episode)} is not an episode; pass one, as in Episode("Hanoi3Disk-v0", seed=1).'
+        )
     config = episode.config if isinstance(episode, Episode) else episode.episode.config
     check_observation(player, config.observation)
     conversation = new_conversation(episode, player.name, protocol) if isinstance(episode, Episode) else episode

@@ -146,9 +146,9 @@ class PaperConversation(BaseConversation):
         actions = self.episode.game.actions
         chosen = chosen_action(answer, actions)
         action, is_fallback = actions[chosen or 0], chosen is None
-        self.episode._record({"event": "choice", "turn": turn.number, "action": action, "fallback": is_fallback})
-        result = self.episode._answer(turn.number, 0, "act", read({"action": action}))
-        self.episode._finish_if_over()
+        self._ledger.record({"event": "choice", "turn": turn.number, "action": action, "fallback": is_fallback})
+        result = self._ledger.answer(turn.number, 0, "act", read({"action": action}))
+        self._ledger.finish_if_over()
         self._observations.append(result.text)
         self._builder.add({"role": "system", "content": result.text}, None)
         return result

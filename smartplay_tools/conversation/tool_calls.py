@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from smartplay_tools.context.view import View, ranges_of
+from smartplay_tools.context.view import View
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply, Pending
 from smartplay_tools.episode import budgets
@@ -47,12 +47,12 @@ class ToolConversation(BaseConversation):
     ) -> None:
         whole_head, tools = self._use_head(episode, head, foreign_tools)
         kind = ContextWindow
-        if episode._strategies.brought is not None:
+        if episode.ledger.strategies.custom is not None:
             from smartplay_tools.context.choosing import ChoosingWindow
 
             kind = ChoosingWindow
         self._has_strategies = bool(episode.budget.strategies)
-        self._window = kind(whole_head, tools, episode.budget, episode.counter, episode._strategies)
+        self._window = kind(whole_head, tools, episode.budget, episode.counter, episode.ledger.strategies)
         self._idle_in_a_row = 0
         self._results: dict[int, ToolResult] = {}
         self._edits: dict[int, str] = {}
@@ -67,7 +67,7 @@ class ToolConversation(BaseConversation):
         host_head, tools = head_messages(head), (*episode.tools, *foreign_tools)
         whole_head = [*episode.head, *host_head]
         if episode.budget.prompt_tokens is not None:
-            budgets.check_head(episode.budget, episode.counter.prompt(whole_head, tools), episode._strategies)
+            budgets.check_head(episode.budget, episode.counter.prompt(whole_head, tools), episode.ledger.strategies)
         self._foreign, self._tools_bytes = {tool.name for tool in foreign_tools}, tools_bytes(tools)
         self.host_head: Sequence[Message] = host_head
         """The host's messages in every prompt, after the system and task messages."""
@@ -90,7 +90,7 @@ class ToolConversation(BaseConversation):
                 raise InvalidArgumentError(
                     "Change the head between a reply, with the results of its foreign calls, and the next prompt."
                 )
-            if self.episode._strategies.summaries is not None:
+            if self._ledger.strategies.summaries is not None:
                 raise InvalidArgumentError("Where turns are summarised, the head of an episode cannot change.")
             whole_head, tools = self._use_head(self.episode, head, foreign_tools)
             self._window.change_head(whole_head, tools)
@@ -130,8 +130,8 @@ class ToolConversation(BaseConversation):
                 self._take_summary(pending, reply)
                 return ()
             calls = self._open_turn(reply, pending)
-            if pending is not None and (recall := self.episode._strategies.recall) is not None:
-                recall.answers(pending.view)
+            if pending is not None:
+                self._ledger.strategies.answers(pending.view)
             self._results, self._edits = {}, {}
             self._idle_in_a_row = 0 if calls else self._idle_in_a_row + 1
             if not calls:
@@ -144,11 +144,11 @@ class ToolConversation(BaseConversation):
         summary, is_cut, is_empty = self._window.summarise(text_of(reply.message))
         shown = {"text": "", "tokens": 0} if summary is None else {"text": summary.text, "tokens": summary.tokens}
         cost = pending.cost(self.episode.counter.message(reply.message))
-        self.episode._record(
+        self._ledger.record(
             {**reply.event("summary", turn, covers=covers), **shown, "cut": is_cut, "empty": is_empty},
             {"event": "usage", "turn": turn, "purpose": "summary", **cost, "provider": reply.usage},
         )
-        self._pending, self.episode.if_closed = None, None
+        self._pending, self._ledger.if_closed = None, None
 
     def add(self, message: Mapping[str, Any]) -> None:
         """Add a user message, or the result of a foreign tool, after the latest reply and before the next prompt.
@@ -188,15 +188,7 @@ class ToolConversation(BaseConversation):
         if not self._has_strategies:
             return {"turns": turns, "masked": view.masked_results, "sha256": sha256}
         # What is masked follows from these; a list of it would grow with the window.
-        why: dict[str, Any] = {"oldest": chosen.oldest, "notes": chosen.hidden}
-        if self.episode.budget.own_words is not None:
-            why["words"] = chosen.words
-        if self.episode.budget.newest_pictures is not None:
-            why["pictures"] = chosen.pictures
-        if self.episode.budget.first_turns is not None:
-            why["anchors"] = chosen.anchors
-        if self.episode.budget.strategy is not None:
-            why |= {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
+        why = {"oldest": chosen.oldest, "notes": chosen.hidden, **self._ledger.strategies.recorded(chosen)}
         return {"turns": turns, "purpose": view.purpose, **why, "summary": view.summaries, "sha256": sha256}
 
     def _complete_turn(self) -> None:
@@ -235,7 +227,7 @@ class ToolConversation(BaseConversation):
         arguments = call.arguments
         if position in self._edits and refusal is None:
             arguments = read(self._edits[position])
-        result = self.episode._answer(
+        result = self._ledger.answer(
             self._builder.number,
             position,
             call.name,
@@ -251,11 +243,11 @@ class ToolConversation(BaseConversation):
         if result.picture is not None:
             self._keep_picture(result.picture)
         if not self._builder.waiting:
-            self.episode._complete_turn()
+            self._ledger.complete_turn()
             if self.episode.done:
                 result = replace(result, done=True)
         elif not self.open_calls:
-            self.episode._finish_if_over()
+            self._ledger.finish_if_over()
         self._results[position] = result
         return result
 
@@ -300,11 +292,11 @@ class ToolConversation(BaseConversation):
         event: Event = {"event": "message", "turn": self._builder.number, "by": by, "message": message}
         if position is not None:
             event["position"] = position
-        self.episode._record(event)
+        self._ledger.record(event)
         self._builder.add(message, position)
 
     def _answer_idle_reply(self) -> None:
         self._add({"role": "user", "content": self.episode.words("idle")}, "library", None)
         if self._idle_in_a_row == IDLE_REPLIES:
             self.episode.end("no_tool_call")
-        self.episode._complete_turn()
+        self._ledger.complete_turn()

@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from smartplay_tools.episode.config import CellConfig as CellConfig, EpisodeConfig as EpisodeConfig
     from smartplay_tools.episode.episode import (
         Episode as Episode,
-        Listener as Listener,
         NewListener as NewListener,
         add_listener as add_listener,
     )
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
         RewardName as RewardName,
         reward_of as reward_of,
     )
+    from smartplay_tools.episode.ledger import Listener as Listener
     from smartplay_tools.episode.stats import EpisodeStats as EpisodeStats
     from smartplay_tools.episode.tools import (
         AsyncGameTools as AsyncGameTools,
@@ -35,8 +35,9 @@ if not TYPE_CHECKING:
         {
             "smartplay_tools.episode.cells": "cell_config",
             "smartplay_tools.episode.config": "CellConfig EpisodeConfig",
-            "smartplay_tools.episode.episode": "Episode Listener NewListener add_listener",
+            "smartplay_tools.episode.episode": "Episode NewListener add_listener",
             "smartplay_tools.episode.factory": "EpisodeFactory RewardName reward_of",
+            "smartplay_tools.episode.ledger": "Listener",
             "smartplay_tools.episode.stats": "EpisodeStats",
             "smartplay_tools.episode.tools": "AsyncGameTools GameTools schema tool_functions tool_specs",
         },

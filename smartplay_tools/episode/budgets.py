@@ -59,8 +59,8 @@ def check_head(budget: Budget, least: int, strategies: Strategies | None = None,
             f"prompt_tokens={budget.prompt_tokens} cannot hold the head of every prompt and the tool schemas, which "
             f"take {least} tokens{more}; raise it well above that."
         )
-    if strategies is not None and strategies.recall is not None:
-        strategies.recall.check(budget, least + reserve + carried)
+    if strategies is not None:
+        strategies.check(budget, least + reserve + carried)
 
 
 def check_pictures(budget: ResolvedBudget, least: int, picture: int, words: int) -> None:

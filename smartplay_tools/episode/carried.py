@@ -18,7 +18,6 @@ from typing import Annotated, Any, Protocol, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.strategies.files import Files
 from smartplay_tools.context.strategies.memory import COMMANDS
 from smartplay_tools.context.tokens import TokenCounter, truncation
@@ -42,19 +41,12 @@ class StoreKind(Protocol):
         """Return what the store holds after these calls; `before` is what it held at the start, None for nothing."""
         ...
 
-    def begin(self, held: Any, strategies: Strategies, counter: TokenCounter) -> None:
-        """Give the strategies of an episode what the store held."""
-        ...
-
 
 class NotesStore:
     """The newest notes that were accepted; the message that ends the head shows them."""
 
     field = "notes_tokens"
     kept = "notes"
-
-    def begin(self, held: str | None, strategies: Strategies, counter: TokenCounter) -> None:
-        """Do nothing: the notes are in the head."""
 
     def after(self, calls: Iterable[CallEvent], before: str | None, words: Wording) -> str | None:
         """Return the newest notes; the earlier trial's if none were taken, None if the newest call cleared them."""
@@ -69,12 +61,6 @@ class FilesStore:
 
     field = "memory_tokens"
     kept = "files"
-
-    def begin(self, held: Mapping[str, str] | None, strategies: Strategies, counter: TokenCounter) -> None:
-        """Let the tool begin with the files."""
-        if held and (memory := strategies.memory) is not None:
-            memory.files.apply(held)
-            memory.size = sum(counter.text(path) + counter.text(text) for path, text in held.items())
 
     def after(
         self, calls: Iterable[CallEvent], before: Mapping[str, str] | None, words: Wording

@@ -2,15 +2,22 @@
 
 The start event of a record contains the config, the key of an episode is its digest, a cell of a run is a config
 without a seed, and a row of results is a config with its result. Replay, `resume` and the replay page create the same
-episode again from it. To add a rule, add a field to `Rules`, the code that obeys it, its command-line option in
-`cli/episode_options.py` and its keyword in `evaluation/runs/run_options.py`, which type checkers read; `Episode`, runs,
-run files, rows, tables and figures take the rules from its fields.
+episode again from it.
 
-Deviations: everything in which an episode differs from the protocol of the SmartPlay paper.
+To add a rule:
 
-The paper's prompts hold the manual and the past observations of the setting, ask in free text, lead to one action, and
-have no caps. All of it follows from the config, the budget in numbers and the game, so the result of a single episode
-lists it completely. How many trials a cell had is a fact about a run, which `evaluation.analysis.summary` adds.
+1. Add its field to `Rules`. Its default is the rule that every earlier record was played with.
+2. Write the code that obeys it.
+3. Add its command-line option to `RULES` in `cli/episode_options.py`.
+4. Add its keyword to `RunKeywords` in `evaluation/runs/run_options.py`, which type checkers read.
+
+`Episode`, runs, run files, rows, tables, figures and the list of deviations take the rules from the fields. A rule
+whose default is not the paper's is named in `_PAPER_RULES`, too.
+
+`deviations` lists everything in which an episode differs from the protocol of the SmartPlay paper. The paper's prompts
+hold the manual and the past observations of the setting, ask in free text, lead to one action, and have no caps. All of
+it follows from the config, the budget in numbers and the game, so the result of a single episode lists it completely.
+How many trials a cell had is a fact about a run, which `evaluation.analysis.summary` adds.
 """
 
 from __future__ import annotations
@@ -245,23 +252,23 @@ def _of_setting(spec: GameSpec, budget: ResolvedBudget) -> Deviations:
     return {name: differs(getattr(paper, name), n) for name, n in played.items() if n != getattr(paper, name)}
 
 
+_PAPER_RULES: Mapping[str, Any] = {**USUAL_RULES, "manual": "pinned", "batch": "first_act", "protocol": "paper"}
+"""The rules of the paper; one that is not named here is in the paper as it is by default."""
+
+
 def _of_protocol(config: EpisodeConfig) -> Deviations:
-    differences = {} if config.context == "window" else {"context": differs("window", config.context)}
+    # A chain says nothing in addition to `carry`.
+    played = {name: getattr(config, name) for name in RULES if name != "chain"}
     if config.protocol == "paper":
-        # The manual is part of all of its prompts, whether or not there is a tool that could read it.
-        return {**differences, **({"manual": differs("pinned", "none")} if config.manual == "none" else {})}
-    differences["protocol"] = differs("paper", config.protocol)
-    if config.manual != "pinned":
-        differences["manual"] = differs("pinned", config.manual)
-    if config.observation != "text":
-        differences["observation"] = differs("text", config.observation)
-    if config.carry is not None:
-        differences["carry"] = differs(None, config.carry)
-    if config.batch != "first_act":
-        differences["batch"] = differs("one action a prompt", config.batch)
+        # All of its prompts hold the manual, whether or not there is a tool that could read it, and lead to one action.
+        played |= {"manual": "none" if config.manual == "none" else "pinned", "batch": "first_act"}
+    unlike = (name for name in played if played[name] != _PAPER_RULES[name])
+    differences = {name: differs(_PAPER_RULES[name], played[name]) for name in unlike}
+    if "batch" in differences:
+        differences["batch"]["paper"] = "one action a prompt"
     # The options of a player that change what counts as a call.
     for name, usual in (("parse_calls", None), ("tool_choice", "auto")):
-        if (chosen := config.player_options.get(name, usual)) != usual:
+        if config.protocol == "tools" and (chosen := config.player_options.get(name, usual)) != usual:
             differences[name] = differs(usual, chosen)
     return differences
 

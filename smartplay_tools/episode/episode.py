@@ -7,21 +7,17 @@ never raises for anything that JSON or text can express. The stages of a call:
 
 There is no tool to reset, to seed or to read the score: the agent and its harness have different interfaces.
 
-Listeners: functions that are called with every event of every episode of this process as it is recorded.
-
-Tracing needs to know when events happen, which a record does not hold, in all episodes, whatever plays them. A listener
-sees what a record holds, and can change nothing. Episodes without a transcript have listeners, too.
+`episode.ledger` holds what happened in the game: the record, the counts and the end. A listener is called with every
+event of an episode as it is recorded, with a transcript or without, because tracing needs to know when events happen.
 """
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, get_args
+from typing import TYPE_CHECKING, Any, NoReturn, Self, get_args
 
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.context.tokens.counter import picture_counter, shared_counter
@@ -34,18 +30,15 @@ from smartplay_tools.episode.config import (
     EpisodeConfig,
     ManualMode,
     ProtocolName,
-    deviations,
-    differs,
 )
-from smartplay_tools.episode.game_session import Answer, GameSession
-from smartplay_tools.episode.stats import EpisodeStats, Stalls, versions
+from smartplay_tools.episode.game_session import GameSession
+from smartplay_tools.episode.ledger import Ledger, Listener
 from smartplay_tools.episode.tools import tool_functions
-from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import get_spec
-from smartplay_tools.transcript.events import FORMAT, Event
+from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import Sink, TranscriptWriter
 from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import (
@@ -59,15 +52,12 @@ from smartplay_tools.types import (
     ToolSpec,
     facts_as_html,
 )
-from smartplay_tools.types.arguments import Arguments, as_text, read
+from smartplay_tools.types.arguments import as_text, read
 from smartplay_tools.types.messages import Message, well_formed
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
 
-
-Listener = Callable[[Event], None]
-"""Called with each event of one episode, in the thread that records it."""
 
 NewListener = Callable[["Episode"], Listener]
 """Called with each new episode; returns the listener of its events."""
@@ -79,15 +69,6 @@ def add_listener(new_listener: NewListener) -> Callable[[], None]:
     """Listen to every episode that this process makes from now on; return a function that stops it for later ones."""
     _LISTENERS.append(new_listener)
     return lambda: _LISTENERS.remove(new_listener)
-
-
-def listeners_of(episode: Episode) -> list[Listener]:
-    """Return the listeners of a new episode."""
-    return [new_listener(episode) for new_listener in _LISTENERS]
-
-
-REMEMBERED_CALLS = 64
-"""How many answered idempotency keys are kept: more than the calls that a transport sends at the same time."""
 
 
 class Episode:
@@ -106,7 +87,7 @@ class Episode:
         options: the game's own keyword arguments (`TextGame.options`), and rules (`Rules`) that have no argument here.
 
     An episode is thread-safe and shares no state with other episodes. `with` closes it at the end of the block.
-    Members that begin with an underscore are this package's own: conversations and the readers of records use them.
+    Its `ledger` belongs to this package: conversations and the readers of records write it.
     """
 
     def __init__(
@@ -179,8 +160,6 @@ class Episode:
         is_recorded: bool = False,
         carried: Carried | None = None,
     ) -> None:
-        self.config = config
-        """Everything that determines this episode, except what it takes over from another one."""
         self.carried = carried
         """What it takes over from the trial before it in its chain; None for nothing."""
         self.spec, self.counter = spec, counter
@@ -188,47 +167,33 @@ class Episode:
         self.game = config.make_game(spec)
         try:
             self.game.reset(seed=config.seed)
-            self._session = GameSession(spec, self.game, config, counter, carried)
-            self._session.strategies.bring(config.strategy_sha256, is_recorded=is_recorded)
-            self._transcript = None if transcript is None else TranscriptWriter(transcript)
+            session = GameSession(spec, self.game, config, counter, carried)
+            session.strategies.load_custom(config.strategy_sha256, is_recorded=is_recorded)
+            writer = None if transcript is None else TranscriptWriter(transcript)
         except BaseException:
             self.game.close()
             raise
-        self._session.game_seconds = time.perf_counter() - began
-        self.words = self._session.words
+        session.game_seconds = time.perf_counter() - began
+        self.words = session.words
         """What the model is told, in the version of the config."""
-        self.budget = self._session.budget
+        self.budget = session.budget
         """The budget in numbers."""
-        self.head = self._session.head
+        self.head = session.head
         """The first messages of every prompt: system and task."""
-        self._strategies = self._session.strategies
-        """What becomes of the past: the strategies that the budget asks for."""
-        self.stats = EpisodeStats()
+        self.ledger = Ledger(config, session, writer, carried)
+        """What conversations of this package write: the record, the counts and the end. Its members may change."""
+        self.stats = self.ledger.stats
         """What has been counted so far."""
-        self._stalls = Stalls()
-        self.result: EpisodeResult | None = None
-        """The result, once the episode is over."""
-        self.if_closed: tuple[EndReason, Exception | None, str | None] | None = None
-        """The reason, error and detail that `close` records; set by a host that stops before the end."""
-        self.lock = threading.RLock()
+        self.lock = self.ledger.lock
         """Held while a call or a reply is processed."""
-        self._queue = SerialQueue(is_slow=self.game.is_slow)
-        """Runs the calls of asynchronous callers one after the other."""
-        self._answered: OrderedDict[str, tuple[tuple[str, str], ToolResult]] = OrderedDict()
-        self._on_step: Callable[[TextGame], None] | None = None
-        self._on_view: Callable[[int, int], None] | None = None
-        """Called with the tokens of a new prompt and of its longest reply, before it is sent; may end the episode."""
-        self._begun = self._is_privileged = self._has_shown_pictures = self._step_is_unrecorded = False
-        self._names_pictures_by_pixels = config.observation != "text"
-        """Whether the record says so, which those do not that were written before pictures had these names."""
-        self._listeners = listeners_of(self)
+        self.ledger.listeners = [new_listener(self) for new_listener in _LISTENERS]
 
     # For the agent.
 
     @property
     def tools(self) -> tuple[ToolSpec, ...]:
         """The tools as they are described to the model: three, and those of the strategies."""
-        return self._session.tools.specs
+        return self.ledger.session.tools.specs
 
     def call(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
         """Answer one call, as a turn of its own. A mistake gives a result with `is_error`, never an exception.
@@ -247,13 +212,13 @@ class Episode:
                 # A model's JSON can hold anything where a name belongs.
                 name, key = as_text(call.name), as_text(call.call_id)
                 arguments = read(call.arguments)
-                result = self._recall(key, name, arguments)
+                result = self.ledger.recall(key, name, arguments)
                 if result is None:
                     may_act = not acted or self.config.batch == "all"
-                    result = self._answer(turn, position, name, arguments, may_act=may_act, key=key)
+                    result = self.ledger.answer(turn, position, name, arguments, may_act=may_act, key=key)
                 acted = acted or name == "act"
                 results.append(result)
-            self._complete_turn()
+            self.ledger.complete_turn()
             if results and self.done:
                 results[-1] = replace(results[-1], done=True)
             # A mistake quotes what the model wrote; half a character is on record, and no request can hold it.
@@ -261,7 +226,7 @@ class Episode:
 
     async def acall(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
         """Answer one call in a shared thread; the calls of an episode are answered in the order of their arrival."""
-        return await self._queue.run(lambda: self.call(name, arguments, call_id))
+        return await self.ledger.queue.run(lambda: self.call(name, arguments, call_id))
 
     def functions(self) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
         """Return the game's tools as plain annotated, documented functions: observe, act, read_manual."""
@@ -271,19 +236,34 @@ class Episode:
     # For the harness.
 
     @property
+    def config(self) -> EpisodeConfig:
+        """Everything that determines this episode, except what it takes over from another one."""
+        return self.ledger.config
+
+    @property
+    def result(self) -> EpisodeResult | None:
+        """The result, once the episode is over."""
+        return self.ledger.result
+
+    @property
+    def if_closed(self) -> tuple[EndReason, Exception | None, str | None] | None:
+        """What to record if the episode is closed now, as reason, error and detail; set by hosts that stop early."""
+        return self.ledger.if_closed
+
+    @property
     def manual_text(self) -> str:
         """The game's manual, cut to its cap."""
-        return self._session.manual_text
+        return self.ledger.session.manual_text
 
     @property
     def end_reason(self) -> EndReason | None:
         """Why the episode is over; None while it runs."""
-        return self._session.end_reason
+        return self.ledger.session.end_reason
 
     @property
     def done(self) -> bool:
         """Whether the episode is over."""
-        return self._session.end_reason is not None
+        return self.ledger.session.end_reason is not None
 
     @property
     def progress(self) -> Progress:
@@ -293,26 +273,21 @@ class Episode:
         return Progress(score, normalized, self.stats.reward, self.stats.steps, self.end_reason)
 
     @property
-    def _recording(self) -> bool:
-        """Whether events are written: to a transcript, or to listeners."""
-        return self._transcript is not None or bool(self._listeners)
-
-    @property
     def game_seconds(self) -> float:
         """Seconds spent so far in the game's reset and steps in this process; not part of the record."""
-        return self._session.game_seconds
+        return self.ledger.session.game_seconds
 
     def on_step(self, function: Callable[[TextGame], None] | None) -> None:
         """Set a function that is called with the game after every recorded step; it may draw it, but must not play."""
-        self._on_step = function
+        self.ledger.on_step = function
 
     def privileged_game(self) -> TextGame:
         """Return the game itself, for a player that needs more than its messages; record and result note the access."""
         with self.lock:
             self.begin()
-            if not self._is_privileged:
-                self._is_privileged = True
-                self._record({"event": "reveal"})
+            if not self.ledger.is_privileged:
+                self.ledger.is_privileged = True
+                self.ledger.record({"event": "reveal"})
             return self.game
 
     def picture(self) -> Any:
@@ -324,8 +299,8 @@ class Episode:
             if self.game.render_mode != "rgb_array":
                 raise InvalidArgumentError(f'{self.spec.id} draws itself only with render_mode="rgb_array".')
             self.begin()
-            self._has_shown_pictures = True
-            self._record({"event": "picture", "turn": self.stats.turns, "step": self.stats.steps})
+            self.ledger.has_shown_pictures = True
+            self.ledger.record({"event": "picture", "turn": self.stats.turns, "step": self.stats.steps})
             return self.game.render()
 
     def note_prompt(self, prompt: Prompt, reply: Message) -> None:
@@ -339,7 +314,7 @@ class Episode:
         with self.lock:
             self.begin()
             tokens, cap = self.counter.prompt(prompt.messages, prompt.tools), self.budget.prompt_tokens
-            self._record(
+            self.ledger.record(
                 {
                     "event": "sent",
                     "turn": self.stats.turns,
@@ -364,78 +339,7 @@ class Episode:
 
     def begin(self, *, player: str | None = None, protocol: ProtocolName = "tools") -> None:
         """Write the record's first event. The first call sets player and protocol, unless the config has them."""
-        if self._begun:
-            return
-        self._begun = True
-        update = {"player": self.config.player or player, "protocol": protocol}
-        self.config = self.config.model_copy(update=update)
-        cut = self.config.manual == "pinned" and self._session.manual_is_cut
-        start: Event = {
-            "event": "start",
-            "format": FORMAT,
-            "config": self.config.to_json(),
-            "budget": self.budget.model_dump(),
-            "cut_results": int(cut),
-            "versions": self._versions(),
-        }
-        if self._names_pictures_by_pixels:
-            start["pictures"] = "pixels"
-        if self.carried is not None:
-            start["carried"] = self.carried.model_dump(exclude_none=True)
-        self._record(start)
-
-    def _answer(
-        self,
-        turn: int,
-        position: int,
-        name: str,
-        arguments: Arguments,
-        *,
-        may_act: bool = True,
-        key: str = "",
-        host: Literal["edited", "refused"] | None = None,
-        refusal: str | None = None,
-        is_foreign: bool = False,
-    ) -> ToolResult:
-        """Answer one call of a turn and record it; a conversation calls `_complete_turn` after the last one.
-
-        `host` says what the host did to the call: changed its arguments, or refused it with the text `refusal`.
-        `is_foreign` says that the call is one of the host's own tools, which did not run.
-        """
-        with self.lock:
-            self._step_is_unrecorded = True
-            if is_foreign and not self.done:
-                answer = self._session.answer_foreign(arguments, refusal)
-            elif refusal is not None and not self.done:
-                answer = self._session.say(refusal, "host")
-            else:
-                answer = self._session.answer(name, arguments, may_act=may_act)
-            result = ToolResult(answer.text, answer.is_error, self.done, answer.data, answer.picture)
-            event = self._call_event(turn, position, name, arguments, answer)
-            if host is not None:
-                event["host"] = host
-            if refusal is not None:
-                event["refusal"] = refusal
-            if key:
-                event["call_id"] = key  # a transport's keys outlive this process
-            self._record(event)
-            self._step_is_unrecorded = False
-            if key:
-                self._remember(key, name, arguments, result)
-            if self._on_step is not None and "reward" in answer.data:
-                self._on_step(self.game)
-            return result
-
-    def _record(self, *events: Mapping[str, Any]) -> None:
-        """Write events to the transcript, if there is one, and count them. After the end nothing is recorded."""
-        if self.result is None:
-            if self._transcript is not None:
-                self._transcript.append(*events)
-            for event in events:
-                self.stats.apply(event)
-                self._stalls.apply(event)
-                for listener in self._listeners:
-                    listener(dict(event))
+        self.ledger.begin(player=player, protocol=protocol)
 
     def end(self, reason: EndReason, error: BaseException | None = None, *, detail: str | None = None) -> None:
         """End the episode, unless it is over; an error is recorded with its traceback.
@@ -445,8 +349,8 @@ class Episode:
         check_choice("The reason of an end", reason, get_args(EndReason))
         with self.lock:
             self.begin()
-            self._session.end(reason, error, detail)
-            self._finish_if_over()
+            self.ledger.session.end(reason, error, detail)
+            self.ledger.finish_if_over()
 
     def close(self) -> None:
         """End the episode if it is still running, and release its resources. May be called twice.
@@ -458,8 +362,8 @@ class Episode:
                 reason, error, detail = self.if_closed or ("closed", None, None)
                 self.end(reason, error, detail=detail)
             finally:
-                if self._transcript is not None:
-                    self._transcript.close()
+                if self.ledger.writer is not None:
+                    self.ledger.writer.close()
                 self.game.close()
 
     def __enter__(self) -> Self:
@@ -484,81 +388,3 @@ class Episode:
             "An Episode holds a running game and cannot be pickled; pickle its `config` and make it again with "
             "`Episode.from_config`, or continue its record with `resume`."
         )
-
-    def _complete_turn(self) -> None:
-        """End the episode if too many turns in a row have brought nothing; conversations call this after each turn."""
-        cap = self.budget.stalled_turns
-        if cap is not None and self._stalls.in_a_row >= cap:
-            self._session.end("stalled_turns")
-        self._finish_if_over()
-
-    def _finish_if_over(self) -> None:
-        """Create the result and end the record, if the episode is over."""
-        reason = self.end_reason
-        if reason is None or self.result is not None:
-            return
-        result = EpisodeResult(
-            game=self.spec.id,
-            engine=self.game.engine,
-            seed=self.config.seed,
-            score=self.game.score,
-            normalized_score=self.spec.normalize(self.game.score) if self.game.comparable else None,
-            completed=self.game.completed,
-            end_reason=reason,
-            error=self._session.error,
-            detail=self._session.detail,
-            # A game that has failed may not be able to compute its state hash.
-            state_hash="" if reason == "game_error" else self.game.state_hash(),
-            context=self.config.context,
-            deviations=self._deviations(),
-            versions=self._versions(),
-            **self.stats.counts(),
-        )
-        try:
-            # If a step was interrupted before it was recorded, the record does not lead to this result.
-            if not self._step_is_unrecorded:
-                self._record({"event": "end", "result": result.model_dump(), "traceback": self._session.traceback})
-        finally:
-            self.result = result
-
-    def _versions(self) -> dict[str, str]:
-        """Return the versions of the programs that can change how this episode runs or is counted."""
-        return {**versions(), **self.game.versions()}
-
-    def _continue_in(self, writer: TranscriptWriter) -> None:
-        """Write all further events to another record, which contains every event so far."""
-        self._transcript = writer
-
-    def _call_event(self, turn: int, position: int, name: str, arguments: Arguments, answer: Answer) -> Event:
-        return {
-            "event": "call",
-            "turn": turn,
-            "position": position,
-            "name": name,
-            "arguments": arguments.text,
-            "text": answer.text,
-            "is_error": answer.is_error,
-            "done": self.done,
-            "data": answer.data,
-            "cut": answer.cut,
-        }
-
-    def _recall(self, key: str, name: str, arguments: Arguments) -> ToolResult | None:
-        """Return the recorded answer to a call whose key was seen before."""
-        if not key or key not in self._answered:
-            return None
-        asked, result = self._answered[key]
-        if asked == (name, arguments.canonical):
-            return replace(result, data={**result.data, "replayed": True})
-        answer = self._session.refuse(self.words("call_id_was_used"))
-        return ToolResult(answer.text, True, self.done, answer.data)
-
-    def _remember(self, key: str, name: str, arguments: Arguments, result: ToolResult) -> None:
-        self._answered[key] = ((name, arguments.canonical), result)
-        if len(self._answered) > REMEMBERED_CALLS:
-            self._answered.popitem(last=False)
-
-    def _deviations(self) -> dict[str, Any]:
-        configured = deviations(self.config, self.spec, self.budget, is_privileged=self._is_privileged)
-        pictures = {"pictures": differs("none", "shown when asked for")} if self._has_shown_pictures else {}
-        return {**configured, **pictures, **self.game.deviations()}

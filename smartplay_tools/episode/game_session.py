@@ -90,7 +90,9 @@ class GameSession:
             words = counter.text(f"{self.words('picture_shown')}\n{self.words('game_is_over')}")
             budgets.check_pictures(self.budget, least, self._picture_tokens, words)
         if carried is not None and config.carry is not None:
-            STORES[config.carry].begin(getattr(carried, STORES[config.carry].kept), self.strategies, counter)
+            store = STORES[config.carry]
+            if held := getattr(carried, store.kept):
+                self.strategies.asked[store.field].begin(held)
             cap = (
                 None if asked.prompt_tokens is None else longest_message(config.carry, self.budget, counter, self.words)
             )
@@ -221,10 +223,10 @@ class GameSession:
 
     def _beginning(self, observation: str) -> str:
         """The words of an observation, cut to their cap, or the first page of them."""
-        cap, offload, results = self._cap_on_words, self.strategies.offload, self.budget.result_tokens
-        if offload is None or cap is None or results is None:
+        cap, shortening, results = self._cap_on_words, self.strategies.shortening, self.budget.result_tokens
+        if shortening is None or cap is None or results is None:
             return self._cut(observation, cap, truncation.cut_end)
-        return self._cut(observation, cap, lambda text, cap, *_: offload.keep(text, cap, results))
+        return self._cut(observation, cap, lambda text, cap, *_: shortening.shorten(text, cap, results))
 
     @property
     def _cap_on_words(self) -> int | None:

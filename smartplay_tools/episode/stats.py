@@ -3,7 +3,7 @@
 A live episode, a replay and a reader of records count with the same code, so their counts agree. The counters have the
 names of the fields of `EpisodeResult`.
 
-Stalls: how many turns in a row have brought nothing, computed from an episode's events one by one.
+Stalls: how many turns in a row have shown the model nothing new, computed from an episode's events one by one.
 
 A turn brings nothing if it plays no step and shows nothing new: it has no call, or each of its calls is a mistake, was
 refused, or repeats what the model has seen. A model in such a state rarely leaves it, but would go on until its calls
@@ -146,14 +146,14 @@ def versions() -> dict[str, str]:
 
 
 class Stalls:
-    """Counts the turns in a row that brought nothing; the latest turn counts as if it were complete."""
+    """Counts the turns in a row that showed nothing new; the latest turn counts as if it were complete."""
 
     def __init__(self) -> None:
         self._before = 0
         """The turns in a row before the latest."""
         self._turn = -1
         self._is_new = self._is_foreign = True
-        """Whether the latest turn has brought something new, and whether it has the result of a foreign tool."""
+        """Whether the latest turn has shown something new, and whether it has the result of a foreign tool."""
         self._observation = -1
         self._manual_was_read = False
         self._sent: dict[str, str] = {}
@@ -161,7 +161,7 @@ class Stalls:
 
     @property
     def in_a_row(self) -> int:
-        """How many turns in a row have brought nothing."""
+        """How many turns in a row have shown nothing new."""
         if self._is_new:
             return 0
         return self._before + (not self._is_foreign)

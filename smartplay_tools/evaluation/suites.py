@@ -84,6 +84,8 @@ def get_suite(name: str) -> Suite:
 
 def suite_games(suite: str | None, games: Sequence[str]) -> list[str]:
     """Return the games of a suite and then those that are named; there has to be one."""
+    if isinstance(games, str):
+        raise InvalidArgumentError(f"The games of a run are a list of ids; write [{games!r}].")
     names = [*(() if suite is None else get_suite(suite).games), *games]
     if not names:
         raise InvalidArgumentError(f"Name games, or a suite ({', '.join(SUITES)}).")

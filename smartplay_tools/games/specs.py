@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+from smartplay_tools.errors import InvalidArgumentError, name_of
 from smartplay_tools.games.game_registry import Games, GameSpec
 from smartplay_tools.games.paper_tables import CAPABILITIES, HUMAN_SCORES, MIN_SCORES
 
@@ -89,7 +90,13 @@ GAMES = Games(
 
 def get_spec(game: str | GameSpec) -> GameSpec:
     """Return the setting of that id; an unknown id raises `UnknownNameError`, which lists similar ids."""
-    return GAMES[game] if isinstance(game, str) else game
+    return GAMES[game] if isinstance(game, str) else _checked(game)
+
+
+def _checked(spec: object) -> GameSpec:
+    if not isinstance(spec, GameSpec):
+        raise InvalidArgumentError(f"{name_of(spec)} is not a setting; give a GameSpec, or an id: Hanoi3Disk-v0.")
+    return spec
 
 
 def register(spec: GameSpec) -> GameSpec:
@@ -98,4 +105,4 @@ def register(spec: GameSpec) -> GameSpec:
     A package that declares it as an entry point makes it available in every process: see
     `smartplay_tools.games.game_registry`.
     """
-    return GAMES.register(spec)
+    return GAMES.register(_checked(spec))

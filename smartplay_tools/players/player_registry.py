@@ -11,21 +11,22 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Literal, overload
 
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, name_of
 from smartplay_tools.registry import Registry, is_in_file, read_file
 from smartplay_tools.types import AsyncPlayer, Player
 
 
 def load_from_file(name: str) -> Callable[..., Any]:
     """Return a function that makes the player `FILE.py:CLASS`, without `seed` if its constructor takes none."""
-    factory = read_file(name)
+    return partial(make_player, read_file(name).make)
 
-    def make(*, seed: int, **options: Any) -> Any:
-        return factory(**({"seed": seed} if takes_seed(factory) else {}), **options)
 
-    return make
+def make_player(factory: Callable[..., Any], *, seed: int, **options: Any) -> Any:
+    """Return a new player of a class or function, with `seed` if it takes one."""
+    return factory(**({"seed": seed} if takes_seed(factory) else {}), **options)
 
 
 def takes_seed(factory: Callable[..., Any]) -> bool:
@@ -79,6 +80,11 @@ def get_player(name: str, *, seed: int = 0, **options: Any) -> Player | AsyncPla
     yours. An unknown name raises `UnknownNameError`, an option or argument that the player does not take an
     `InvalidArgumentError`.
     """
+    if not isinstance(name, str):
+        raise InvalidArgumentError(
+            f"{name_of(name)} is not the name of a player; a class that is not registered is called, and in a run it "
+            f'has a name: {{"p": {name_of(name)}}}.'
+        )
     if is_in_file(name):
         colon, argument, factory = "", "", load_from_file(name)
     else:

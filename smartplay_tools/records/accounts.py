@@ -67,7 +67,7 @@ class Departure:
     """The turn whose prompt was the first without it."""
     reason: Reason
     """It was older than the history; it did not fit; slack dropped more at once than had to go; it was no longer
-    pinned; a brought strategy did not choose it."""
+    pinned; a custom strategy did not choose it."""
     needs: int
     """The tokens that it would have taken."""
     age: int
@@ -153,7 +153,7 @@ class Accounts:
         return tokens
 
     def _parts_by_turn(self, view: ViewEvent, tokens: Tokens) -> Tokens:
-        """Add the parts of turn after turn, and the texts that a brought strategy has chosen."""
+        """Add the parts of turn after turn, and the texts that a custom strategy has chosen."""
         hidden = {*numbers_in(view.get("hidden", [])), view["notes"]}
         for number in numbers_in(view["turns"]):
             turn = self._turns[number]

@@ -77,8 +77,8 @@ class Driver:
         self.episode.on_step(on_step)
         names: Iterator[str] = iter(())
         if not compares_pictures(recorded[0]):
-            self.episode._names_pictures_by_pixels, names = False, picture_names(self.recorded)
-        self.episode._session.on_picture = _naming(names, on_picture)
+            self.episode.ledger.names_pictures_by_pixels, names = False, picture_names(self.recorded)
+        self.episode.ledger.session.on_picture = _naming(names, on_picture)
         self.conversation: Driven | None = None
         self.has_host_part = False
         """Whether a host added messages or tools to a head."""
@@ -135,7 +135,7 @@ class Driver:
             case "end":
                 if not self.episode.done:
                     self._end(event["result"])
-                self.episode._finish_if_over()  # the host may have left calls of the last reply open
+                self.episode.ledger.finish_if_over()  # the host may have left calls of the last reply open
 
     def _open(self, event: Event, *, is_summary: bool) -> None:
         usage = self._usages.get((event["turn"], is_summary))
@@ -179,7 +179,7 @@ class Driver:
             if kind == "call":
                 self.episode.call_batch([ToolCall(e["name"], e["arguments"], e.get("call_id")) for e in group])
             else:
-                self.episode._record(*map(unchained, group))
+                self.episode.ledger.record(*map(unchained, group))
 
     def _end(self, result: Mapping[str, Any]) -> None:
         reason = result["end_reason"]

@@ -101,7 +101,7 @@ class PromptParts(NamedTuple):
     pictures: int
     """How many of the first pictures are left out."""
     texts: Mapping[int, Message]
-    """The texts of a brought strategy, by the turn before which each stands."""
+    """The texts of a custom strategy, by the turn before which each stands."""
     after: Sequence[Message]
     """The question for a summary, if the prompt asks for one."""
 

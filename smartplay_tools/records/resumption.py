@@ -86,7 +86,7 @@ def resume(
         if goes_on:
             _continue_record(driver, recorded, source, transcript)
         elif end is not None:
-            driver.episode.result = EpisodeResult(**end)  # unchanged: the versions, too, are those of the recording
+            driver.episode.ledger.result = EpisodeResult(**end)  # unchanged, with the versions of the recording
     except BaseException:
         driver.episode.game.close()
         raise
@@ -142,8 +142,8 @@ def _continue_record(
     else:
         writer = TranscriptWriter(transcript)
         writer.append(*map(unchained, before))
-    writer.append({"event": "resume", "versions": episode._versions()}, *map(unchained, beyond))
-    episode._continue_in(writer)
+    writer.append({"event": "resume", "versions": episode.ledger.versions()}, *map(unchained, beyond))
+    episode.ledger.writer = writer
 
 
 def left_by(path: Path) -> Carried:

@@ -99,15 +99,15 @@ def check_reading(budget: Budget) -> None:
     limits = {"prompt_tokens": 900, "tool_calls": None, "stalled_turns": None}
     long = budget.model_copy(update=limits)
     with Episode("RockPaperScissorBasic-v0", seed=1, budget=long) as episode:
-        brought = episode._strategies.brought
-        assert brought is not None
-        episode._strategies.brought = counting = _Reads(brought)
+        custom = episode.ledger.strategies.custom
+        assert custom is not None
+        episode.ledger.strategies.custom = counting = _Reads(custom)
         conversation = Conversation(episode)
         while episode.result is None and len(counting.counts) <= LATE:
             conversation.receive(call("observe"))
             conversation.prompt()
     require(episode.end_reason != "strategy_error", f"{episode.result and episode.result.error}")
-    if getattr(brought, "reads_everything", False):
+    if getattr(custom, "reads_everything", False):
         return
     early, late = counting.counts[EARLY], counting.counts[LATE]
     require(

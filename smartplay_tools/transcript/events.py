@@ -83,9 +83,9 @@ class ViewEvent(TypedDict):
     anchors: NotRequired[int]
     """With `first_turns`: how many first turns are pinned; those before the run of newest turns precede the summary."""
     hidden: NotRequired[list[list[int]]]
-    """With a brought strategy: ranges of the turns whose observations it masks."""
+    """With a custom strategy: ranges of the turns whose observations it masks."""
     texts: NotRequired[list[Any]]
-    """With a brought strategy: its texts, each as [turn, text], a user message before that turn."""
+    """With a custom strategy: its texts, each as [turn, text], a user message before that turn."""
     summary: NotRequired[int]
     """With strategies: the number of `summary` events so far; the text of the last one is shown."""
     question: NotRequired[int]

@@ -1,12 +1,17 @@
-"""Budgets: what an agent may see and spend, what becomes of its past, and how each field reads in words.
+"""Budgets: what an agent may see and spend, and what happens to its past.
 
-The base class of recorded data, which leaves out newer fields where older versions meant the same.
+Every field says in its annotation how it reads in tables, messages and pages (`Reads`), and a field that asks for a
+strategy for the past says so (`Keeps`). `STRATEGIES`, `Budget.describe` and the fields of older records follow from the
+annotations, so a new field cannot be missing in any of them.
+
+`Recorded` is the base class of recorded data, which leaves out newer fields where older versions meant the same.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
@@ -51,69 +56,91 @@ BeyondHistory = Literal["drop", "mask"]
 BeyondResult = Literal["cut", "offload"]
 """What becomes of an observation that is over `result_tokens`: its end is cut, or a tool reads on."""
 
-STRATEGIES: Mapping[str, Any] = {
-    "beyond_history": "drop",
-    "notes_tokens": None,
-    "summary_tokens": None,
-    "own_words": None,
-    "first_turns": None,
-    "recall_tokens": None,
-    "beyond_result": "cut",
-    "memory_tokens": None,
-    "newest_pictures": None,
-    "strategy": None,
-}
-"""The fields of a budget that say what becomes of the past, and their defaults, under which it is dropped."""
 
-WORDS = ("beyond_history", "beyond_result", "strategy")
-"""The fields among these whose values are words; those of the others are numbers."""
+@dataclass(frozen=True)
+class Reads:
+    """How a field of a budget reads in tables, messages and pages, as an annotation of the field."""
+
+    words: Callable[[Any], str]
+    """Returns a value in words."""
+
+
+@dataclass(frozen=True)
+class Keeps(Reads):
+    """The same for a field that asks for a strategy for the past; at the field's default the past is dropped."""
+
+    is_text: bool = False
+    """Whether its values are text; the others are numbers."""
+
+
+def _cap_on(what: str) -> Callable[[Any], str]:
+    def words(cap: int | str | None) -> str:
+        if isinstance(cap, str):
+            return f"{what} {cap}"
+        return f"{what} unlimited" if cap is None else f"{what} <= {cap:,}"
+
+    return words
+
+
+def _cap_or_none(what: str) -> Callable[[Any], str]:
+    return lambda cap: f"no {what}" if cap is None else f"{what} <= {cap:,}"
+
+
+def _number(what: str, without: str) -> Callable[[Any], str]:
+    return lambda number: without if number is None else f"{what} {number}"
+
+
+def _choice(**words: str) -> Callable[[Any], str]:
+    return words.__getitem__
+
+
+def _custom(strategy: str | None) -> str:
+    return "built-in window" if strategy is None else f"strategy {strategy.rpartition('/')[2]}"
 
 
 class Budget(Recorded):
     """What an agent may see and spend. None means no limit; tokens are those of `smartplay_tools.context.tokens`."""
 
-    later: ClassVar[Mapping[str, Any]] = {**STRATEGIES, "stalled_turns": None}
-
-    history: Count | Literal["game"] | None = "game"
+    history: Annotated[Count | Literal["game"] | None, Reads(_number("history", "history all"))] = "game"
     """Past steps visible in addition to the current observation; "game" is the paper's number for the game."""
-    prompt_tokens: Cap | None = None
+    prompt_tokens: Annotated[Cap | None, Reads(_cap_on("prompts"))] = None
     """Cap on every prompt: head, tool schemas, turns and priming."""
-    reply_tokens: Cap | None = None
+    reply_tokens: Annotated[Cap | None, Reads(_cap_on("replies"))] = None
     """Cap on every reply."""
-    episode_tokens: Cap | None = None
+    episode_tokens: Annotated[Cap | None, Reads(_cap_on("episode"))] = None
     """Cap on all prompts and replies of an episode together."""
-    result_tokens: Cap | Literal["auto"] | None = "auto"
+    result_tokens: Annotated[Cap | Literal["auto"] | None, Reads(_cap_on("results"))] = "auto"
     """Cap on one tool result. "auto" is a quarter of what head and tool schemas leave of `prompt_tokens` (a third for
     the manual), at least 32; without `prompt_tokens` there is no cap. A number applies to every result."""
-    tool_calls: Cap | Literal["game"] | None = "game"
+    tool_calls: Annotated[Cap | Literal["game"] | None, Reads(_cap_on("calls"))] = "game"
     """Cap on tool calls; "game" is 4 x rollout + 16, so that an agent that never acts comes to an end."""
-    stalled_turns: Cap | None = 10
+    stalled_turns: Annotated[Cap | None, Reads(_cap_on("stalled turns"))] = 10
     """Cap on turns in a row that play no step and show the model nothing new, after which the episode ends. With a
     cap, turns without a step are too old once more than `history` of them follow."""
-    slack: Annotated[float, Field(ge=0, le=1)] = 0.0
+    slack: Annotated[float, Field(ge=0, le=1), Reads("slack {:g}".format)] = 0.0
     """The share of the window that is dropped at once when it is full, so that the prompt's beginning stays the same
     for many calls and the provider's cache applies. 0 always shows as much as fits."""
-    beyond_history: BeyondHistory = "drop"
+    beyond_history: Annotated[BeyondHistory, Keeps(_choice(drop="dropping", mask="masking"), is_text=True)] = "drop"
     """What becomes of turns older than `history`: "drop" drops them, "mask" keeps those that fit, with every
     observation older than `history` replaced by a line that says so."""
-    notes_tokens: Cap | None = None
+    notes_tokens: Annotated[Cap | None, Keeps(_cap_or_none("notes"))] = None
     """Cap on the agent's notes, which stay visible when older turns leave; None: there is no tool `take_notes`."""
-    summary_tokens: Cap | None = None
+    summary_tokens: Annotated[Cap | None, Keeps(_cap_or_none("summaries"))] = None
     """Cap on the summary that the agent is asked for when turns leave the window; None: it is not asked."""
-    own_words: Count | None = None
+    own_words: Annotated[Count | None, Keeps(_number("own words", "own words all"))] = None
     """Past steps whose replies keep their words and reasoning; replies of older turns have their calls alone."""
-    first_turns: Cap | None = None
+    first_turns: Annotated[Cap | None, Keeps(_number("first turns", "no anchors"))] = None
     """The number of first turns that stay visible when later ones leave, as far as they fit; None: none of them."""
-    recall_tokens: Cap | None = None
+    recall_tokens: Annotated[Cap | None, Keeps(_cap_or_none("recalls"))] = None
     """Cap on an answer of the tool `recall`, which searches observations that have left; None: no such tool."""
-    beyond_result: BeyondResult = "cut"
+    beyond_result: Annotated[BeyondResult, Keeps(_choice(cut="cutting", offload="offloading"), is_text=True)] = "cut"
     """What becomes of observations over `result_tokens`: "cut" loses their end, "offload" shows their beginning and
     adds the tool `read_result`, which reads on."""
-    memory_tokens: Cap | None = None
+    memory_tokens: Annotated[Cap | None, Keeps(_cap_or_none("memory"))] = None
     """Cap on the files that the agent keeps with the tool `memory`, their paths included; None: no such tool."""
-    newest_pictures: Cap | None = None
+    newest_pictures: Annotated[Cap | None, Keeps(_number("newest pictures", "all pictures"))] = None
     """The number of newest pictures that stay visible, where observations have pictures; None: all of them."""
-    strategy: Annotated[str, Field(strict=True, min_length=1)] | None = None
+    strategy: Annotated[Annotated[str, Field(strict=True, min_length=1)] | None, Keeps(_custom, is_text=True)] = None
     """The strategy that chooses the turns of a prompt: FILE.py:CLASS, or the name of one that an installed package
     declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
 
@@ -142,45 +169,29 @@ class Budget(Recorded):
         return cls(**limits | {name: None for name, value in limits.items() if value == "none"})
 
 
-_CAPPED = {
-    "prompt_tokens": "prompts",
-    "reply_tokens": "replies",
-    "episode_tokens": "episode",
-    "result_tokens": "results",
-    "tool_calls": "calls",
-    "stalled_turns": "stalled turns",
-    "notes_tokens": "notes",
-    "memory_tokens": "memory",
-    "recall_tokens": "recalls",
-    "summary_tokens": "summaries",
-}
-"""What each cap of a budget is a cap on."""
+def _reading(name: str) -> Reads:
+    readings = [each for each in Budget.model_fields[name].metadata if isinstance(each, Reads)]
+    if not readings:
+        raise TypeError(f"The field {name} of Budget does not say how it reads; annotate it with `Reads` or `Keeps`.")
+    return readings[0]
+
+
+_READINGS = {name: _reading(name) for name in Budget.model_fields}
+
+_KEEPING = {name: reading for name, reading in _READINGS.items() if isinstance(reading, Keeps)}
+
+STRATEGIES: Mapping[str, Any] = {name: Budget.model_fields[name].default for name in _KEEPING}
+"""The fields of a budget that ask for a strategy for the past, and their defaults, under which it is dropped."""
+
+WORDS = tuple(name for name, reading in _KEEPING.items() if reading.is_text)
+"""The fields among these whose values are words; those of the others are numbers."""
+
+Budget.later = {**STRATEGIES, "stalled_turns": None}
 
 
 @functools.lru_cache(1_000, typed=True)
 def _in_words(name: str, value: Any) -> str:
-    match name:
-        case "history":
-            return f"history {'all' if value is None else value}"
-        case "slack":
-            return f"slack {value:g}"
-        case "beyond_history":
-            return "masking" if value == "mask" else "dropping"
-        case "beyond_result":
-            return "offloading" if value == "offload" else "cutting"
-        case "notes_tokens" | "summary_tokens" | "recall_tokens" | "memory_tokens" if value is None:
-            return f"no {_CAPPED[name]}"
-    if name == "own_words":
-        return f"own words {'all' if value is None else value}"
-    if name == "first_turns":
-        return "no anchors" if value is None else f"first turns {value}"
-    if name == "newest_pictures":
-        return "all pictures" if value is None else f"newest pictures {value}"
-    if name == "strategy":
-        return "built-in window" if value is None else f"strategy {value.rpartition('/')[2]}"
-    if isinstance(value, str):
-        return f"{_CAPPED[name]} {value}"
-    return f"{_CAPPED[name]} unlimited" if value is None else f"{_CAPPED[name]} <= {value:,}"
+    return _READINGS[name].words(value)
 
 
 def _with_later_fields(data: Any) -> Any:

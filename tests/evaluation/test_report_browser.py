@@ -99,7 +99,7 @@ def test_every_prompt_is_put_together_word_for_word(show, tmp_path):
         record(
             run / "anchors.jsonl", RPS, "rule-notes", prompt_tokens=1_000, first_turns=2, summary_tokens=60, slack=0.5
         ),
-        record(run / "brought.jsonl", RPS, prompt_tokens=900, strategy=f"{fuzz.ODD}:seed=3"),
+        record(run / "custom.jsonl", RPS, prompt_tokens=900, strategy=f"{fuzz.ODD}:seed=3"),
         record(run / "pinned.jsonl", RPS, manual="pinned", prompt_tokens=900, history=10),
         record(run / "paper.jsonl", HANOI, protocol="paper", manual="pinned", prompt_tokens=600),
         record(run / "paper-history.jsonl", BANDIT, "random", protocol="paper", manual="none", history=2),

@@ -1,37 +1,53 @@
-"""Strategies: what becomes of the past, one class for each way to deal with it.
+"""Strategies for the past: what happens to turns that a prompt can no longer hold, a class for each way.
 
-Each is a class in a file of its own: the field of `Budget` that asks for it, what it refuses, the tools it adds, the
-tokens it reserves, what it hides, pins or asks for. `Strategies` creates the objects of one episode and combines them;
-the window and the episode ask it, not the classes. To add one, write its class, list it in `KINDS` and add its field to
-`Budget`.
+A field of `Budget` asks for a strategy. Its class stands in a file of this folder and says what it refuses, which tools
+it adds, how many tokens it reserves, and what it pins, hides or asks for. `Strategies` holds those of one episode, and
+the window and the episode ask it.
 
-All strategies, and those of one episode, which act together.
+To add a strategy:
+
+1. Add its field to `Budget` in `types/budget.py`, annotated with `Keeps`, which says how it reads in tables.
+2. Write its class in a file here: a `BudgetStrategy` with the field's name and the help of its command-line option.
+3. List the class in `KINDS`, in the order of the fields.
+
+Commands, run files, sweeps, records, tables and the list of deviations take it from there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import Ageing, drops_old_turns, turns_leave
 from smartplay_tools.context.strategies.anchors import Anchors
-from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer, share_kept
-from smartplay_tools.context.strategies.brought import (
-    Brought,
+from smartplay_tools.context.strategies.base import (
+    DECISIONS,
+    BudgetStrategy,
+    StrategyTool,
+    Summary,
+    ToolAnswer,
+    decides,
+    share_kept,
+)
+from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, Strategy
+from smartplay_tools.context.strategies.custom import (
+    Custom,
     load_strategy,
     make_strategy,
     recorded_strategy,
     register_strategy,
 )
-from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, Strategy
 from smartplay_tools.context.strategies.memory import MemoryFiles, is_memory_tool
 from smartplay_tools.context.strategies.notes import Notes
 from smartplay_tools.context.strategies.offload import Offload
 from smartplay_tools.context.strategies.pictures import Pictures
 from smartplay_tools.context.strategies.recall import Recall
-from smartplay_tools.context.strategies.summaries import Summaries, Summary, summaries_of
+from smartplay_tools.context.strategies.summaries import Summaries, summaries_of
 from smartplay_tools.context.strategies.thoughts import Thoughts
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.context.turns import Turn
-from smartplay_tools.types import Budget
+from smartplay_tools.context.view import Selection, View
+from smartplay_tools.types import STRATEGIES, Budget
 
 __all__ = [
     "KINDS",
@@ -56,59 +72,68 @@ __all__ = [
 ]
 
 
-KINDS: tuple[type[BudgetStrategy], ...] = (
-    Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Offload, MemoryFiles, Pictures, Brought,
-)  # fmt: skip
-"""Every strategy, in the order in which they are asked."""
+KINDS: Mapping[str, type[BudgetStrategy]] = {
+    kind.name: kind
+    for kind in (
+        Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Offload, MemoryFiles, Pictures, Custom,
+    )
+}  # fmt: skip
+"""Every strategy by the field of `Budget` that asks for it, in the order in which they are asked."""
+
+if list(KINDS) != list(STRATEGIES):
+    raise TypeError(f"The fields of Budget ask for {', '.join(STRATEGIES)}, and KINDS has {', '.join(KINDS)}.")
 
 
 class Strategies:
-    """The strategies of one episode: those that its budget asks for, as objects of its own."""
+    """The strategies of one episode: objects for those that its budget asks for."""
 
     def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
-        asked = [kind(budget, counter, words) for kind in KINDS if kind.is_asked_for(budget)]
+        self.asked = {name: KINDS[name](budget, counter, words) for name in budget.strategies}
+        """The strategies by the fields that ask for them."""
+        asked = tuple(self.asked.values())
+        deciding = {name: next((s for s in asked if decides(type(s), name)), None) for name in DECISIONS}
         self.ageing = Ageing(budget, counter, words)
-        """What becomes of turns that are too old."""
-        self.summaries = next((strategy for strategy in asked if isinstance(strategy, Summaries)), None)
-        """The strategy that asks for summaries when turns leave; None without it."""
-        self.thoughts = next((strategy for strategy in asked if isinstance(strategy, Thoughts)), None)
-        """The strategy that strips old replies of their words; None without it."""
-        self.pictures = next((strategy for strategy in asked if isinstance(strategy, Pictures)), None)
-        """The strategy that leaves out older pictures; None without it."""
-        self.anchors = next((strategy.most for strategy in asked if isinstance(strategy, Anchors)), 0)
+        """Decides what happens to turns that are too old."""
+        self.pinning = deciding["pinned"]
+        """The strategy that pins a turn; None without one."""
+        self.stripping, self.picturing = deciding["bare"], deciding["left_out"]
+        """The strategies that strip old replies of their words, and leave out older pictures; None without one."""
+        self.shortening, self.summaries = deciding["shorten"], deciding["show"]
+        """The strategies that show a part of a long result, and ask for summaries of what leaves; None without one."""
+        self.first_turns = max((strategy.first_turns for strategy in asked), default=0)
         """How many of the first turns stay, as far as they fit."""
-        self.recall = next((strategy for strategy in asked if isinstance(strategy, Recall)), None)
-        """The strategy that searches observations that have left; None without it."""
-        self.offload = next((strategy for strategy in asked if isinstance(strategy, Offload)), None)
-        """The strategy that keeps the rest of observations that are too long; None without it."""
-        self.memory = next((strategy for strategy in asked if isinstance(strategy, MemoryFiles)), None)
-        """The strategy that keeps the agent's files; None without it."""
         self.tools = tuple(tool for strategy in asked for tool in strategy.tools)
         """The tools that they add."""
         self.reserve = sum(strategy.reserve for strategy in asked)
         """R: the tokens that a window leaves free when it moves."""
         self.reserved_for = ", ".join(f"{s.name}={getattr(budget, s.name)}" for s in asked if s.reserve)
         """The fields of the budget that need the reserve."""
-        self.brought: Strategy | None = None
-        """The strategy that chooses the turns, once it was brought; None where the window does."""
+        self.custom: Strategy | None = None
+        """The custom strategy that chooses the turns, once it is loaded; None where the window does."""
         self._name = budget.strategy
-        self._pinning = [strategy for strategy in asked if type(strategy).pinned is not BudgetStrategy.pinned]
 
-    def bring(self, digest: str | None, *, is_recorded: bool) -> None:
-        """Make the strategy that the budget names, if it names one; `digest` is that of its file.
+    def load_custom(self, digest: str | None, *, is_recorded: bool) -> None:
+        """Make the custom strategy that the budget names, if it names one; `digest` is that of its file.
 
         With `is_recorded` nothing is imported that the user has not named.
         """
         if self._name is not None:
-            loaded = recorded_strategy(self._name, digest) if is_recorded else load_strategy(self._name)
-            self.brought = make_strategy(self._name, loaded)
+            loaded = (recorded_strategy if is_recorded else load_strategy)(self._name, digest)
+            self.custom = make_strategy(self._name, loaded)
 
-    def pinned(self, turn: Turn) -> int | None:
-        """Return the turn to pin after this one; None for none."""
-        for strategy in self._pinning:
-            if (pinned := strategy.pinned(turn)) is not None:
-                return pinned
-        return None
+    def check(self, budget: Budget, least: int) -> None:
+        """Raise an `InvalidArgumentError` if a prompt cannot hold what a strategy shows; `least` is without it."""
+        for strategy in self.asked.values():
+            strategy.check(budget, least)
+
+    def answers(self, view: View) -> None:
+        """Take the view of the prompt whose reply is answered next."""
+        for strategy in self.asked.values():
+            strategy.answers(view)
+
+    def recorded(self, chosen: Selection) -> dict[str, Any]:
+        """Return the facts about a selection that the record of its prompt needs."""
+        return {name: fact for strategy in self.asked.values() for name, fact in strategy.recorded(chosen).items()}
 
 
 def refusal(budget: Budget, history: int | None, observation: str) -> str | None:
@@ -116,6 +141,11 @@ def refusal(budget: Budget, history: int | None, observation: str) -> str | None
 
     `history` is the budget's in numbers, and `observation` what observations are.
     """
-    asked = [kind for kind in KINDS if kind.is_asked_for(budget)]
-    reasons = (kind.refusal(budget, history) or kind.refused_form(observation) for kind in asked)
-    return next((reason for reason in reasons if reason is not None), None)
+    asked = [KINDS[name] for name in budget.strategies]
+    for kind in asked:
+        if reason := kind.refusal(budget, history) or kind.refused_form(observation):
+            return reason
+    for decision, words in DECISIONS.items():
+        if len(names := [kind.name for kind in asked if decides(kind, decision)]) > 1:
+            return f"{' and '.join(names)} both {words}, and one strategy alone can; leave one of them out."
+    return None

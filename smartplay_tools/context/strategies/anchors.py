@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import turns_leave
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.context.view import Selection
 from smartplay_tools.types import Budget
 
 
@@ -17,8 +21,11 @@ class Anchors(BudgetStrategy):
 
     def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.first_turns is not None
-        self.most = budget.first_turns
-        """How many there can be."""
+        self.first_turns = budget.first_turns
+
+    def recorded(self, chosen: Selection) -> Mapping[str, Any]:
+        """Return how many of them stay."""
+        return {"anchors": chosen.anchors}
 
     @classmethod
     def refusal(cls, budget: Budget, history: int | None) -> str | None:

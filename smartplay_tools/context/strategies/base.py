@@ -11,7 +11,9 @@ from typing import Any, ClassVar
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.types import STRATEGIES, Budget, ToolSpec
+from smartplay_tools.context.view import Selection, View
+from smartplay_tools.types import Budget, ToolSpec
+from smartplay_tools.types.messages import Message
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,23 @@ class StrategyTool:
     """Answers a call, given the text, or all arguments."""
 
 
+@dataclass(frozen=True)
+class Summary:
+    """A summary as it is shown."""
+
+    text: str
+    """The agent's words, cut to their cap; empty if nothing can be shown."""
+    message: Message
+    """The message that shows them after the head."""
+    tokens: int
+    """The budget tokens of the message."""
+
+
 class BudgetStrategy:
-    """One way to deal with the past, in one episode. A method that is not overridden changes nothing."""
+    """One way to deal with the past, in one episode. What a class does not override changes nothing.
+
+    The methods from `pinned` on are decisions, each of which one strategy of a budget can make (`DECISIONS`).
+    """
 
     name: ClassVar[str]
     """The field of `Budget` that asks for it."""
@@ -51,14 +68,14 @@ class BudgetStrategy:
     """The tokens that a window leaves free when it moves."""
     tools: Sequence[StrategyTool] = ()
     """The tools that it adds."""
+    first_turns = 0
+    """How many of the first turns stay, as far as they fit."""
+    question: Message | None = None
+    """The last message of a prompt that asks for a summary when turns leave; None: none is asked for."""
+    question_tokens = 0
 
     def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         """Set it up for one episode."""
-
-    @classmethod
-    def is_asked_for(cls, budget: Budget) -> bool:
-        """Whether a budget asks for it."""
-        return bool(getattr(budget, cls.name) != STRATEGIES[cls.name])
 
     @classmethod
     def refusal(cls, budget: Budget, history: int | None) -> str | None:
@@ -73,9 +90,60 @@ class BudgetStrategy:
         """Return why a budget cannot ask for it where this is what observations are; None if it can."""
         return None
 
+    def check(self, budget: Budget, least: int) -> None:
+        """Raise an `InvalidArgumentError` if a prompt cannot hold what it shows.
+
+        `least` counts what every prompt holds, and what is kept free.
+        """
+
+    def begin(self, held: Any) -> None:
+        """Begin with what its tool held at the end of the trial before (`Rules.carry`)."""
+
+    def answers(self, view: View) -> None:
+        """Take the view of the prompt whose reply is answered next."""
+
+    def recorded(self, chosen: Selection) -> Mapping[str, Any]:
+        """Return the facts about a selection that the record of its prompt needs."""
+        return {}
+
     def pinned(self, turn: Turn) -> int | None:
         """Return the turn to pin after this one, with its observations masked, where it fits; None for none."""
-        return None
+        raise NotImplementedError
+
+    def bare(self, step: int, before: int) -> int:
+        """Return w: replies of turns older than this one are bare at a step; `before` is w before the latest turn."""
+        raise NotImplementedError
+
+    def left_out(self, shown: int, before: int) -> int:
+        """Return p: of the `shown` pictures so far, the first p are left out; `before` is p before the latest turn."""
+        raise NotImplementedError
+
+    def shorten(self, text: str, first_cap: int, cap: int) -> str:
+        """Return what is shown of an observation that is over `first_cap`, the cap on it; `cap` is that of results."""
+        raise NotImplementedError
+
+    def cut(self, reply_text: str) -> str:
+        """Return the answer to `question` as it can be shown."""
+        raise NotImplementedError
+
+    def show(self, text: str) -> Summary:
+        """Return the summary that shows words of `cut`."""
+        raise NotImplementedError
+
+
+DECISIONS: Mapping[str, str] = {
+    "pinned": "pin a turn",
+    "bare": "strip old replies of their words",
+    "left_out": "leave out pictures",
+    "shorten": "decide what is shown of a result that is too long",
+    "show": "ask for summaries",
+}
+"""The methods of `BudgetStrategy` that one strategy of a budget alone can override, in words."""
+
+
+def decides(kind: type[BudgetStrategy], decision: str) -> bool:
+    """Return whether a strategy makes a decision."""
+    return getattr(kind, decision) is not getattr(BudgetStrategy, decision)
 
 
 def moved(step: int, before: int, limit: int, share: Fraction | int) -> int:

@@ -1,4 +1,4 @@
-"""Choices: what a brought strategy is shown of the past, and what it returns.
+"""Choices: what a custom strategy is shown of the past, and what it returns.
 
 The past is read lazily, so what a strategy does not look at costs nothing, and given as copies, so a strategy cannot
 change it.
@@ -96,7 +96,7 @@ class Choice:
 
 @runtime_checkable
 class Strategy(Protocol):
-    """A way to deal with the past that anybody can bring: a class with this one method.
+    """A way to deal with the past that anybody can add: a class with this one method.
 
     An object belongs to one episode and may remember. Its constructor takes the options that its name has
     (`FILE.py:CLASS:turns=3`). A choice must follow from what the strategy was given: no clock, no randomness of its

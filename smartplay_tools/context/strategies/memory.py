@@ -42,6 +42,11 @@ class MemoryFiles(BudgetStrategy):
         spec = memory_spec(self._cap, words)
         self.tools = (StrategyTool(spec, None, words("memory_usage"), self._answer),)
 
+    def begin(self, held: Mapping[str, str]) -> None:
+        """Begin with these files."""
+        self.files.apply(held)
+        self.size = sum(self._tokens(path, text) for path, text in held.items())
+
     def _answer(self, values: Mapping[str, Any]) -> ToolAnswer:
         """Carry out a command, unless it would make the files larger than they are and larger than the cap."""
         given = {name: value for name, value in values.items() if value is not None}

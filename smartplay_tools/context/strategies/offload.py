@@ -73,7 +73,7 @@ class Offload(BudgetStrategy):
             )
         return None
 
-    def keep(self, text: str, first_cap: int, cap: int) -> str:
+    def shorten(self, text: str, first_cap: int, cap: int) -> str:
         """Keep a text that is over its cap; return its first page."""
         self._results.append(Pages(len(self._results) + 1, text, first_cap, cap, self._count, self._words))
         page = self._results[-1].page(1)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
 from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.context.view import Selection
 from smartplay_tools.types import Budget
 
 
@@ -24,6 +28,10 @@ class Pictures(BudgetStrategy):
         if observation == "text":
             return 'newest_pictures has nothing to leave out where observations are words; use observation="both".'
         return None
+
+    def recorded(self, chosen: Selection) -> Mapping[str, Any]:
+        """Return p."""
+        return {"pictures": chosen.pictures}
 
     def left_out(self, shown: int, before: int) -> int:
         """Return p: of the `shown` pictures so far, the first p are left out; `before` is p before the latest turn."""

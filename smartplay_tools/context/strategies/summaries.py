@@ -9,26 +9,13 @@ text is cut as it will be shown, after the words that introduce it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import drops_old_turns, turns_leave
-from smartplay_tools.context.strategies.base import BudgetStrategy, share_kept
+from smartplay_tools.context.strategies.base import BudgetStrategy, Summary, share_kept
 from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.types import Budget
 from smartplay_tools.types.messages import Message
-
-
-@dataclass(frozen=True)
-class Summary:
-    """A summary as it is shown."""
-
-    text: str
-    """The agent's words, cut to their cap; empty if nothing can be shown."""
-    message: Message
-    """The message that shows them after the head."""
-    tokens: int
-    """The budget tokens of the message."""
 
 
 class Summaries(BudgetStrategy):
@@ -86,4 +73,4 @@ class Summaries(BudgetStrategy):
 
 def summaries_of(budget: Budget, counter: TokenCounter, words: Wording) -> Summaries | None:
     """Return the strategy of summaries, for readers of records; None where the budget asks for none."""
-    return Summaries(budget, counter, words) if Summaries.is_asked_for(budget) else None
+    return Summaries(budget, counter, words) if budget.summary_tokens is not None else None

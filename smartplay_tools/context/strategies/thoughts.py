@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
 from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.context.view import Selection
 from smartplay_tools.types import Budget
 
 
@@ -18,6 +22,10 @@ class Thoughts(BudgetStrategy):
         assert budget.own_words is not None
         self._limit, self._share = budget.own_words, share_kept(budget.slack)
 
-    def oldest(self, step: int, before: int) -> int:
+    def recorded(self, chosen: Selection) -> Mapping[str, Any]:
+        """Return w."""
+        return {"words": chosen.words}
+
+    def bare(self, step: int, before: int) -> int:
         """Return w: replies of turns older than this one are bare at a step; `before` is w before the latest turn."""
         return moved(step, before, self._limit, self._share)

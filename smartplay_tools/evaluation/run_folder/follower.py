@@ -67,7 +67,7 @@ class RunFigures:
     latest_error: str
     """The latest failure since the run began or was first looked at, "" if there was none."""
     stalled: int
-    """Finished episodes that ended because turn after turn brought nothing (`Budget.stalled_turns`)."""
+    """Finished episodes that ended because too many turns in a row showed nothing new (`Budget.stalled_turns`)."""
     began_again: int = field(default=0, kw_only=True)
     """Attempts that did not continue an earlier one, because its record does not replay or its agent has a memory."""
 

@@ -31,7 +31,7 @@ from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
-from smartplay_tools.players import get_player
+from smartplay_tools.players import get_player, player_registry
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
@@ -84,7 +84,8 @@ def make_player(task: Task) -> Player | AsyncPlayer:
     cell, seed = task.planned.cell, player_seed(task.planned.seed, task.planned.repeat)
     options = {**cell.player_options, **task.player.secret_values()}
     if task.player.factory is not None:
-        return task.player.factory(seed=seed, **options)
+        player: Player | AsyncPlayer = player_registry.make_player(task.player.factory, seed=seed, **options)
+        return player
     return get_player(player_of(cell), seed=seed, **options)
 
 
@@ -140,7 +141,7 @@ def _earlier(task: Task) -> list[Event]:
     """
     assert task.previous is not None
     if (strategy := task.planned.cell.budget.strategy) is not None:
-        load_strategy(strategy)
+        load_strategy(strategy, task.planned.cell.strategy_sha256)
     events = read_transcript(task.previous)
     if Carried.of(events[0]) != task.carried:
         raise TranscriptError("The earlier attempt was played after another record of the trial before it.")
@@ -207,7 +208,7 @@ async def _hand_over(task: Task, agent: Agent, clock: _Clock, limits: RunLimits 
     held = await _in_thread(lambda: _held(task, agent, clock, stop))
     with held.episode as clock.episode, ExitStack() as stack:
         if limits is not None:
-            held.episode._on_view = stack.enter_context(Account(limits, held.episode, task.price)).reserve
+            held.episode.ledger.on_view = stack.enter_context(Account(limits, held.episode, task.price)).reserve
         await agent.play(held)
 
 

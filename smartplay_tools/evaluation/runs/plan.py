@@ -201,6 +201,8 @@ def make_cells(
     """
     if unknown := ", ".join(name for name in rules if name not in RULES):
         raise InvalidArgumentError(f"A run has no argument {unknown}; the rules are {', '.join(RULES)}.")
+    if not callable(budgets) and (other := next((b for b in budgets if not isinstance(b, Budget)), None)) is not None:
+        raise InvalidArgumentError(f"{other!r} is not a Budget; write Budget(history=5), for example.")
     configs = read_players(players)
     _check_player_options(configs, player_options or {})
     kinds = {game: get_spec(game).load() for game in games}

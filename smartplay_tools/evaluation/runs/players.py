@@ -18,14 +18,14 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, name_of
 from smartplay_tools.evaluation.run_folder.folder import records_in
 from smartplay_tools.evaluation.runs.agents import Agent, AgentFunction, FunctionAgent, is_agent
 from smartplay_tools.players.player_registry import takes_seed
@@ -63,6 +63,13 @@ class PlayerConfig(BaseModel):
     price: Annotated[tuple[_Rate, ...], Field(min_length=2, max_length=4)] | None = None
     """US dollars per million tokens of prompts, replies, cached and written parts, if no table has them."""
 
+    if not TYPE_CHECKING:  # type checkers know the fields
+
+        def __init__(self, *unnamed: Any, **fields: Any) -> None:
+            if unnamed:
+                raise InvalidArgumentError('Name the fields of a PlayerConfig, as in PlayerConfig(name="rule").')
+            super().__init__(**fields)
+
     def secret_values(self) -> dict[str, str]:
         """Return the options whose values are in environment variables."""
         if self.api_key_env is None:
@@ -82,13 +89,15 @@ def read_players(players: Players) -> list[PlayerConfig]:
     """Return the players of a run as configs."""
     if isinstance(players, Mapping):
         return [_config_of(name, function) for name, function in players.items()]
+    if isinstance(players, str):
+        raise InvalidArgumentError(f"The players of a run are a list of names; write [{players!r}].")
     return [player if isinstance(player, PlayerConfig) else player_named(player) for player in players]
 
 
 def _config_of(name: str, function: PlayerFactory | AgentFunction) -> PlayerConfig:
     if is_agent(function):
         return PlayerConfig(name=name, agent=FunctionAgent(function))
-    if not takes_seed(function):
+    if not isinstance(function, type) and not takes_seed(function):
         raise InvalidArgumentError(
             f"The function of {name!r} takes no `seed`, as one that makes a player does; the only argument of an agent "
             "is `session` or `episode`."
@@ -98,8 +107,13 @@ def _config_of(name: str, function: PlayerFactory | AgentFunction) -> PlayerConf
 
 def player_named(name: str) -> PlayerConfig:
     """Return a player by its name, which may be that of an agent: `FILE.py:FUNCTION`."""
+    if not isinstance(name, str):
+        raise InvalidArgumentError(
+            f"{name_of(name)} is not the name of a player; a run takes classes and functions with a name for each: "
+            f'{{"p": {name_of(name)}}}.'
+        )
     if is_in_file(name):
-        function = read_file(name)
+        function = read_file(name).make
         if is_agent(function):
             return PlayerConfig(name=name, agent=FunctionAgent(function))
     return PlayerConfig(name=name)

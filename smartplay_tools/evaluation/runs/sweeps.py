@@ -31,6 +31,7 @@ from smartplay_tools.evaluation.runs.plan import cell_name, check_playable
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import InNotebook
+from smartplay_tools.evaluation.suites import suite_games
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.rows import Row
@@ -128,7 +129,7 @@ def grid(
     `make_cells`. A value that is named twice, or by a number and as "game", makes one cell. Combinations whose strategy
     cannot be enforced, such as summaries at slack 0, are left out and named.
     """
-    axes = _axes(vary or {})
+    games, axes = suite_games(None, games), _axes(vary or {})
     fixed_rules = {name: [rules.pop(name, getattr(Rules(), name))] for name in RULE_AXES if name not in axes}
     varied = {name: axes.pop(name) if name in axes else fixed_rules[name] for name in RULE_AXES}
     fixed = dict(budget or Budget())

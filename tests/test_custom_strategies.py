@@ -1,4 +1,4 @@
-"""Strategies that are brought: by file, by name, by an entry point; what is refused, recorded, replayed and moved."""
+"""Custom strategies: by file, by name, by an entry point; what is refused, recorded, replayed and moved."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import shutil
 from collections import Counter
 from contextlib import suppress
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -15,8 +16,9 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools import registry
 from smartplay_tools.cli import app
-from smartplay_tools.context.strategies import brought
+from smartplay_tools.context.strategies import custom
 from smartplay_tools.context.token_index import TokenIndex
+from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.runs.run_options import read_run_file
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume
@@ -32,7 +34,8 @@ CODE = re.findall(r"^```python\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTAL
 @pytest.fixture
 def file(tmp_path, monkeypatch):
     """The page's strategy in a file, known to nobody yet."""
-    monkeypatch.setattr(brought, "_LOADED", {})
+    monkeypatch.setattr(custom, "_NAMED", {})
+    monkeypatch.setattr(custom, "_READ", {})
     monkeypatch.chdir(tmp_path)
     (tmp_path / "first_and_newest.py").write_text(CODE, encoding="utf-8")
     return "first_and_newest.py:FirstAndNewest"
@@ -40,7 +43,8 @@ def file(tmp_path, monkeypatch):
 
 def forget():
     """Forget every strategy, as another process would."""
-    brought._LOADED.clear()
+    custom._NAMED.clear()
+    custom._READ.clear()
 
 
 def played(strategy, **budget):
@@ -84,13 +88,82 @@ def test_a_record_imports_no_file_by_itself(file):
         with pytest.raises(sp.InvalidArgumentError, match="name it with --strategy"):
             play_again(events)
     shutil.move("first_and_newest.py", "moved.py")
-    brought.load_strategy("moved.py:FirstAndNewest")
+    custom.load_strategy("moved.py:FirstAndNewest")
     assert replay(events).identical
     forget()
     Path("first_and_newest.py").write_text(CODE + "\n# changed\n", encoding="utf-8")
-    brought.load_strategy(file)
+    custom.load_strategy(file)
     with pytest.raises(sp.InvalidArgumentError, match="has changed since the record was made"):
         replay(events)
+
+
+def choosing(turns: str) -> str:
+    """The text of a file with a strategy and a player."""
+    return f"""import smartplay_tools as sp
+
+class S:
+    def choose(self, past, room):
+        return sp.Choice({turns})
+
+class P:
+    name, turns = "p", "{turns}"
+    def reply(self, prompt):
+        return sp.Reply(sp.call("act", action="1"))
+"""
+
+
+def shown_and_digest(strategy: str) -> tuple[list[int], str]:
+    """The turns that the last prompt of an episode shows, and the digest on its record."""
+    result, events = played(strategy)
+    assert result.end_reason == "rollout"
+    [view] = [event["turns"] for event in events if event["event"] == "view"][-1:]
+    return view, events[0]["config"]["strategy_sha256"]
+
+
+def digest_of(path: str) -> str:
+    return sha256(Path(path).read_bytes()).hexdigest()
+
+
+def test_a_file_that_was_rewritten_is_a_new_strategy(file):
+    """As in a notebook: the same name, another content, of the same size and within the same second."""
+    seen = []
+    for turns in ("range(1)", "range(0)", "range(1)"):
+        Path("s.py").write_text(choosing(turns), encoding="utf-8")
+        shown, digest = shown_and_digest("s.py:S")
+        assert digest == digest_of("s.py")
+        assert sp.get_player("s.py:P").turns == turns
+        seen.append(shown)
+    assert seen[0] == seen[2] != seen[1]
+
+
+def test_a_name_means_the_file_of_the_current_folder(file, tmp_path, monkeypatch):
+    seen = []
+    for folder, turns in (("a", "range(0)"), ("b", "range(1)")):
+        (tmp_path / folder).mkdir()
+        monkeypatch.chdir(tmp_path / folder)
+        Path("s.py").write_text(choosing(turns), encoding="utf-8")
+        shown, digest = shown_and_digest("s.py:S")
+        assert digest == digest_of("s.py")
+        assert sp.get_player("s.py:P").turns == turns
+        seen.append(shown)
+    assert seen[0] != seen[1]
+
+
+def test_both_versions_of_a_rewritten_file_are_replayed(file):
+    records = []
+    for turns in ("range(0)", "range(1)"):
+        Path("s.py").write_text(choosing(turns), encoding="utf-8")
+        records.append(played("s.py:S")[1])
+    assert all(replay(events).identical for events in records)
+
+
+def test_an_episode_is_not_played_with_a_file_that_has_changed_since_it_was_planned(file):
+    Path("s.py").write_text(choosing("range(0)"), encoding="utf-8")
+    config = cell_config(RPS, budget=sp.Budget(strategy="s.py:S")).with_seed(1)
+    forget()
+    Path("s.py").write_text(choosing("range(1)"), encoding="utf-8")
+    with pytest.raises(sp.InvalidArgumentError, match=r"s\.py has changed since its episodes were planned"):
+        sp.Episode.from_config(config)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +178,7 @@ def test_a_record_imports_no_file_by_itself(file):
         ("raises.py:Any", "raises.py cannot be imported: ZeroDivisionError"),
     ],
 )
-def test_what_cannot_be_brought_is_one_sentence(file, strategy, sentence):
+def test_what_cannot_be_loaded_is_one_sentence(file, strategy, sentence):
     Path("raises.py").write_text("1 / 0", encoding="utf-8")
     with pytest.raises(sp.SmartPlayError, match=re.escape(sentence)):
         sp.Episode(RPS, seed=1, budget=sp.Budget(strategy=strategy))
@@ -124,9 +197,9 @@ def test_an_entry_point_is_a_name(file, monkeypatch):
         name, value, dist = "first", "first_and_newest:FirstAndNewest", None
 
         def load(self):
-            return registry.read_file(file)
+            return registry.read_file(file).make
 
-    monkeypatch.setattr(registry, "declared_in", lambda group: [Declared()] if group == brought.ENTRY_POINTS else [])
+    monkeypatch.setattr(registry, "declared_in", lambda group: [Declared()] if group == custom.ENTRY_POINTS else [])
     result, events = played("first:turns=2")
     assert result.end_reason == "rollout"
     forget()
@@ -165,8 +238,8 @@ def test_a_choice_costs_what_it_shows(monkeypatch):
     sums = []
     original = TokenIndex.whole
     monkeypatch.setattr(TokenIndex, "whole", lambda *given: sums.append(1) or original(*given))
-    good = brought.load_strategy(f"{HERE / 'data' / 'broken_strategies.py'}:Good")
-    monkeypatch.setitem(brought._LOADED, "good", good)
+    good = custom.load_strategy(f"{HERE / 'data' / 'broken_strategies.py'}:Good")
+    monkeypatch.setitem(custom._NAMED, "good", good)
     counts = []
     budget = sp.Budget(strategy="good", prompt_tokens=900, tool_calls=None, stalled_turns=None)
     with sp.Episode(RPS, seed=1, budget=budget) as episode:
@@ -183,7 +256,7 @@ def test_the_judge_agrees(monkeypatch):
     counts = Counter()
     monkeypatch.setattr(fuzz, "strategy", lambda chance: {"strategy": f"{fuzz.ODD}:seed={chance.randrange(999)}"})
     for number in range(40):
-        fuzz.hostile_conversation(random.Random(f"brought {number}"), counts)
+        fuzz.hostile_conversation(random.Random(f"custom {number}"), counts)
     assert counts["prompts"] > 50
 
 

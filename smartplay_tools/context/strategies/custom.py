@@ -1,21 +1,22 @@
 """Custom strategies: from a file, an installed package or the running program, by name.
 
 `Budget.strategy` is a name of the group of entry points `smartplay_tools.strategies`, one that this program has
-registered, or `FILE.py:CLASS`; options may follow, as in `FILE.py:CLASS:turns=3`. A name in a record never imports a
-file: a record can come from a stranger. A class that the user has named in this process is used again.
+registered, or `FILE.py:CLASS`; options may follow, as in `FILE.py:CLASS:turns=3`. A file is known by its resolved path
+and the digest of its content, so an edited file is a new strategy, and a record names the digest of what was played. A
+name in a record never imports a file: a record can come from a stranger.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.choices import Strategy
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
+from smartplay_tools.context.view import Selection, ranges_of
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line, name_of
 from smartplay_tools.games.game_registry import packages_are_imported
 from smartplay_tools.registry import Registry, is_in_file, read_file
 from smartplay_tools.types import Budget
@@ -27,11 +28,11 @@ ENTRY_POINTS = "smartplay_tools.strategies"
 _REGISTRY = Registry("strategy", {}, ENTRY_POINTS)
 
 
-class Brought(BudgetStrategy):
-    """Leaves the choice of the turns to a strategy that was brought."""
+class Custom(BudgetStrategy):
+    """Leaves the choice of the turns to a custom strategy."""
 
     name = "strategy"
-    option_help = "A strategy of your own, FILE.py:CLASS, or of an installed package, by its name."
+    option_help = "A custom strategy: FILE.py:CLASS, or the name of one of an installed package."
 
     @classmethod
     def refusal(cls, budget: Budget, history: int | None) -> str | None:
@@ -41,6 +42,10 @@ class Brought(BudgetStrategy):
                 return f"strategy={budget.strategy} chooses the turns itself, so {name} would do nothing; leave it out."
         return None
 
+    def recorded(self, chosen: Selection) -> Mapping[str, Any]:
+        """Return the turns that it masks, and its texts."""
+        return {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
+
 
 @dataclass(frozen=True)
 class Loaded:
@@ -48,30 +53,47 @@ class Loaded:
 
     make: Callable[..., Any]
     sha256: str | None
-    """The digest of its file; None if it is not of a file."""
+    """The digest of its file; None if it is not in a file."""
 
 
-_LOADED: dict[str, Loaded] = {}
-"""The strategies that this process has been asked for, by their names without options."""
+_NAMED: dict[str, Loaded] = {}
+"""The strategies without a file that this process has been asked for, by their names without options."""
+
+_READ: dict[tuple[Path, str, str], Loaded] = {}
+"""The strategies in files that the user has named in this process, by resolved path, digest of the file, and class."""
 
 
 def register_strategy(name: str, make: Callable[..., Strategy]) -> None:
     """Register a strategy by a name in this process, as a notebook does; a package declares an entry point instead."""
-    if not name or ":" in name or name == "none" or name in _REGISTRY:
+    if not isinstance(name, str) or not name or ":" in name or name == "none" or name in _REGISTRY:
         raise InvalidArgumentError(f"{name!r} cannot be the name of a strategy, or is taken; choose another.")
-    _LOADED[name] = Loaded(make, None)
+    if not callable(make):
+        raise InvalidArgumentError(f"{name_of(make)} is an object; register the class of the strategy {name!r}.")
+    _NAMED[name] = Loaded(make, None)
 
 
-def load_strategy(name: str) -> Loaded:
-    """Import a strategy that the user has named; `InvalidArgumentError` if that is not possible."""
+def load_strategy(name: str, digest: str | None = None) -> Loaded:
+    """Import a strategy that the user has named; `InvalidArgumentError` if that is not possible.
+
+    `digest` is that of the file as it has to be; None for the file as it is now.
+    """
     place, _ = parted(name)
-    if place not in _LOADED:
-        if is_in_file(place):
-            make = read_file(place, "strategy")
-            _LOADED[place] = Loaded(make, file_sha256(place))
-        else:
-            _LOADED[place] = Loaded(_REGISTRY[place], None)
-    return _LOADED[place]
+    if not is_in_file(place):
+        if place not in _NAMED:
+            _NAMED[place] = Loaded(_REGISTRY[place], None)
+        return _NAMED[place]
+    file, _, attribute = place.rpartition(":")
+    path = Path(file).resolve()
+    if digest is None or (path, digest, attribute) not in _READ:
+        make, sha256 = read_file(place, "strategy")
+        _READ[path, sha256, attribute] = Loaded(make, sha256)
+        if digest not in (None, sha256):
+            raise InvalidArgumentError(
+                f"{file} has changed since its episodes were planned; put the earlier file back, or play again with "
+                "the new one."
+            )
+        digest = sha256
+    return _READ[path, digest, attribute]
 
 
 def recorded_strategy(name: str, digest: str | None) -> Loaded:
@@ -81,14 +103,15 @@ def recorded_strategy(name: str, digest: str | None) -> Loaded:
     """
     place, _ = parted(name)
     if not is_in_file(place):
-        if place not in _LOADED and place in _REGISTRY and not packages_are_imported():
+        if place not in _NAMED and place in _REGISTRY and not packages_are_imported():
             raise InvalidArgumentError(f"{place} is a strategy of an installed package; --plugins imports it.")
         return load_strategy(name)
-    attribute = place.rpartition(":")[2]
-    for where, held in _LOADED.items():
-        if held.sha256 == digest and where.rpartition(":")[2] == attribute:
-            return held
-    if place in _LOADED:
+    file, _, attribute = place.rpartition(":")
+    named = {(path.name, sha256): loaded for (path, sha256, own), loaded in _READ.items() if own == attribute}
+    for (_, sha256), loaded in named.items():
+        if sha256 == digest:
+            return loaded
+    if any(other == Path(file).name for other, _ in named):
         raise InvalidArgumentError(
             f"{place} has changed since the record was made; name an unchanged copy of the file with --strategy."
         )
@@ -121,8 +144,3 @@ def parted(name: str) -> tuple[str, dict[str, Any]]:
             raise InvalidArgumentError(f"The options of the strategy {name} are KEY=VALUE, each key once.")
         options[key] = value_in(value)
     return ":".join(parts), options
-
-
-def file_sha256(place: str) -> str | None:
-    """Return the digest of a strategy's file; None if it is not in a file."""
-    return sha256(Path(place.rpartition(":")[0]).read_bytes()).hexdigest() if is_in_file(place) else None

@@ -1,0 +1,222 @@
+"""The ledger of an episode: its record, its counts, its answers to calls, and its end.
+
+`Episode` is the game behind a lock, with what agents and harnesses call. Its conversations, and the readers of records
+that play it again, write the ledger: they record events, have calls answered one by one, complete turns, and hear why
+the episode ended. The ledger belongs to this package; its members are not part of the public interface.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from smartplay_tools.episode.carried import Carried
+from smartplay_tools.episode.config import EpisodeConfig, ProtocolName, deviations, differs
+from smartplay_tools.episode.game_session import Answer, GameSession
+from smartplay_tools.episode.stats import EpisodeStats, Stalls, versions
+from smartplay_tools.episode.workers import SerialQueue
+from smartplay_tools.transcript.events import FORMAT, Event
+from smartplay_tools.transcript.file import TranscriptWriter
+from smartplay_tools.types import EndReason, EpisodeResult, ToolResult
+from smartplay_tools.types.arguments import Arguments
+
+if TYPE_CHECKING:
+    from smartplay_tools.games.base import TextGame
+
+Listener = Callable[[Event], None]
+"""Called with each event of one episode, in the thread that records it; it can change nothing."""
+
+REMEMBERED_CALLS = 64
+"""How many answered idempotency keys are kept: more than the calls that a transport sends at the same time."""
+
+
+class Ledger:
+    """What happened in an episode so far: its events, its counts, and its result once it is over."""
+
+    def __init__(
+        self, config: EpisodeConfig, session: GameSession, writer: TranscriptWriter | None, carried: Carried | None
+    ) -> None:
+        self.config, self.session, self.game, self.carried = config, session, session.game, carried
+        self.strategies = session.strategies
+        """The strategies for the past that the budget asks for."""
+        self.writer = writer
+        """Writes the transcript; None without one. A continued record gets another."""
+        self.listeners: Sequence[Listener] = ()
+        self.stats = EpisodeStats()
+        self.stalls = Stalls()
+        self.result: EpisodeResult | None = None
+        self.if_closed: tuple[EndReason, Exception | None, str | None] | None = None
+        self.lock = threading.RLock()
+        self.queue = SerialQueue(is_slow=self.game.is_slow)
+        """Runs the calls of asynchronous callers one after the other."""
+        self.on_step: Callable[[TextGame], None] | None = None
+        self.on_view: Callable[[int, int], None] | None = None
+        """Called with the tokens of a new prompt and of its longest reply, before it is sent; may end the episode."""
+        self.is_privileged = self.has_shown_pictures = False
+        self.names_pictures_by_pixels = config.observation != "text"
+        """Whether the record says so, which those do not that were written before pictures had these names."""
+        self._answered: OrderedDict[str, tuple[tuple[str, str], ToolResult]] = OrderedDict()
+        self._begun = self._step_is_unrecorded = False
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the episode is over."""
+        return self.session.end_reason is not None
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether events are written: to a transcript, or to listeners."""
+        return self.writer is not None or bool(self.listeners)
+
+    def begin(self, *, player: str | None = None, protocol: ProtocolName = "tools") -> None:
+        """Write the record's first event. The first call sets player and protocol, unless the config has them."""
+        if self._begun:
+            return
+        self._begun = True
+        update = {"player": self.config.player or player, "protocol": protocol}
+        self.config = self.config.model_copy(update=update)
+        cut = self.config.manual == "pinned" and self.session.manual_is_cut
+        start: Event = {
+            "event": "start",
+            "format": FORMAT,
+            "config": self.config.to_json(),
+            "budget": self.session.budget.model_dump(),
+            "cut_results": int(cut),
+            "versions": self.versions(),
+        }
+        if self.names_pictures_by_pixels:
+            start["pictures"] = "pixels"
+        if self.carried is not None:
+            start["carried"] = self.carried.model_dump(exclude_none=True)
+        self.record(start)
+
+    def answer(
+        self,
+        turn: int,
+        position: int,
+        name: str,
+        arguments: Arguments,
+        *,
+        may_act: bool = True,
+        key: str = "",
+        host: Literal["edited", "refused"] | None = None,
+        refusal: str | None = None,
+        is_foreign: bool = False,
+    ) -> ToolResult:
+        """Answer one call of a turn and record it; `complete_turn` follows the last one.
+
+        `host` says what the host did to the call: changed its arguments, or refused it with the text `refusal`.
+        `is_foreign` says that the call is one of the host's own tools, which did not run.
+        """
+        with self.lock:
+            self._step_is_unrecorded = True
+            if is_foreign and not self.is_over:
+                answer = self.session.answer_foreign(arguments, refusal)
+            elif refusal is not None and not self.is_over:
+                answer = self.session.say(refusal, "host")
+            else:
+                answer = self.session.answer(name, arguments, may_act=may_act)
+            result = ToolResult(answer.text, answer.is_error, self.is_over, answer.data, answer.picture)
+            event = self._call_event(turn, position, name, arguments, answer)
+            if host is not None:
+                event["host"] = host
+            if refusal is not None:
+                event["refusal"] = refusal
+            if key:
+                event["call_id"] = key  # a transport's keys outlive this process
+            self.record(event)
+            self._step_is_unrecorded = False
+            if key:
+                self._remember(key, name, arguments, result)
+            if self.on_step is not None and "reward" in answer.data:
+                self.on_step(self.game)
+            return result
+
+    def recall(self, key: str, name: str, arguments: Arguments) -> ToolResult | None:
+        """Return the recorded answer to a call whose key was seen before."""
+        if not key or key not in self._answered:
+            return None
+        asked, result = self._answered[key]
+        if asked == (name, arguments.canonical):
+            return replace(result, data={**result.data, "replayed": True})
+        answer = self.session.refuse(self.session.words("call_id_was_used"))
+        return ToolResult(answer.text, True, self.is_over, answer.data)
+
+    def record(self, *events: Mapping[str, Any]) -> None:
+        """Write events to the transcript, if there is one, and count them. After the end nothing is recorded."""
+        if self.result is None:
+            if self.writer is not None:
+                self.writer.append(*events)
+            for event in events:
+                self.stats.apply(event)
+                self.stalls.apply(event)
+                for listener in self.listeners:
+                    listener(dict(event))
+
+    def complete_turn(self) -> None:
+        """End the episode if too many turns in a row showed nothing new; called after each turn."""
+        cap = self.session.budget.stalled_turns
+        if cap is not None and self.stalls.in_a_row >= cap:
+            self.session.end("stalled_turns")
+        self.finish_if_over()
+
+    def finish_if_over(self) -> None:
+        """Create the result and end the record, if the episode is over."""
+        reason = self.session.end_reason
+        if reason is None or self.result is not None:
+            return
+        game, spec = self.game, self.session.spec
+        result = EpisodeResult(
+            game=spec.id,
+            engine=game.engine,
+            seed=self.config.seed,
+            score=game.score,
+            normalized_score=spec.normalize(game.score) if game.comparable else None,
+            completed=game.completed,
+            end_reason=reason,
+            error=self.session.error,
+            detail=self.session.detail,
+            # A game that has failed may not be able to compute its state hash.
+            state_hash="" if reason == "game_error" else game.state_hash(),
+            context=self.config.context,
+            deviations=self._deviations(),
+            versions=self.versions(),
+            **self.stats.counts(),
+        )
+        try:
+            # If a step was interrupted before it was recorded, the record does not lead to this result.
+            if not self._step_is_unrecorded:
+                self.record({"event": "end", "result": result.model_dump(), "traceback": self.session.traceback})
+        finally:
+            self.result = result
+
+    def versions(self) -> dict[str, str]:
+        """Return the versions of the programs that can change how this episode runs or is counted."""
+        return {**versions(), **self.game.versions()}
+
+    def _call_event(self, turn: int, position: int, name: str, arguments: Arguments, answer: Answer) -> Event:
+        return {
+            "event": "call",
+            "turn": turn,
+            "position": position,
+            "name": name,
+            "arguments": arguments.text,
+            "text": answer.text,
+            "is_error": answer.is_error,
+            "done": self.is_over,
+            "data": answer.data,
+            "cut": answer.cut,
+        }
+
+    def _remember(self, key: str, name: str, arguments: Arguments, result: ToolResult) -> None:
+        self._answered[key] = ((name, arguments.canonical), result)
+        if len(self._answered) > REMEMBERED_CALLS:
+            self._answered.popitem(last=False)
+
+    def _deviations(self) -> dict[str, Any]:
+        configured = deviations(self.config, self.session.spec, self.session.budget, is_privileged=self.is_privileged)
+        pictures = {"pictures": differs("none", "shown when asked for")} if self.has_shown_pictures else {}
+        return {**configured, **pictures, **self.game.deviations()}
