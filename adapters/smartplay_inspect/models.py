@@ -1,6 +1,6 @@
 """Players of this package as models of Inspect's: `--model smartplay/rule` is a free, offline baseline.
 
-A sample is played by a player of its own, made from the episode's seed as `smartplay-tools eval` makes it, so samples
+A sample is played by its own player, made from the episode's seed as `smartplay-tools eval` makes it, so samples
 that run at the same time cannot disturb each other's draws.
 """
 

@@ -127,7 +127,7 @@ def _ends(scores: list[SampleScore]) -> dict[str, float]:
 
 
 def save_records(log: str | Path | EvalLog, folder: str | Path) -> list[Path]:
-    """Write the record of every episode in a log to a file of its own, and return the files.
+    """Write the record of every episode in a log to its own file, and return the files.
 
     A file is named by its sample and epoch. An existing file, or a log without records of this package's, is a
     `TranscriptError`.

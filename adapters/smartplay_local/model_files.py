@@ -335,7 +335,7 @@ def _tokenizer(model: GGUF) -> Any:
     tokens = {token: at for at, token in enumerate(model.facts[f"{PREFIX}tokens"])}
     merges = [tuple(merge.split(" ", 1)) for merge in model.facts[f"{PREFIX}merges"]]
     tokenizer = Tokenizer(models.BPE(vocab=tokens, merges=merges))
-    # Every digit is a token of its own; then GPT-2's rule, which `ByteLevel` has.
+    # Every digit is its own token; then GPT-2's rule, which `ByteLevel` has.
     digits = pre_tokenizers.Digits(individual_digits=True)
     tokenizer.pre_tokenizer = pre_tokenizers.Sequence([digits, pre_tokenizers.ByteLevel(add_prefix_space=False)])
     return tokenizer

@@ -23,7 +23,7 @@ TOOLS = """Tools:
 Answer with one JSON object and nothing else: {{"name": TOOL, "arguments": {{...}}}}"""
 
 LONGEST_TEXT = 2_000
-"""Characters of a text in a call's arguments without a limit of its own: a model that repeats itself has to stop."""
+"""Characters of a text in a call's arguments without its own limit: a model that repeats itself has to stop."""
 
 LONGEST_ACTION = 64
 """The same of an action, which has a name of a few words or a number."""

@@ -81,7 +81,7 @@ async def _answer(hosted: HostedEpisode, line: bytes) -> dict[str, Any] | None:
 
 
 def _standard_input() -> BinaryIO:
-    """Standard input with a buffer of its own: Python's would be locked by the reading thread, and abort the exit."""
+    """Standard input with its own buffer: Python's would be locked by the reading thread, and abort the exit."""
     return open(sys.stdin.fileno(), "rb", closefd=False)
 
 

@@ -68,7 +68,7 @@ CALL_FIELDS = "chat_call_fields"
 """The type of the provider item with what a server has added to each call, such as Gemini's signature of thoughts."""
 
 OF_CALLS = {"id", "index", "type", "function"}
-"""The fields of a call that have a meaning of their own."""
+"""The fields of a call that have their own meaning."""
 
 AT_ITS_LENGTH = ("length", "model_length")
 """The finish reasons of replies that were cut, the second at Mistral."""

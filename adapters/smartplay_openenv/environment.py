@@ -216,7 +216,7 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
 def new_app(game: str, *, sessions: int = 64, **options: Any) -> FastAPI:
     """Return the server of a game, an ASGI application; `options` are those of `SmartPlayEnvironment`.
 
-    `sessions` is how many clients may play at the same time, each an episode of its own.
+    `sessions` is how many clients may play at the same time, each its own episode.
     """
     SmartPlayEnvironment(game, **options)  # a mistake is reported here, not to the first client
     app = create_app(

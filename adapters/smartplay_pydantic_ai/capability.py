@@ -330,7 +330,7 @@ def _words(text: str) -> ModelResponse:
 
 
 class PlayerModel(FunctionModel):
-    """A player as a model. One player serves one run at a time: some draw from a generator of their own."""
+    """A player as a model. One player serves one run at a time: some draw from their own generator."""
 
     def __init__(self, player: Player | AsyncPlayer) -> None:
         self._player = player

@@ -69,7 +69,7 @@ class PydanticAIChat:
         marked: Collection[int] = (),
         pictures: Mapping[str, Picture] = NO_PICTURES,
     ) -> list[ModelMessage]:
-        """Return messages as Pydantic AI's: all system messages as one, what stands between two replies as one request.
+        """Return messages as Pydantic AI's: all system messages as one, messages between two replies as one request.
 
         Pydantic AI rewrites a system prompt that does not stand at the beginning, because few providers accept one.
         The user's messages and results at the places `marked` are followed by a mark for the provider's cache.

@@ -1,7 +1,7 @@
 """`environment`: the class whose instances `GRPOTrainer` makes, one for each rollout of a batch, and uses again.
 
 The trainer looks for the tools on the class: every public method but `reset` and `get_reward` is one, described by its
-annotations and docstring. The description of `act` lists the game's actions, so each game has a class of its own.
+annotations and docstring. The description of `act` lists the game's actions, so each game has its own class.
 
 `rows` are the rows of the dataset: prompts of the head's own messages, as exported rows have them, so that a model
 that was trained on those knows what it sees.

@@ -177,7 +177,7 @@ class SmartPlayEnv(vf.Env[SmartPlayEnvConfig]):
 
 
 def save_records(traces: str | Path, folder: str | Path) -> list[Path]:
-    """Write the record of every rollout in verifiers' `traces.jsonl` to a file of its own, and return the files.
+    """Write the record of every rollout in verifiers' `traces.jsonl` to its own file, and return the files.
 
     A file is named by its task and the number of its rollout. An existing file, or traces without records, is a
     `TranscriptError`.

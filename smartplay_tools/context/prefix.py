@@ -98,7 +98,7 @@ def common_messages(turn: Turn, before: Selection, now: Selection, counter: Toke
 
 
 def _first_change(turn: Turn, before: Selection, now: Selection) -> int | None:
-    """The first of a turn's messages that two views show differently: each form of one is an object of its own."""
+    """The first of a turn's messages that two views show differently: each form of one is its own object."""
     pairs = zip(before.seen(turn), now.seen(turn), strict=True)
     return next((at for at, (was, is_now) in enumerate(pairs) if was is not is_now), None)
 

@@ -241,7 +241,7 @@ class BaseConversation(ABC):
             self.episode.end("player_error", error)
 
     def halt(self, detail: str) -> None:
-        """Note that the host has stopped for a limit of its own, where it may go on later.
+        """Note that the host has stopped for its own limit, where it may go on later.
 
         If the episode is closed before there is a reply, it ends as `host` with this detail, not as `closed`.
         """

@@ -149,7 +149,7 @@ class CellConfig(Rules):
         return ", ".join(filter(None, [*unusual, self.budget.describe()]))
 
     def chain_of(self, trial: int) -> int:
-        """Return the number of a trial's chain; without `carry` every trial is a chain of its own."""
+        """Return the number of a trial's chain; without `carry` every trial is its own chain."""
         if self.carry is None:
             return trial
         return 0 if self.chain is None else trial // self.chain

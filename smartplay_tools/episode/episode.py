@@ -127,7 +127,7 @@ class Episode:
         is_recorded: bool = False,
         carried: Carried | None = None,
     ) -> Self:
-        """Return the episode of a config; `tokenizer` is required if the config names a tokenizer object of yours.
+        """Return the episode of a config; `tokenizer` is required if the config names a custom tokenizer object.
 
         A config that `is_recorded` does not decide what is imported: see `recorded_strategy`. `carried` is what the
         episode takes over from the trial before it, where its rules have `carry`.
@@ -196,7 +196,7 @@ class Episode:
         return self.ledger.session.tools.specs
 
     def call(self, name: str, arguments: Any = None, call_id: str | None = None) -> ToolResult:
-        """Answer one call, as a turn of its own. A mistake gives a result with `is_error`, never an exception.
+        """Answer one call, as its own turn. A mistake gives a result with `is_error`, never an exception.
 
         `call_id` is the transport's idempotency key: the same key with the same call returns the recorded result again
         (`data["replayed"]`) without counting it; with another call it returns an error. The last 64 keys are kept.

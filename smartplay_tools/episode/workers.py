@@ -32,7 +32,7 @@ PATIENCE = 0.02
 class SerialQueue:
     """Runs functions in the shared threads, one at a time, in the order in which they were given.
 
-    `is_slow`: its functions wait for something other than Python, so they need a thread of their own.
+    `is_slow`: its functions wait for something other than Python, so they need their own thread.
     """
 
     def __init__(self, *, is_slow: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""The driver: feeds the recorded inputs of an episode to a new episode, which writes a record of its own.
+"""The driver: feeds the recorded inputs of an episode to a new episode, which writes its own record.
 
 The inputs are the replies of the model and the actions of the host. Everything else (texts, rewards, state hashes, the
 contents of each prompt, counts) is produced again. Any difference between the two records is reported.

@@ -408,7 +408,7 @@ class Record:
 
     @property
     def is_paper(self) -> bool:
-        """Whether the episode was played in the paper's protocol, where every question is a conversation of its own."""
+        """Whether the episode was played in the paper's protocol, where every question is its own conversation."""
         return self.config.protocol == "paper"
 
     @property

@@ -1,7 +1,7 @@
 """Replay: play a transcript again and compare everything exactly.
 
 A replay verifies three things: that no event was changed, lost or moved (the chain), that the same replies lead to the
-same results and counts (the play), and that every prompt has its sha256. A replay writes a record of its own: if its
+same results and counts (the play), and that every prompt has its sha256. A replay writes its own record: if its
 bytes are the same, all three hold; otherwise they are checked one by one. Versions may differ, because a replay is
 meant to show whether another version plays the same. It cannot verify who wrote the replies.
 
@@ -68,7 +68,7 @@ def replay(source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer |
     which event and why. What is not a transcript is a `TranscriptError`, and an episode whose game, engine or
     tokenizer is not here is the `SmartPlayError` that says so.
 
-    `tokenizer` is required if the record was counted with a tokenizer object of yours, or with a file that was moved.
+    `tokenizer` is required if the record was counted with a custom tokenizer object, or with a file that was moved.
     """
     record = Record.read(source) if isinstance(source, str | Path) else Record(read_events(source))
     return replay_record(record, tokenizer=tokenizer)
@@ -152,7 +152,7 @@ def recorded_pictures(
 
     The record is played again. A picture that the record names and the replay does not make is a `TranscriptError`,
     except where pictures are not compared (`Replay.not_compared`).
-    `tokenizer` is required if the record was counted with a tokenizer object of yours.
+    `tokenizer` is required if the record was counted with a custom tokenizer object.
     """
     events = read_events(source)
     if not events or EpisodeConfig.from_event(events[0]).observation == "text":

@@ -203,7 +203,7 @@ Key = tuple[int, Purpose]
 def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> RequestLog:
     """Return the requests of a record.
 
-    `tokenizer` is required if the record was counted with a tokenizer object of yours. A record that has no prompts, or
+    `tokenizer` is required if the record was counted with a custom tokenizer object. A record that has no prompts, or
     prompts without usage, is a `TranscriptError`.
     """
     if record.start is None or not record.heads:

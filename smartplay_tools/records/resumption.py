@@ -64,7 +64,7 @@ def resume(
         transcript: a new file, or a list, that begins with all events so far. It is required to continue an episode
             that was ended from outside (an error of the player, a cap of the run, a limit of the host, `close`).
         session: the conversation is an `AgentSession`, for a host that runs calls one by one.
-        tokenizer: required if the record was counted with a tokenizer object of yours.
+        tokenizer: required if the record was counted with a custom tokenizer object.
         on_step: called with the game after every step, the recorded ones included.
 
     An episode that the game or its budgets have ended is returned in its final state. A record that was changed, or

@@ -120,7 +120,7 @@ class UsageEvent(TypedDict):
     prefix: NotRequired[int]
     overrun: NotRequired[bool]
     purpose: NotRequired[Literal["summary"]]
-    """Present on the usage of a summary; the turn has a usage of its own."""
+    """Present on the usage of a summary; the turn has its own usage."""
     provider: dict[str, Any] | None
 
 

@@ -250,7 +250,7 @@ STRICT = frozenset({"type", "title", "description", "enum", "properties", "requi
 def is_strict(schema: Any) -> bool:
     """Whether strict modes accept JSON Schema as it is: each object in it is closed, and requires all its properties.
 
-    A provider refuses a request that calls another schema strict, whatever the agent that brought the tool wants.
+    A provider refuses a request that calls another schema strict, even if the agent that offers the tool wants it.
     """
     if isinstance(schema, Mapping) and isinstance(kinds := schema.get("anyOf"), list | tuple):
         return schema.keys() <= {"anyOf", "title", "description"} and bool(kinds) and all(map(is_strict, kinds))

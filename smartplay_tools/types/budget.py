@@ -51,10 +51,10 @@ Cap = Annotated[int, Field(strict=True, ge=1)]
 
 
 BeyondHistory = Literal["drop", "mask"]
-"""What becomes of a turn that is older than `history`: it is dropped, or stays with its observations masked."""
+"""What happens to a turn older than `history`: it is dropped, or stays with its observations masked."""
 
 BeyondResult = Literal["cut", "offload"]
-"""What becomes of an observation that is over `result_tokens`: its end is cut, or a tool reads on."""
+"""What happens to an observation longer than `result_tokens`: its end is cut, or a tool reads on."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Budget(Recorded):
     """The share of the window that is dropped at once when it is full, so that the prompt's beginning stays the same
     for many calls and the provider's cache applies. 0 always shows as much as fits."""
     beyond_history: Annotated[BeyondHistory, Keeps(_choice(drop="dropping", mask="masking"), is_text=True)] = "drop"
-    """What becomes of turns older than `history`: "drop" drops them, "mask" keeps those that fit, with every
+    """What happens to turns older than `history`: "drop" drops them, "mask" keeps those that fit, with every
     observation older than `history` replaced by a line that says so."""
     notes_tokens: Annotated[Cap | None, Keeps(_cap_or_none("notes"))] = None
     """Cap on the agent's notes, which stay visible when older turns leave; None: there is no tool `take_notes`."""
@@ -134,8 +134,8 @@ class Budget(Recorded):
     recall_tokens: Annotated[Cap | None, Keeps(_cap_or_none("recalls"))] = None
     """Cap on an answer of the tool `recall`, which searches observations that have left; None: no such tool."""
     beyond_result: Annotated[BeyondResult, Keeps(_choice(cut="cutting", offload="offloading"), is_text=True)] = "cut"
-    """What becomes of observations over `result_tokens`: "cut" loses their end, "offload" shows their beginning and
-    adds the tool `read_result`, which reads on."""
+    """What happens to observations longer than `result_tokens`: "cut" loses their end, "offload" shows their beginning
+    and adds the tool `read_result`, which reads on."""
     memory_tokens: Annotated[Cap | None, Keeps(_cap_or_none("memory"))] = None
     """Cap on the files that the agent keeps with the tool `memory`, their paths included; None: no such tool."""
     newest_pictures: Annotated[Cap | None, Keeps(_number("newest pictures", "all pictures"))] = None

@@ -1,6 +1,6 @@
 """What every server of this package requires of a request: Host, Origin, token, and limits of time and size.
 
-A page on the internet can make a browser send requests to a server on the same machine, under a name of its own that
+A page on the internet can make a browser send requests to a server on the same machine, under a name that
 leads to 127.0.0.1. So a server answers only to names that it expects, and to pages of origins that it expects. An
 address that other machines can reach also needs a token. A request has to come whole and in time, and its body has a
 limit, so that nobody can fill a server's memory or its connections.

@@ -276,7 +276,7 @@ def _failed(error: Exception) -> RequestError:
 
 
 class LocalEndpoint(Server):
-    """A server for players; in a `with` block it runs in a thread of its own.
+    """A server for players; in a `with` block it runs in its own thread.
 
         with LocalEndpoint(sp.get_player("rule")) as endpoint:
             sp.play(episode, sp.get_player("openai:rule", base_url=endpoint.base_url))

@@ -35,7 +35,7 @@ PLACEHOLDER = "DeferredToolPlaceholder"
 """A tool of Claude Code's that stands for those it has not loaded."""
 
 COMPACTION = "CRITICAL: Respond with TEXT ONLY"
-"""With these words Claude Code asks for a summary of its own messages, in a request that offers all tools."""
+"""With these words Claude Code asks for a summary of its messages, in a request that offers all tools."""
 
 DELTAS = {
     "text": ("text", "text_delta", "text"),

@@ -28,7 +28,7 @@ from smartplay_openai.window.formats import (
 from smartplay_tools import Message, Usage
 
 BETWEEN = "__"
-"""What stands between a namespace and the name of its function."""
+"""The separator between a namespace and the name of its function."""
 
 USED = {"input", "instructions", "tools", "previous_response_id", "conversation"}
 SILENT = ("function_call", "function_call_output", "message")

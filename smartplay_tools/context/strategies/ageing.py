@@ -1,4 +1,4 @@
-"""Ageing: what becomes of turns that are older than `history`. They are dropped, or stay with observations masked.
+"""Ageing: what happens to turns older than `history`. They are dropped, or stay with observations masked.
 
 A turn that plays no step does not get older by steps, so a model that plays none would see an ever longer past. Where
 the budget limits `stalled_turns`, such turns age by turns instead: of each stretch of them the newest are kept.

@@ -24,7 +24,7 @@ class ToolAnswer:
     data: Mapping[str, Any] = field(default_factory=dict)
     """The data of the result, which the record keeps."""
     is_cut: bool | None = None
-    """Whether the text was cut to a cap of its own; None if the cap is that of all results."""
+    """Whether the text was cut to its own cap; None if the cap is that of all results."""
     mistake: str | None = None
     """The kind of mistake, if the call is refused; `text` is then the reason."""
 

@@ -106,7 +106,7 @@ class TokenCounter:
 
     def _whole(self, count: object) -> int:
         try:
-            number = int(operator.index(count))  # type: ignore[arg-type]  # whatever a tokenizer of yours returns
+            number = int(operator.index(count))  # type: ignore[arg-type]  # whatever a custom tokenizer returns
         except TypeError:
             number = -1
         if number < 0:
@@ -196,7 +196,7 @@ def shared_counter(tokenizer: str | Tokenizer | None = None) -> TokenCounter:
     """Return a counter for an episode: one for all episodes with this tokenizer, if its name says what it counts.
 
     Episodes of a setting repeat the same head, tools and manual. A file of Hugging Face can change, and two tokenizer
-    objects may have the same name: with those, every episode has a counter of its own.
+    objects may have the same name: with those, every episode has its own counter.
     """
     if tokenizer is None or (isinstance(tokenizer, str) and not tokenizer.startswith((HUGGING_FACE, MODEL_FILE))):
         return _counter_of(DEFAULT_TOKENIZER if tokenizer is None else tokenizer)

@@ -540,7 +540,7 @@ def _resampled_means(data: Sequence[Values], batch: int) -> Iterator[list[Values
     """Yield the means of `RESAMPLES` resamples of every sample, `batch` at a time, as [row, resample].
 
     The rows of a sample are resampled together. How often each value was drawn is counted, and the means of all rows
-    are one product with these counts: a mean of its own for every row and resample takes several times as long.
+    are one product with these counts: a separate mean for every row and resample takes several times as long.
     """
     rng = np.random.default_rng(SEED)
     for first in range(0, RESAMPLES, batch):

@@ -61,7 +61,7 @@ class Drift:
 
     @property
     def ratio(self) -> float | None:
-        """The provider's count as a multiple of ours."""
+        """The provider's count as a multiple of our count."""
         return self.provider / self.ours if self.ours else None
 
 

@@ -47,7 +47,7 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
 
 
 WINDOW = ("history", "prompt_tokens", "slack", *STRATEGIES)
-"""The fields of a budget that say how much of an episode a prompt shows, and what becomes of the rest."""
+"""The fields of a budget that say how much of an episode a prompt shows, and what happens to the rest."""
 
 LIMITS = tuple(name for name in Budget.model_fields if name not in WINDOW)
 """The other fields, which limit replies, results and whole episodes."""

@@ -69,7 +69,7 @@ def player_seed(seed: int, repeat: int) -> int:
 def shard_of(digest: str, chain: int, count: int) -> int:
     """Return the number (from 1) of the shard, of `count`, that plays a chain of the cell with this digest.
 
-    Without `carry` every trial is a chain of its own (`CellConfig.chain_of`). The shard depends only on the cell and
+    Without `carry` every trial is its own chain (`CellConfig.chain_of`). The shard depends only on the cell and
     the chain, so an episode stays in its shard when a run is extended.
     """
     return (int(digest, 16) + chain) % count + 1

@@ -24,7 +24,7 @@ from smartplay_tools.records.spent import Spent
 Clock = Callable[[], float]
 
 ENOUGH = 5
-"""Replies of each running episode from which on a cell has a pace of its own."""
+"""Replies of each running episode from which on a cell has its own pace."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class TimeLeft:
         for player in {cell.player for cell, _ in own} if has_room else ():
             mine = [(cell, pace) for cell, pace in own if cell.player == player]
             running = sum(len(cell.running) for cell, _ in mine)
-            if running and any(cell.waiting for cell, _ in mine):  # it is held back by a limit of its own
+            if running and any(cell.waiting for cell, _ in mine):  # it is held back by its own limit
                 bounds.append(sum(_work(cell, pace) for cell, pace in mine) / running)
         return max(bounds)
 

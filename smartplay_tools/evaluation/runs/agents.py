@@ -26,7 +26,7 @@ LOOK_SECONDS = 0.1
 AgentFunction: TypeAlias = Callable[[AgentSession], Any] | Callable[["Episode"], Any]
 """Plays an episode; may be asynchronous. The name of its argument says what it takes.
 
-`session` is an `AgentSession`, for a loop of its own. `episode` is the episode, for an adapter of this package, which
+`session` is an `AgentSession`, for its own loop. `episode` is the episode, for an adapter of this package, which
 makes a session with the host's messages and tools in its head, or for a session with other arguments.
 """
 
@@ -106,7 +106,7 @@ class Agent(Protocol):
 
 
 class FunctionAgent:
-    """An agent that is a function, which is called in a thread of its own or, if it is asynchronous, awaited."""
+    """An agent that is a function, which is called in its own thread or, if it is asynchronous, awaited."""
 
     goes_on = False
 

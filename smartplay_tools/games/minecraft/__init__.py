@@ -8,5 +8,5 @@ The tasks and the text are the same for all engines, which are interchangeable:
     game           `Minecraft`, the environment that combines them
     voxel/         the embedded engine: a world of blocks in NumPy
     luanti/        the engine Luanti, as a server without a screen
-    minedojo/      MineDojo, the engine of the paper, in an environment of its own
+    minedojo/      MineDojo, the engine of the paper, in its own environment
 """

@@ -44,7 +44,7 @@ class Goal:
 
 PAPER_GOALS: Mapping[int, Goal] = MappingProxyType(
     {
-        # The original looks the task's words up as a substring of its own biome names: "plains" is also in "Ice
+        # The original looks the task's words up as a substring of its biome names: "plains" is also in "Ice
         # Plains", and "ice spikes" is nowhere ("Ice Plains Spikes"), so its task 7 cannot be completed.
         0: Goal("plains", frozenset({1, 12, 129, 140})),
         1: Goal("forest", frozenset({4, 18, 27, 28, 29, 132, 155, 156, 157})),

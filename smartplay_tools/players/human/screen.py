@@ -174,7 +174,7 @@ class Screen:
     def _footer_of(
         self, prompt: Prompt, actions: Sequence[str], conversation: BaseConversation | None
     ) -> RenderableType:
-        """Return what stands below the prompt, in the fullest form for which there is room."""
+        """Return the status lines below the prompt, in the fullest form for which there is room."""
         facts, keys = budget_bars(prompt, conversation), KEYS if prompt.tools else FREE_KEYS
         short = Text(", ".join(fact.short for fact in facts), style="cyan")
         full = Columns([Text(fact.full, style="cyan") for fact in facts], padding=(0, 3))

@@ -1,4 +1,4 @@
-"""Episodes that a person plays in the browser, one after the other, as a run of their own.
+"""Episodes that a person plays in the browser, one after the other, as their own run.
 
 The run is one like others, with the player `human`: its seeds follow from the run's seed, so a person meets the worlds
 that `eval` gives to models, its records replay, and `results` and `compare` read its folder. An episode that was left
@@ -199,7 +199,7 @@ class BrowserPlay:
 
 
 class BrowserGames:
-    """The games that a person may play in a site; each has a run of its own, which begins when it is first chosen.
+    """The games that a person may play in a site; each has its own run, which begins when it is first chosen.
 
     Arguments:
         games: the ids of the settings.
@@ -263,7 +263,7 @@ class BrowserGames:
 
 
 def _played(config: EpisodeConfig, name: str) -> float | None:
-    """The normalised score of a player of ours in an episode, or its score where the game has no human score."""
+    """The normalised score of a built-in player in an episode, or its score where the game has no human score."""
     with Episode.from_config(config) as episode:
         result = play(episode, get_player(name, seed=config.seed), protocol=config.protocol)
     return result.score if result.normalized_score is None else result.normalized_score

@@ -1,4 +1,4 @@
-"""What becomes of the past: what every strategy changes, seed by seed, and what it costs, a row for each.
+"""The effect and the cost of each strategy: what it changes, seed by seed, and what it costs, a row for each.
 
 Where the tokens went: every prompt of an episode stacked by its parts, and several episodes beside each other.
 """

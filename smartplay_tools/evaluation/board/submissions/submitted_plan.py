@@ -3,7 +3,7 @@
 A config from a stranger decides what a replay imports, reads and allocates. So nothing is replayed before its config is
 found to be of a kind that is safe: a setting of the benchmark with the benchmark's numbers, an engine inside this
 process, a tokenizer that ships with the package, and options that are plain choices. The person who checks has to allow
-anything else: a game of an installed package, an engine that is a program of its own, another tokenizer.
+anything else: a game of an installed package, an engine that is its own program, another tokenizer.
 
 Results of a submission: the mean of every game under every budget, from rows.
 """

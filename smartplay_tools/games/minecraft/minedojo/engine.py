@@ -49,7 +49,7 @@ _JUMP, _SPRINT = 1, 3
 
 
 class MineDojoEngine:
-    """Minecraft, played through MineDojo in a process of its own.
+    """Minecraft, played through MineDojo in its own process.
 
     A start takes minutes; a new world in the same client takes less. As in the original, a start may lie in the goal,
     and the seed determines only the map: the game's own clock and random numbers cannot be controlled.
