@@ -237,7 +237,7 @@ def test_tools_may_change_and_the_games_tools_may_not():
     assert result.completed
     assert [len(body["tools"]) for body in bodies] == [4, 4, *[3] * 6]
     assert len([event for event in events if event["event"] == "head"]) == 2
-    with pytest.raises(sp.InvalidArgumentError, match="taken observe"):
+    with pytest.raises(sp.InvalidArgumentError, match="removed observe"):
         play(script, lambda ours: [ours, without("observe", 0)])
 
 
