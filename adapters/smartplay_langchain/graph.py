@@ -167,7 +167,7 @@ class GraphSession(CallPlayer):
         specs = [spec_of(tool) for tool in tools]
         if missing := sorted(own - {spec.name for spec in specs}):
             raise InvalidArgumentError(
-                f"A middleware has taken {', '.join(missing)} from the request; the game's tools are in every prompt."
+                f"A middleware has removed {', '.join(missing)}; every request must offer the game's tools."
             )
         foreign = [] if self._only_game_tools else [spec for spec in specs if spec.name not in own]
         head = [*map(from_langchain, system)]

@@ -13,6 +13,7 @@ from collections.abc import Callable
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.prompts import VERSION, Wording
 from tests.adapters.conformance import (
     EACH,
     PLACE,
@@ -95,7 +96,7 @@ def picture(row: Window, log: pytest.LogCaptureFixture) -> None:
 def sub_agent(row: Window, log: pytest.LogCaptureFixture) -> None:
     """An agent in a tool of the agent's own, with the same model and tools, gets words, and plays nothing."""
     _, held = played(row, [calling(("helper", {})), *MOVES], "sub-agent")
-    assert held.episode.words("sub_agent") in result_of(held)
+    assert Wording.of(VERSION)("sub_agent") in result_of(held)
 
 
 def another_purpose(situation: str) -> Callable[[Window, pytest.LogCaptureFixture], None]:

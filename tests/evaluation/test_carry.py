@@ -161,7 +161,7 @@ def test_the_unit_of_every_interval_is_the_chain(played, tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(not EXPERIMENT.exists(), reason="not in a checkout")
 def test_the_figure_has_a_place_for_every_trial_of_a_chain(played, tmp_path):
-    score_against_trial = read_file(f"{EXPERIMENT}:score_against_trial")
+    score_against_trial = read_file(f"{EXPERIMENT}:score_against_trial").make
     without = run(tmp_path / "without", carry=None, chain=None)
     (panel,) = score_against_trial([*without.rows, *played.rows]).axes
     assert [label.get_text() for label in panel.get_xticklabels()] == ["1", "2", "3"]
@@ -205,8 +205,8 @@ def test_a_single_episode_carries_nothing():
 def test_the_longest_message_is_reserved_and_never_exceeded():
     counter, chance = shared_counter(), random.Random(1)
     with sp.Episode(BANDIT, seed=1, budget=NOTING) as episode:
-        budget = episode.budget
-    longest = longest_message("notes", budget, counter)
+        budget, words = episode.budget, episode.words
+    longest = longest_message("notes", budget, counter, words)
     pieces = ["\n", " ", "/", "a", "word", "'s", "1", "\u00e9", "\u4e2d", "[", "\r\n\n"]
     for _ in range(20):
         result, notes = ("".join(chance.choices(pieces, k=400)) for _ in range(2))
@@ -214,7 +214,7 @@ def test_the_longest_message_is_reserved_and_never_exceeded():
             result = result[:-1]
         while counter.text(notes) > budget.notes_tokens:
             notes = notes[:-1]
-        message = Carried(record="0" * 32, result=result, notes=notes).message(counter, longest)
+        message = Carried(record="0" * 32, result=result, notes=notes).message(counter, longest, words)
         assert counter.message(message) <= longest
 
 
