@@ -131,8 +131,8 @@ def test_a_strategy_is_added_by_the_three_documented_steps(tmp_path):
     field = '    landmark: Annotated[Cap | None, Keeps(_number("landmark", "no landmarks"))] = None\n'
     add(package / "types" / "budget.py", "    strategy: Annotated[", field)
     (folder / "landmarks.py").write_text(LANDMARKS, encoding="utf-8")
-    add(folder / "__init__.py", "\nKINDS: ", "\nfrom smartplay_tools.context.strategies.landmarks import Landmarks\n")
-    add(folder / "__init__.py", "Custom,\n    )", "Landmarks, ")
+    place = '"landmark": "smartplay_tools.context.strategies.landmarks:Landmarks",\n        '
+    add(folder / "__init__.py", '"strategy": f"', place)
     run(tmp_path, PLAY_LANDMARKS + BOTH_PIN)
 
 

@@ -336,7 +336,7 @@ def test_at_their_defaults_nothing_is_written_of_them():
 
 
 def test_every_field_that_asks_for_a_strategy_has_its_class():
-    assert list(KINDS) == list(STRATEGIES)
+    assert list(KINDS) == [kind.name for kind in KINDS.values()] == list(STRATEGIES)
     assert all(kind.option_help for kind in KINDS.values())
 
 

@@ -8,19 +8,17 @@ To add a strategy:
 
 1. Add its field to `Budget` in `types/budget.py`, annotated with `Keeps`, which says how it reads in tables.
 2. Write its class in a file here: a `BudgetStrategy` with the field's name and the help of its command-line option.
-3. List the class in `KINDS`, in the order of the fields.
+3. List its place in `KINDS`, in the order of the fields.
 
 Commands, run files, sweeps, records, tables and the list of deviations take it from there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import Ageing, drops_old_turns, turns_leave
-from smartplay_tools.context.strategies.anchors import Anchors
 from smartplay_tools.context.strategies.base import (
     DECISIONS,
     BudgetStrategy,
@@ -32,21 +30,16 @@ from smartplay_tools.context.strategies.base import (
 )
 from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, Strategy
 from smartplay_tools.context.strategies.custom import (
-    Custom,
     load_strategy,
     make_strategy,
     recorded_strategy,
     register_strategy,
 )
-from smartplay_tools.context.strategies.memory import MemoryFiles, is_memory_tool
-from smartplay_tools.context.strategies.notes import Notes
-from smartplay_tools.context.strategies.offload import Offload
-from smartplay_tools.context.strategies.pictures import Pictures
-from smartplay_tools.context.strategies.recall import Recall
+from smartplay_tools.context.strategies.memory import is_memory_tool
 from smartplay_tools.context.strategies.summaries import Summaries, summaries_of
-from smartplay_tools.context.strategies.thoughts import Thoughts
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.view import Selection, View
+from smartplay_tools.registry import Registry
 from smartplay_tools.types import STRATEGIES, Budget
 
 __all__ = [
@@ -72,13 +65,25 @@ __all__ = [
 ]
 
 
-KINDS: Mapping[str, type[BudgetStrategy]] = {
-    kind.name: kind
-    for kind in (
-        Ageing, Notes, Summaries, Thoughts, Anchors, Recall, Offload, MemoryFiles, Pictures, Custom,
-    )
-}  # fmt: skip
-"""Every strategy by the field of `Budget` that asks for it, in the order in which they are asked."""
+KINDS = Registry(
+    "strategy of a budget",
+    {
+        "beyond_history": f"{__name__}.ageing:Ageing",
+        "notes_tokens": f"{__name__}.notes:Notes",
+        "summary_tokens": f"{__name__}.summaries:Summaries",
+        "own_words": f"{__name__}.thoughts:Thoughts",
+        "first_turns": f"{__name__}.anchors:Anchors",
+        "recall_tokens": f"{__name__}.recall:Recall",
+        "beyond_result": f"{__name__}.offload:Offload",
+        "memory_tokens": f"{__name__}.memory:MemoryFiles",
+        "newest_pictures": f"{__name__}.pictures:Pictures",
+        "strategy": f"{__name__}.custom:Custom",
+    },
+)
+"""Every strategy by the field of `Budget` that asks for it, in the order in which they are asked.
+
+A class is imported when a budget asks for it: most episodes need none of them.
+"""
 
 if list(KINDS) != list(STRATEGIES):
     raise TypeError(f"The fields of Budget ask for {', '.join(STRATEGIES)}, and KINDS has {', '.join(KINDS)}.")
@@ -141,7 +146,7 @@ def refusal(budget: Budget, history: int | None, observation: str) -> str | None
 
     `history` is the budget's in numbers, and `observation` what observations are.
     """
-    asked = [KINDS[name] for name in budget.strategies]
+    asked: list[type[BudgetStrategy]] = [KINDS[name] for name in budget.strategies]
     for kind in asked:
         if reason := kind.refusal(budget, history) or kind.refused_form(observation):
             return reason
