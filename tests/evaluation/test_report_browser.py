@@ -44,7 +44,7 @@ pytestmark = pytest.mark.slow
 ALL_PROMPTS = """async (key) => {
   const episode = await openEpisode(key);
   const ways = [requestMessages, sentMessages];
-  return episode.turns.flatMap((_, at) => ways.map((way) => way(episode, page.words, at)));
+  return episode.turns.flatMap((_, at) => ways.map((way) => way(episode, page.words[episode.prompts], at)));
 }"""
 
 
