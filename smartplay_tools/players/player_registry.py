@@ -1,10 +1,8 @@
 """The registry of players by name, and the creation of players.
 
 A name is looked up here, then among the entry points of the group `smartplay_tools.players` that installed packages
-declare. Text after a colon is the player's argument: `openai:MODEL` is a player that calls this model. The
-name `FILE.py:CLASS` is that of a class in your own file (`smartplay_tools.players.player_registry`).
-
-Players in a file: `FILE.py:CLASS` names your own class on the command line, without a package around it.
+declare. Text after a colon is the player's argument: `openai:MODEL` is a player that calls this model.
+`FILE.py:CLASS` names a class in a file, without a package around it.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The model gets the tools of the game, and is asked to look and to read the manual in its first reply. The replies show
 whether the server can be reached, supports tools, gives ids to calls, allows several calls in a reply and reports
-usage, and whether its calls can be played. What keeps a model from playing has its own sentence (`faults`).
+usage, and whether its calls can be played. What keeps a model from playing has its own sentence.
 
 What keeps a reply from being played, in one sentence with its remedy: the texts of `check`.
 """

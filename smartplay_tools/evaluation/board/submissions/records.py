@@ -1,6 +1,6 @@
 """The check of one record: it is replayed, its row computed anew, and its prompts compared with its budget.
 
-It runs in its own process (`limited_workers`), under limits of time and memory. Whatever a hostile record makes go
+It runs in its own process (`check`), under limits of time and memory. Whatever a hostile record makes go
 wrong is a finding, not a traceback.
 """
 

@@ -2,8 +2,8 @@
 
     sources          the episodes, finished or not
     episodes         a transcript for the page: turns, the contents of each prompt, tokens; some turns of it
-    drawings         the states of the game, from playing the record again; `walks` and `texture_sheet` for two games
-    summary_tables   the tables of the run, `figure_images` its figures
+    drawings         the states of the game, from playing the record again; walks and textures for two games
+    summary_tables   the tables of the run, and its figures
     episode_reading  an episode's record checked, drawn and packed, by several processes if there are many
     page             all of it put into one file; the templates, the styles and the scripts lie beside it
 
