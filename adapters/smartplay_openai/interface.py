@@ -12,12 +12,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
+from smartplay_openai.problems import RequestError
 from smartplay_openai.tool_choice import ToolChoice
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 
 Event = tuple[str | None, dict[str, Any] | str]
 """A server-sent event: its name, if it has one, and its data."""
 
+ALIVE = ": the model has not replied yet\n\n"
+"""A server-sent comment: the sign of life of a stream that has no event yet."""
 
 BREAKPOINT = {"prompt_cache_breakpoint": {"mode": "explicit"}}
 """The mark of a content part up to which the provider caches a prompt."""
@@ -28,6 +31,8 @@ class Interface(ABC):
 
     path: ClassVar[str]
     """The path of the interface on a server."""
+
+    alive: ClassVar[str] = ALIVE
 
     limit_field: ClassVar[str]
     """The name of the cap on the reply."""
@@ -102,3 +107,7 @@ class Interface(ABC):
     @abstractmethod
     def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
         """Yield an answer's events: text and arguments in two pieces each, so that readers have to join them."""
+
+    def failure(self, error: RequestError) -> Event:
+        """Return the event of a stream that ends without an answer."""
+        return None, error.body()

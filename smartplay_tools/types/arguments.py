@@ -26,6 +26,7 @@ __all__ = [
     "canonical_text",
     "encoder",
     "is_strict",
+    "meaning",
     "object_in",
     "read",
     "value_in",
@@ -127,6 +128,11 @@ def _read(text: str) -> Arguments:
 
 _read_again = functools.lru_cache(1_024)(_read)
 """`_read` with a cache: the arguments of a call are often those of an earlier one."""
+
+
+def meaning(arguments: Arguments) -> str:
+    """Return a text that two calls share if their arguments are equal, however their JSON is written."""
+    return arguments.text if arguments.values is None else canonical_text(arguments.values)
 
 
 def as_text(arguments: Any) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from smartplay_openai.interface import Event
-from smartplay_openai.problems import RequestError, bad
+from smartplay_openai.problems import RequestError, bad, check_new
 from smartplay_openai.window.formats import (
     SUB_AGENT_HEADERS,
     CompletionRequest,
@@ -61,6 +61,7 @@ class MessagesFormat(HostFormat):
     """Anthropic's Messages."""
 
     path = "/v1/messages"
+    alive = 'event: ping\ndata: {"type": "ping"}\n\n'
 
     def read(self, body: Mapping[str, Any], headers: Mapping[str, str]) -> CompletionRequest:
         """Return what a request says."""
@@ -68,12 +69,14 @@ class MessagesFormat(HostFormat):
             raise bad("messages is a list.", "messages")
         ignored = Ignored(fields=fields_of(body, USED))
         system = [ignored.hear("system", body["system"])] if body.get("system") else []
-        results: dict[str, Any] = {}
+        results, calls = dict[str, Any](), dict[str, tuple[str, Any]]()
         for message in objects(body["messages"]):
             role, content = str(message.get("role")), message.get("content")
             blocks = content if isinstance(content, list) else [{"type": "text", "text": content or ""}]
             kept = [block for block in objects(blocks) if not _is_result(block, results)]
-            if kept and not any(block.get("type") == "tool_use" for block in kept):
+            used = [block for block in kept if block.get("type") == "tool_use"]
+            calls |= {_ours(str(block.get("id"))): (str(block.get("name")), block.get("input")) for block in used}
+            if kept and not used:
                 text = ignored.hear(role, kept)
                 system += [text] if role == "system" else []
         tools, left_out = _tools(body)
@@ -81,7 +84,7 @@ class MessagesFormat(HostFormat):
         if "cache_control" in text:
             ignored.fields = sorted({*ignored.fields, "cache_control"})
         thread = body.get("thread")
-        output = body.get("output_config")
+        output, choice = body.get("output_config"), body.get("tool_choice")
         continues = isinstance(thread, Mapping) and thread.get("type") == "continue"
         return CompletionRequest(
             tools,
@@ -90,6 +93,8 @@ class MessagesFormat(HostFormat):
             ignored,
             "\n\n".join(system),
             left_out,
+            calls,
+            one_call=isinstance(choice, Mapping) and choice.get("disable_parallel_tool_use") is True,
             forbids_calls=_forbids_calls(body),
             answer_schema=json_schema(
                 output.get("format") if isinstance(output, Mapping) else body.get("output_format")
@@ -144,6 +149,10 @@ class MessagesFormat(HostFormat):
         yield _event("message_delta", delta=end, usage=answer["usage"])
         yield _event("message_stop")
 
+    def failure(self, error: RequestError) -> Event:
+        """Return the event of a stream that ends without a message."""
+        return "error", self.refusal(error)
+
     def refusal(self, error: RequestError) -> dict[str, Any]:
         """Return the body of an error; its code is where the client looks for one."""
         details = {"details": {"error_code": error.code}} if error.code else {}
@@ -160,11 +169,12 @@ def _is_result(block: Mapping[str, Any], results: dict[str, Any]) -> bool:
 
 
 def _tools(body: Mapping[str, Any]) -> tuple[list[ToolSpec], list[str]]:
-    tools, left_out = [], []
-    for tool in objects(body.get("tools")):
+    tools, left_out, names = list[ToolSpec](), list[str](), set[str]()
+    for at, tool in enumerate(objects(body.get("tools"))):
         name, schema = str(tool.get("name")), tool.get("input_schema")
         # Claude Code marks tools that it has loaded later with `defer_loading`, too; they are as good as others.
         if isinstance(schema, Mapping) and name != PLACEHOLDER:
+            check_new(name, names, f"tools[{at}]")
             tools.append(ToolSpec(name, str(tool.get("description") or ""), schema))
         elif name != PLACEHOLDER:
             left_out.append(f"{name} ({tool.get('type') or 'no schema'})")
