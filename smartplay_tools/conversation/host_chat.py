@@ -192,6 +192,13 @@ class HostChat:
         return self.session
 
 
+def check_names(tools: Iterable[ToolSpec]) -> None:
+    """Raise an `InvalidArgumentError` if two of an agent's tools have one name: a call could be one of either."""
+    counts = Counter(tool.name for tool in tools)
+    if twice := sorted(name for name, count in counts.items() if count > 1):
+        raise InvalidArgumentError(f"The agent has two tools named {', '.join(twice)}; rename yours.")
+
+
 def _words_of_user(messages: Iterable[Message]) -> Counter[str]:
     return Counter(text_of(message) for message in messages if message["role"] == "user")
 

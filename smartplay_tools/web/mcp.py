@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from smartplay_tools.web.store import Hosted
 
 __all__ = [
+    "BATCHES",
     "CALL_KEY",
     "INSTRUCTIONS",
     "MANUAL",
@@ -31,6 +32,7 @@ __all__ = [
     "STATELESS_VERSIONS",
     "ProtocolError",
     "respond",
+    "respond_all",
     "result_of",
     "stateless_result",
 ]
@@ -43,6 +45,9 @@ CALL_KEY = "smartplay/call-id"
 
 HANDSHAKE_VERSIONS = ("2024-11-05", "2025-03-26", "2025-06-18", "2025-11-25")
 """Versions of the protocol that begin with `initialize`, oldest first."""
+
+BATCHES = "2025-03-26"
+"""The version of the protocol that has batches: a list of messages, whose answers are a list. The next one has none."""
 
 STATELESS_VERSIONS = ("2026-07-28",)
 """Versions of the protocol in which every request names its version in `_meta`."""
@@ -108,6 +113,14 @@ class ProtocolError(Exception):
         """Return the error message."""
         error = {"code": self.code, "message": str(self)} | ({} if self.data is None else {"data": self.data})
         return {"jsonrpc": "2.0", "id": request_id, "error": error}
+
+
+async def respond_all(hosted: Hosted, messages: list[Any]) -> list[dict[str, Any]] | dict[str, Any] | None:
+    """Return the answers to a batch, whose messages are answered in their order; None if it has no request."""
+    if not messages or any(isinstance(each, dict) and each.get("method") == "initialize" for each in messages):
+        return ProtocolError(INVALID_REQUEST, "A batch has messages, and `initialize` is sent alone.").body(None)
+    answers = [await respond(hosted, each) for each in messages]
+    return [answer for answer in answers if answer is not None] or None
 
 
 async def respond(hosted: Hosted, message: Any) -> dict[str, Any] | None:
