@@ -261,7 +261,8 @@ def play_through(
 ) -> tuple[str, sp.Usage]:
     """Play an episode through a client to the end; return the last words and the usage of all answers.
 
-    `later` are the tools of all requests but the first, by default the same. A host that `forgets` keeps no more than its first messages and the latest reply with its results.
+    `later` are the tools of all requests but the first, by default the same. A host that `forgets` keeps no more than
+    its first messages and the latest reply with its results.
     """
     messages, usage = [*asks.begin], sp.Usage(requests=0)
     for _ in range(60):
