@@ -276,15 +276,17 @@ class WindowEpisode:
         async with self._calling:
             slots = [slot for slot in reply.slots[:end] if slot.result is None]
             if slots:
-                await asyncio.to_thread(self._settle_open, slots, results, end)
+                await asyncio.to_thread(self._settle_open, slots, reply.slots[reply.end :], results, end)
 
-    def _settle_open(self, slots: Sequence[Slot], results: Mapping[str, Any], end: int | None) -> None:
+    def _settle_open(
+        self, slots: Sequence[Slot], unsent: Sequence[Slot], results: Mapping[str, Any], end: int | None
+    ) -> None:
         messages: list[Message] = []
         for slot in slots:
             if slot.host_id in results:
                 messages.append({"role": "tool", "tool_call_id": slot.call.id, "content": results[slot.host_id]})
             slot.is_delivered = True
-        play = {slot.call.id: None for slot in slots if slot.name is None and not slot.is_foreign}
+        play = {slot.call.id: None for slot in slots if not slot.is_foreign and (slot.name is None or slot in unsent)}
         offered = {slot.call.name for slot in slots if slot.name is not None}
         answers = self._chat.settle(messages, play=play, offered=offered, end=end)
         for slot in slots:

@@ -211,6 +211,9 @@ FALSE_ANYWAY = {"background", "logprobs", "store"}
 
 def fields_of(body: Mapping[str, Any], used: set[str]) -> list[str]:
     """Return the names of a request's fields that have no effect."""
+    choice = body.get("tool_choice")
+    if (choice.get("type") if isinstance(choice, Mapping) else choice) in ("auto", "none"):
+        used = {*used, "tool_choice"}
     unused = {
         name for name, value in body.items() if value is not None and (value is not False or name not in FALSE_ANYWAY)
     }
