@@ -165,7 +165,7 @@ class GraphSession(CallPlayer):
         """
         own = {tool.name for tool in self.episode.tools}
         specs = [spec_of(tool) for tool in tools]
-        check_names(specs)
+        check_names(specs, self.episode.tools)
         if missing := sorted(own - {spec.name for spec in specs}):
             raise InvalidArgumentError(
                 f"A middleware has removed {', '.join(missing)}; every request must offer the game's tools."

@@ -344,7 +344,7 @@ class SmartPlayModel(Model):
         functions = [tool for tool in tools if isinstance(tool, FunctionTool)]
         specs = [ToolSpec(tool.name, tool.description, tool.params_json_schema) for tool in functions]
         specs += [ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs]
-        check_names(specs)
+        check_names(specs, self.episode.tools)
         return [spec for spec in specs if spec.name not in ours]
 
     def _prepare(self, instructions: str | None, items: Sequence[Item], foreign: Sequence[ToolSpec]) -> AgentSession:

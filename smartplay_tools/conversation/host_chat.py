@@ -192,11 +192,16 @@ class HostChat:
         return self.session
 
 
-def check_names(tools: Iterable[ToolSpec]) -> None:
-    """Raise an `InvalidArgumentError` if two of an agent's tools have one name: a call could be one of either."""
-    counts = Counter(tool.name for tool in tools)
-    if twice := sorted(name for name, count in counts.items() if count > 1):
-        raise InvalidArgumentError(f"The agent has two tools named {', '.join(twice)}; rename yours.")
+def check_names(tools: Sequence[ToolSpec], own: Iterable[ToolSpec]) -> None:
+    """Raise an `InvalidArgumentError` if an agent has two tools with one name, or another with a name of the game's own.
+
+    Frameworks keep one of them, and a call of the model's would run it. A tool of the game's is known by what it says.
+    """
+    described = {tool.name: tool.description for tool in own}
+    twice = {name for name, count in Counter(tool.name for tool in tools).items() if count > 1}
+    taken = {tool.name for tool in tools if described.get(tool.name, tool.description) != tool.description}
+    if clash := sorted(twice | taken):
+        raise InvalidArgumentError(f"The agent has another tool with the name {', '.join(clash)}; rename it.")
 
 
 def _words_of_user(messages: Iterable[Message]) -> Counter[str]:
