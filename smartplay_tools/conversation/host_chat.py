@@ -193,7 +193,7 @@ class HostChat:
 
 
 def check_names(tools: Sequence[ToolSpec], own: Iterable[ToolSpec]) -> None:
-    """Raise an `InvalidArgumentError` if an agent has two tools with one name, or another with a name of the game's own.
+    """Raise an `InvalidArgumentError` if an agent has two tools of one name, or another with a name of the game's own.
 
     Frameworks keep one of them, and a call of the model's would run it. A tool of the game's is known by what it says.
     """
