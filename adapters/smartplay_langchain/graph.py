@@ -40,7 +40,8 @@ from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_langchain.toolkit import artifact_of
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
-from smartplay_tools.conversation import HostChat, HostHistory, check_names
+from smartplay_tools.conversation import HostChat, HostHistory
+from smartplay_tools.conversation.host_chat import check_names
 from smartplay_tools.types.messages import Call
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from smartplay_tools.web import HostedEpisode
-from smartplay_tools.web.mcp import BATCHES, PARSE_ERROR, ProtocolError, respond, respond_all
+from smartplay_tools.web.mcp import BATCHES, PARSE_ERROR, ProtocolError, respond
 
 if TYPE_CHECKING:
     from smartplay_tools import Episode
@@ -79,9 +79,7 @@ async def _answer(hosted: HostedEpisode, line: bytes, *, takes_batches: bool) ->
         message = json.loads(line)
     except (ValueError, RecursionError):
         return ProtocolError(PARSE_ERROR, "Each line is one JSON object.").body(None)
-    if isinstance(message, list) and takes_batches:
-        return await respond_all(hosted, message)
-    return await respond(hosted, message)
+    return await respond(hosted, message, takes_batches=takes_batches)
 
 
 def _standard_input() -> BinaryIO:

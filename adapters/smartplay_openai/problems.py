@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import Message, ToolSpec
+from smartplay_tools.conversation.host_chat import check_names
 from smartplay_tools.types.messages import calls_of
 
 
@@ -71,22 +72,13 @@ def check_name(name: Any, param: str) -> None:
         raise bad(f"A tool's name has 1 to 64 letters, digits, _ and -; {name!r} is none.", param)
 
 
-def check_new(name: str, names: set[str], param: str) -> None:
-    """Check that a tool's name is not among those before it, and add it: a call could be one of either tool."""
-    if name in names:
-        raise bad(f"Two tools are named {name}: rename one of them.", param)
-    names.add(name)
-
-
 def read_tools(body: Mapping[str, Any], function_field: str | None) -> tuple[ToolSpec, ...]:
     """Return a request's tools; `function_field` is the field of the function, None if it is next to the type."""
     tools = body.get("tools")
     if not isinstance(tools, list | None):
         raise bad("tools is a list.", "tools")
     specs = tuple(_read_tool(tool, function_field, f"tools[{at}]") for at, tool in enumerate(tools or ()))
-    names: set[str] = set()
-    for at, spec in enumerate(specs):
-        check_new(spec.name, names, f"tools[{at}]")
+    check_names(specs)
     return specs
 
 

@@ -9,11 +9,7 @@ from smartplay_tools.registry import lazy_exports
 if TYPE_CHECKING:
     from smartplay_tools.conversation.agent_session import AgentSession as AgentSession, Conversation as Conversation
     from smartplay_tools.conversation.base import BaseConversation as BaseConversation
-    from smartplay_tools.conversation.host_chat import (
-        HostChat as HostChat,
-        HostHistory as HostHistory,
-        check_names as check_names,
-    )
+    from smartplay_tools.conversation.host_chat import HostChat as HostChat, HostHistory as HostHistory
     from smartplay_tools.conversation.loop import (
         AttachedPlayer as AttachedPlayer,
         aplay as aplay,
@@ -29,7 +25,7 @@ if not TYPE_CHECKING:
         {
             "smartplay_tools.conversation.agent_session": "AgentSession Conversation",
             "smartplay_tools.conversation.base": "BaseConversation",
-            "smartplay_tools.conversation.host_chat": "HostChat HostHistory check_names",
+            "smartplay_tools.conversation.host_chat": "HostChat HostHistory",
             "smartplay_tools.conversation.loop": "AttachedPlayer aplay check_observation play",
             "smartplay_tools.conversation.paper": "PaperConversation",
             "smartplay_tools.conversation.text_env": "TextEnv",

@@ -192,16 +192,16 @@ class HostChat:
         return self.session
 
 
-def check_names(tools: Sequence[ToolSpec], own: Iterable[ToolSpec]) -> None:
-    """Raise an `InvalidArgumentError` if an agent has two tools of one name, or another with a name of the game's own.
+def check_names(tools: Sequence[ToolSpec], own: Iterable[ToolSpec] = ()) -> None:
+    """Raise an `InvalidArgumentError` for two tools with one name, which frameworks and models confuse.
 
-    Frameworks keep one of them, and a call of the model's would run it. A tool of the game's is known by what it says.
+    Of the game's `own` tools a framework may have kept none: one with another description is not the game's.
     """
     described = {tool.name: tool.description for tool in own}
     twice = {name for name, count in Counter(tool.name for tool in tools).items() if count > 1}
     taken = {tool.name for tool in tools if described.get(tool.name, tool.description) != tool.description}
     if clash := sorted(twice | taken):
-        raise InvalidArgumentError(f"The agent has another tool with the name {', '.join(clash)}; rename it.")
+        raise InvalidArgumentError(f"Two tools have the name {', '.join(clash)}; rename yours.")
 
 
 def _words_of_user(messages: Iterable[Message]) -> Counter[str]:

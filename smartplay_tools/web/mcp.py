@@ -32,7 +32,6 @@ __all__ = [
     "STATELESS_VERSIONS",
     "ProtocolError",
     "respond",
-    "respond_all",
     "result_of",
     "stateless_result",
 ]
@@ -115,16 +114,16 @@ class ProtocolError(Exception):
         return {"jsonrpc": "2.0", "id": request_id, "error": error}
 
 
-async def respond_all(hosted: Hosted, messages: list[Any]) -> list[dict[str, Any]] | dict[str, Any] | None:
-    """Return the answers to a batch, whose messages are answered in their order; None if it has no request."""
-    if not messages or any(isinstance(each, dict) and each.get("method") == "initialize" for each in messages):
-        return ProtocolError(INVALID_REQUEST, "A batch has messages, and `initialize` is sent alone.").body(None)
-    answers = [await respond(hosted, each) for each in messages]
-    return [answer for answer in answers if answer is not None] or None
+async def respond(
+    hosted: Hosted, message: Any, *, takes_batches: bool = False
+) -> dict[str, Any] | list[dict[str, Any]] | None:
+    """Return the answer to a message, for a batch a list; None for a notification, which has none.
 
-
-async def respond(hosted: Hosted, message: Any) -> dict[str, Any] | None:
-    """Return the answer to a message; None for a notification, which has none."""
+    The messages of a batch are answered in their order; `initialize` is not part of one.
+    """
+    if takes_batches and isinstance(message, list) and message and not _initializes(message):
+        answers: list[Any] = [await respond(hosted, each) for each in message]
+        return [answer for answer in answers if answer is not None] or None
     if not isinstance(message, dict) or message.get("jsonrpc") != "2.0" or not isinstance(message.get("method"), str):
         return ProtocolError(INVALID_REQUEST, "Send one JSON-RPC request at a time.").body(None)
     request_id = message.get("id")
@@ -139,6 +138,10 @@ async def respond(hosted: Hosted, message: Any) -> dict[str, Any] | None:
         return {"jsonrpc": "2.0", "id": request_id, "result": await _answer(hosted, message["method"], params)}
     except ProtocolError as error:
         return error.body(request_id)
+
+
+def _initializes(batch: list[Any]) -> bool:
+    return any(isinstance(message, dict) and message.get("method") == "initialize" for message in batch)
 
 
 async def _answer(hosted: Hosted, method: str, params: dict[str, Any]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from starlette.routing import Route
 
 from smartplay_tools.web import mcp
 from smartplay_tools.web.bodies import Bounded, hosted_or_refusal
-from smartplay_tools.web.mcp import ProtocolError, respond, respond_all
+from smartplay_tools.web.mcp import ProtocolError, respond
 from smartplay_tools.web.store import Hosted, Store
 
 __all__ = ["bind_episode", "mcp_route"]
@@ -70,10 +70,8 @@ async def _answer(request: Request) -> Response:
         return _json(error.body(request_id), 400)
     except (ValueError, RecursionError):
         return _json(ProtocolError(mcp.PARSE_ERROR, "The body is not JSON.").body(None), 400)
-    if isinstance(message, list) and request.headers.get("mcp-protocol-version", mcp.BATCHES) == mcp.BATCHES:
-        answer: Any = await respond_all(hosted, message)
-    else:
-        answer = await respond(hosted, message)
+    takes_batches = request.headers.get("mcp-protocol-version", mcp.BATCHES) == mcp.BATCHES
+    answer = await respond(hosted, message, takes_batches=takes_batches)
     if answer is None:
         return Response(status_code=202)
     if isinstance(answer, list):

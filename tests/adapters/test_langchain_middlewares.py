@@ -559,6 +559,6 @@ def test_another_tool_with_the_name_of_one_of_the_games_is_refused():
     """LangChain's agent would run the other."""
     mine = tool("act", description="Act.")(lambda action: "Mine.")
     episode, events = fresh()
-    with episode, pytest.raises(sp.InvalidArgumentError, match="another tool with the name act; rename it"):
+    with episode, pytest.raises(sp.InvalidArgumentError, match="Two tools have the name act; rename yours"):
         create_agent(ScriptedModel([]), [mine], middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
     assert not [event for event in events if event["event"] == "usage"]

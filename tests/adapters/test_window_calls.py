@@ -232,7 +232,7 @@ class TestNames:
         endpoint, player = scripted(*MOVES)
         with endpoint, client_of(interface, endpoint) as client:
             asks = INTERFACES[interface](client, endpoint.model(endpoint.open(GAME, seed=7)), False)
-            with pytest.raises(Exception, match="Two tools are named weather: rename one of them"):
+            with pytest.raises(Exception, match="Two tools have the name weather; rename yours"):
                 asks.ask([*asks.begin], [*TOOLS, named("weather"), named("weather")])
         assert not player.prompts
 

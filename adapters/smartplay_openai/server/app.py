@@ -16,10 +16,10 @@ import asyncio
 import itertools
 import json
 import uuid
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, ClassVar, Protocol, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -30,7 +30,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from smartplay_openai.chat import CHAT
-from smartplay_openai.interface import Event, Interface
+from smartplay_openai.interface import Event, Interface, Streaming
 from smartplay_openai.problems import RequestError, bad
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.tool_choice import ToolChoice
@@ -128,24 +128,9 @@ GONE = 499
 """The status of a request whose client has gone, as web servers log it; nobody receives it."""
 
 
-class Streamed(Protocol):
-    """An interface, as far as a stream has its form."""
-
-    alive: ClassVar[str]
-    """What a stream without any event yet sends as a sign of life."""
-
-    def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
-        """Yield an answer's events."""
-        ...
-
-    def failure(self, error: RequestError) -> Event:
-        """Return the event of a stream that ends without an answer."""
-        ...
-
-
 async def respond(
     request: Request,
-    form: Streamed,
+    form: Streaming,
     answering: Coroutine[Any, Any, dict[str, Any]],
     body: Mapping[str, Any],
     headers: Mapping[str, str] | None = None,
@@ -183,7 +168,7 @@ class _Stream(StreamingResponse):
     def __init__(
         self,
         answer: asyncio.Task[dict[str, Any]],
-        form: Streamed,
+        form: Streaming,
         body: Mapping[str, Any],
         headers: Mapping[str, str] | None,
     ) -> None:

@@ -20,7 +20,7 @@ from typing import Any
 from smartplay_openai.problems import RequestError
 from smartplay_openai.window.formats import CompletionRequest, known_by
 from smartplay_openai.window.names import HostTools, Notices, Shown, tell_apart
-from smartplay_openai.window.pending_reply import PendingReply, Slot, call_id
+from smartplay_openai.window.pending_reply import PendingReply, call_id
 from smartplay_openai.window.side_requests import SideRequests, in_schema
 from smartplay_tools import (
     AgentSession,
@@ -274,19 +274,18 @@ class WindowEpisode:
         `end` is the position of the first call that stays open, by default none.
         """
         async with self._calling:
-            slots = [slot for slot in reply.slots[:end] if slot.result is None]
-            if slots:
-                await asyncio.to_thread(self._settle_open, slots, reply.slots[reply.end :], results, end)
+            if any(slot.result is None for slot in reply.slots[:end]):
+                await asyncio.to_thread(self._settle_open, reply, results, end)
 
-    def _settle_open(
-        self, slots: Sequence[Slot], unsent: Sequence[Slot], results: Mapping[str, Any], end: int | None
-    ) -> None:
+    def _settle_open(self, reply: PendingReply, results: Mapping[str, Any], end: int | None) -> None:
+        slots, unsent = [slot for slot in reply.slots[:end] if slot.result is None], reply.slots[reply.end :]
         messages: list[Message] = []
         for slot in slots:
             if slot.host_id in results:
                 messages.append({"role": "tool", "tool_call_id": slot.call.id, "content": results[slot.host_id]})
             slot.is_delivered = True
-        play = {slot.call.id: None for slot in slots if not slot.is_foreign and (slot.name is None or slot in unsent)}
+        ours = [slot for slot in slots if not slot.is_foreign and (slot.name is None or slot in unsent)]
+        play = dict.fromkeys(slot.call.id for slot in ours)
         offered = {slot.call.name for slot in slots if slot.name is not None}
         answers = self._chat.settle(messages, play=play, offered=offered, end=end)
         for slot in slots:

@@ -11,14 +11,14 @@ that is new, or with a history that a provider would refuse is as good as any ot
 from __future__ import annotations
 
 import json
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from smartplay_openai.chat import CHAT
-from smartplay_openai.interface import ALIVE, Event
+from smartplay_openai.interface import Event, Streaming
 from smartplay_openai.problems import RequestError, bad, read_tools
 from smartplay_tools import Message, ToolSpec, Usage
 from smartplay_tools.types.messages import words_of
@@ -108,11 +108,10 @@ SUB_AGENT_HEADERS = ("x-claude-code-agent-id", "x-openai-subagent")
 """Headers that Claude Code and Codex send with the requests of sub-agents only."""
 
 
-class HostFormat(ABC):
+class HostFormat(Streaming):
     """An interface at which hosts ask for the model's reply."""
 
     path: ClassVar[str]
-    alive: ClassVar[str] = ALIVE
 
     @abstractmethod
     def read(self, body: Mapping[str, Any], headers: Mapping[str, str]) -> CompletionRequest:
@@ -121,14 +120,6 @@ class HostFormat(ABC):
     @abstractmethod
     def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:
         """Return the answer to a request that says a message."""
-
-    @abstractmethod
-    def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
-        """Yield an answer's events."""
-
-    @abstractmethod
-    def failure(self, error: RequestError) -> Event:
-        """Return the event of a stream that ends without an answer."""
 
     def refusal(self, error: RequestError) -> dict[str, Any]:
         """Return the body of an error."""
@@ -182,10 +173,6 @@ class ChatFormat(HostFormat):
     def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
         """Yield the completion's chunks."""
         return CHAT.stream(answer, body)
-
-    def failure(self, error: RequestError) -> Event:
-        """Return the chunk of a stream that ends without a completion."""
-        return CHAT.failure(error)
 
 
 def functions_of(body: Mapping[str, Any]) -> tuple[list[Any], list[str]]:

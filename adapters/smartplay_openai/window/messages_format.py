@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from smartplay_openai.interface import Event
-from smartplay_openai.problems import RequestError, bad, check_new
+from smartplay_openai.problems import RequestError, bad
 from smartplay_openai.window.formats import (
     SUB_AGENT_HEADERS,
     CompletionRequest,
@@ -25,6 +25,7 @@ from smartplay_openai.window.formats import (
     objects,
 )
 from smartplay_tools import Message, ToolSpec, Usage
+from smartplay_tools.conversation.host_chat import check_names
 from smartplay_tools.types.messages import calls_of, encodable, halves, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"
@@ -169,15 +170,15 @@ def _is_result(block: Mapping[str, Any], results: dict[str, Any]) -> bool:
 
 
 def _tools(body: Mapping[str, Any]) -> tuple[list[ToolSpec], list[str]]:
-    tools, left_out, names = list[ToolSpec](), list[str](), set[str]()
-    for at, tool in enumerate(objects(body.get("tools"))):
+    tools, left_out = [], []
+    for tool in objects(body.get("tools")):
         name, schema = str(tool.get("name")), tool.get("input_schema")
         # Claude Code marks tools that it has loaded later with `defer_loading`, too; they are as good as others.
         if isinstance(schema, Mapping) and name != PLACEHOLDER:
-            check_new(name, names, f"tools[{at}]")
             tools.append(ToolSpec(name, str(tool.get("description") or ""), schema))
         elif name != PLACEHOLDER:
             left_out.append(f"{name} ({tool.get('type') or 'no schema'})")
+    check_names(tools)
     return tools, left_out
 
 

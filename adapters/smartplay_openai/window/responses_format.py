@@ -47,12 +47,12 @@ class ResponsesFormat(HostFormat):
             items = [{"role": "user", "content": items}]
         if not isinstance(items, list):
             raise bad("input is a text or a list of items.", "input")
-        tools, apart = flat_tools(body)
+        tools, _ = flat_tools(body)
         functions, left_out = functions_of({"tools": tools})
         ignored = Ignored(fields=fields_of(body, USED))
         system = [ignored.hear("system", body["instructions"])] if body.get("instructions") else []
         system += _hear(items, ignored)
-        flat = {parts: name for name, parts in apart.items()}
+        calls = [item for item in objects(items) if item.get("type") == "function_call"]
         text = body.get("text")
         return CompletionRequest(
             read_tools({"tools": functions}, None),
@@ -65,14 +65,7 @@ class ResponsesFormat(HostFormat):
             ignored,
             "\n\n".join(system),
             left_out,
-            {
-                str(item.get("call_id")): (
-                    flat.get((str(item.get("namespace")), name := str(item.get("name"))), name),
-                    item.get("arguments"),
-                )
-                for item in objects(items)
-                if item.get("type") == "function_call"
-            },
+            {str(call.get("call_id")): (_flat_name(call), call.get("arguments")) for call in calls},
             one_call=body.get("parallel_tool_calls") is False,
             forbids_calls=body.get("tool_choice") == "none",
             answer_schema=json_schema(text.get("format") if isinstance(text, Mapping) else None),
@@ -99,6 +92,11 @@ class ResponsesFormat(HostFormat):
     def failure(self, error: RequestError) -> Event:
         """Return the event of a stream that ends without a response."""
         return RESPONSES.failure(error)
+
+
+def _flat_name(function: Mapping[str, Any]) -> str:
+    """The name of a function or a call, with that of its namespace before it."""
+    return BETWEEN.join(str(function[part]) for part in ("namespace", "name") if function.get(part))
 
 
 def flat_tools(body: Mapping[str, Any]) -> tuple[Any, dict[str, tuple[str, str]]]:
