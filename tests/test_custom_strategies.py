@@ -19,6 +19,8 @@ from smartplay_tools.cli import app
 from smartplay_tools.context.strategies import custom
 from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.episode import cell_config
+from smartplay_tools.evaluation.analysis import summarize
+from smartplay_tools.evaluation.runs import plan_episodes, run_plan
 from smartplay_tools.evaluation.runs.run_options import read_run_file
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume
@@ -280,6 +282,61 @@ def test_a_run_that_was_interrupted_goes_on_in_another_process(file, tmp_path, m
     record = Record.read(done.transcript(done.rows[0]["key"]))
     assert record.resumes, "the episode was continued, not begun again"
     assert replay(record.events).identical
+
+
+def test_a_record_has_no_path_and_the_manifest_has_it(file, tmp_path):
+    """A file is one cell however its path is written, and nothing that is published says where it was."""
+    keys = set()
+    spellings = (file, f"./{file}", f"{tmp_path}/{file}", f"{tmp_path}/../{tmp_path.name}/{file}")
+    for number, place in enumerate(spellings):
+        out = tmp_path / f"run-{number}"
+        run = sp.evaluate(
+            *([RPS], ["rule"]), trials=1, budgets=sp.Budget(prompt_tokens=800, strategy=f"{place}:turns=2"), out=out
+        )
+        [row] = run.rows
+        keys.add(row["key"])
+        record = Record.read(run.transcript(row["key"]))
+        assert record.config.budget.strategy == row["asked"]["strategy"] == f"{file}:turns=2"
+        assert record.config.strategy_sha256 == row["strategy_sha256"] == digest_of("first_and_newest.py")
+        assert str(tmp_path) not in (out / "results.jsonl").read_text() + record.path.read_text()
+        assert run.folder.manifest().strategy_files == {row["strategy_sha256"]: str(Path(place.partition(":")[0]))}
+    assert len(keys) == 1
+
+
+@pytest.mark.slow
+def test_worker_processes_find_the_file_of_a_strategy_in_another_folder(file, tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    budget = sp.Budget(prompt_tokens=800, strategy=f"../{file}")
+    run = sp.evaluate([RPS], ["rule"], trials=2, budgets=budget, out=tmp_path / "run", executor="processes", workers=2)
+    assert run.complete
+
+
+def test_two_files_of_one_name_are_two_cells(file, tmp_path):
+    for folder, turns in (("a", "range(0)"), ("b", "range(1)")):
+        Path(folder).mkdir()
+        Path(folder, "s.py").write_text(choosing(turns), encoding="utf-8")
+    budgets = [sp.Budget(prompt_tokens=800, strategy=f"{folder}/s.py:S") for folder in ("a", "b")]
+    run = sp.evaluate([RPS], ["rule"], trials=2, budgets=budgets, out=tmp_path / "run", executor="inline")
+    cells = summarize(run.rows)
+    labels = [cells.label_of(cell) for cell in cells.cells]
+    assert [cell.episodes for cell in cells.cells] == [2, 2]
+    assert [label.rpartition("file ")[2] for label in labels] == [digest_of(f"{at}/s.py")[:8] for at in ("a", "b")]
+    assert all(replay(run.transcript(row["key"])).identical for row in run.rows)
+
+
+def test_a_run_whose_records_have_the_path_is_continued_as_it_is(file, tmp_path):
+    """Earlier versions recorded the path as it was written, and the keys of the episodes follow from it."""
+    asked = {"budgets": sp.Budget(prompt_tokens=800, strategy=f"./{file}"), "executor": "inline"}
+    cell = cell_config(RPS, budget=asked["budgets"], player="rule")
+    cell = cell.model_copy(update={"budget": asked["budgets"]})
+    earlier = run_plan(plan_episodes([cell], trials=1), tmp_path / "run")
+    [row] = earlier.rows
+    assert row["asked"]["strategy"] == f"./{file}"
+    extended = sp.evaluate([RPS], ["rule"], trials=2, out=tmp_path / "run", **asked)
+    assert [row["asked"]["strategy"] for row in extended.rows] == [f"./{file}"] * 2
+    assert extended.rows[0] == row
+    assert all(replay(extended.transcript(row["key"])).identical for row in extended.rows)
 
 
 def test_a_run_file_names_it(file, tmp_path):

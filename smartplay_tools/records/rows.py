@@ -34,17 +34,20 @@ __all__ = [
 Row = dict[str, Any]
 """A row of `results.jsonl`: an `EpisodeResult` in JSON, and the configuration of its episode."""
 
-COPIED = ("player", "player_options", *RULES, "options", "tokenizer", "prompts", "budget", "asked")
+COPIED = ("player", "player_options", *RULES, "options", "tokenizer", "strategy_sha256", "prompts", "budget", "asked")
 """The fields of a row that come from the first event of the record."""
 
 
-LATER = frozenset({"peak_prompt_tokens", "observation"})
+LATER = frozenset({"peak_prompt_tokens", "observation", "strategy_sha256"})
 """The fields that rows of older versions do not have."""
+
+_OPTIONAL = {*Rules.later, "strategy_sha256"}
+"""The fields that a row has only where there is something to say."""
 
 
 def row_of(record: Record, trial: int) -> Row:
     """Return the row of a finished episode, from its record."""
-    copied = {name: record.facts[name] for name in COPIED if name not in Rules.later or record.facts[name] is not None}
+    copied = {name: record.facts[name] for name in COPIED if name not in _OPTIONAL or record.facts[name] is not None}
     counted = {"peak_prompt_tokens": record.peak_prompt_tokens, "cost": record.cost}
     return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted}
 
@@ -81,6 +84,7 @@ class _Row(EpisodeResult):
     batch: str
     options: dict[str, Any]
     tokenizer: str
+    strategy_sha256: str | None = None
     prompts: str
     budget: ResolvedBudget
     asked: RecordedBudget

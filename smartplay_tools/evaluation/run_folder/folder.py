@@ -125,6 +125,8 @@ class Manifest(BaseModel):
     """How often each world is played, one trial after the other; None for once."""
     run_file: str | None = None
     """The text of the run file, if there is one."""
+    strategy_files: dict[str, str] | None = None
+    """The paths of the files of custom strategies, by the sha256 of the file; None without such a strategy."""
     until: Until | None = None
     """What ends the run early; declared before its first episode."""
     spending: dict[str, Any] | None = None
@@ -169,8 +171,8 @@ class Manifest(BaseModel):
 
     def to_json(self) -> dict[str, Any]:
         """Return the manifest as plain data; what there is not is left out."""
-        absent = {name for name in ("repeats", "run_file", "until", "spending") if getattr(self, name) is None}
-        return self.model_dump(mode="json", exclude=absent)
+        optional = ("repeats", "run_file", "strategy_files", "until", "spending")
+        return self.model_dump(mode="json", exclude={name for name in optional if getattr(self, name) is None})
 
 
 STATUS = "status.json"

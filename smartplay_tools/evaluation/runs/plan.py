@@ -12,8 +12,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import RULES, CellConfig
@@ -65,6 +67,15 @@ class Plan:
         repeats = None if self.repeats == 1 else self.repeats
         return Manifest(seed=self.seed, cells=self.cells, episodes=tuple(episodes), repeats=repeats, **facts)
 
+    def with_cells(self, cells: Sequence[CellConfig]) -> Plan:
+        """Return the plan with other cells, one for each of its cells, and the keys that follow from them."""
+        keys = {e.key: cells[e.place].with_seed(e.seed, e.repeat).key for e in self.episodes}
+        episodes = (
+            replace(e, key=keys[e.key], cell=cells[e.place], after=None if e.after is None else keys[e.after])
+            for e in self.episodes
+        )
+        return replace(self, cells=tuple(cells), episodes=tuple(episodes))
+
     def first(self, count: int) -> Plan:
         """Return the part with the first `count` trials of each cell."""
         return replace(self, episodes=tuple(episode for episode in self.episodes if episode.trial < count))
@@ -99,6 +110,12 @@ def player_of(cell: CellConfig) -> str:
 def player_key(cell: CellConfig) -> str:
     """Return a player and its options as one text, which is equal for cells with the same player."""
     return f"{cell.player} {canonical_json(cell.player_options).decode('ascii')}"
+
+
+def strategy_file(cell: CellConfig) -> Path | None:
+    """Return the file of a cell's custom strategy, as the user has named it; None if it is not in a file."""
+    strategy = cell.budget.strategy
+    return None if strategy is None else load_strategy(strategy, cell.strategy_sha256).path
 
 
 def prices_in_tables(cells: Iterable[CellConfig]) -> dict[str, Price]:

@@ -78,6 +78,7 @@ def _part_of(folder: RunFolder, manifest: Manifest, player: str | None) -> Manif
             "prices": {name: price for name, price in manifest.prices.items() if name == player},
             "caps": {},
             "run_file": None,
+            "strategy_files": None,
             "spending": None,
         }
     )

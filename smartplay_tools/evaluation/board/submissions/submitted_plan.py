@@ -83,6 +83,7 @@ class SubmittedPlan(Manifest):
     episodes: Annotated[tuple[ManifestEpisode, ...], FailFast(), Field(min_length=1, max_length=MOST_EPISODES)]
     shard: None
     run_file: None = None
+    strategy_files: None = None
     spending: None = None
 
     @field_validator("prices", mode="before")
