@@ -14,21 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from smartplay_tools.conversation.loop import apart_from_event_loop
-from smartplay_tools.episode.cells import with_recorded_name
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
-from smartplay_tools.evaluation.runs.plan import (
-    Plan,
-    make_cells,
-    plan_episodes,
-    plan_suite,
-    player_of,
-    prices_in_tables,
-    strategy_file,
-)
+from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite, player_of
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
@@ -154,7 +145,7 @@ def run_plan(
     without it and without `on_progress`, a notebook shows it below the cell.
     """
     folder, caps = RunWriter(out), options.caps
-    plan = _with_recorded_names(plan, folder)
+    plan = plan.as_recorded(folder)
     roster = roster_of(plan, read_players(players), options)
     executors = {name: EXECUTORS[name] for name in roster.episodes}
     part = roster.part
@@ -223,17 +214,6 @@ def _display(plan: Plan, on_progress: OnProgress | None) -> Display:
     return shown_below_the_cell
 
 
-def _with_recorded_names(plan: Plan, folder: RunFolder) -> Plan:
-    """Return the plan with the names that its folder has for strategies in files.
-
-    Earlier versions recorded the path of the file, and the keys of their episodes follow from it.
-    """
-    if not any(cell.strategy_sha256 for cell in plan.cells) or not (folder.path / "manifest.json").exists():
-        return plan
-    recorded = {with_recorded_name(cell).digest: cell for cell in folder.manifest().cells}
-    return plan.with_cells([recorded.get(cell.digest, cell) for cell in plan.cells])
-
-
 def _manifest(
     folder: RunFolder,
     before: Manifest | None,
@@ -253,20 +233,18 @@ def _manifest(
                 "ask for the same, or name another folder."
             )
         prices, run_file = dict(before.prices), before.run_file if run_file is None else run_file
-    prices = {**prices_in_tables(plan.cells), **prices, **given}
-    files = {cell.strategy_sha256: str(file) for cell in plan.cells if (file := strategy_file(cell)) is not None}
-    if options.run_cost is not None:
-        check_known({player_of(cell) for cell in plan.cells if is_model(player_of(cell))} - prices.keys())
-    return plan.manifest(
+    manifest = plan.manifest(
         shard=options.shard,
         caps=asdict(options.caps),
-        prices=prices,
+        prices={**prices, **given},
         versions=versions(),
         run_file=run_file,
-        strategy_files=files or None,
         until=options.until,
         spending=None if before is None else before.spending,
     )
+    if options.run_cost is not None:
+        check_known({player_of(cell) for cell in plan.cells if is_model(player_of(cell))} - manifest.prices.keys())
+    return manifest
 
 
 def _comparisons(manifest: Manifest) -> Comparisons | None:
