@@ -100,7 +100,7 @@ class HostChat:
         messages is the host's answer; to one of the game's own calls it is a refusal. Of the other calls, those that no
         host can run, because their tool does not exist or their arguments are not an object, are answered here, and the
         rest as not run. A call of a foreign tool whose arguments are not an object is a mistake even if the host has
-        answered it: frameworks differ in who does, and a model that repeats it must not play on for ever. Results of
+        answered it: frameworks differ in who does, and only a counted mistake ends a model that repeats it. Results of
         foreign tools that ran are the host's own and not returned; in these, a part without text, such as a picture, is
         replaced by its name, because its tokens cannot be counted.
         """

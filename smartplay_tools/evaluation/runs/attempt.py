@@ -222,7 +222,7 @@ def _held(task: Task, agent: Agent, clock: _Clock, stop: StopFlag) -> Held:
     key = task.planned.key
     has_begun = _has_begun(task.previous)
     if has_begun and not agent.goes_on:
-        clock.began_again = "Its agent has a memory of its own."
+        clock.began_again = "The record does not have the state of its agent."
     if has_begun and agent.goes_on:
         try:
             resumed = resume(_earlier(task), transcript=task.record, session=True)
