@@ -1,6 +1,6 @@
 """The scorer, which reads the episode's result, and this package's intervals as metrics of Inspect's.
 
-The records of a log's episodes as files, which replay.
+`save_records` writes the records of a log's episodes to files, which can be replayed.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@
 move. The SDK's own hook for windows, a filter of the model's input, sees no reply, so it could neither record nor
 charge one, nor answer calls to unknown tools.
 
-The items of the Agents SDK's runner as canonical messages, and prompts as items.
+The functions convert the runner's items to canonical messages, and prompts to items.
 """
 
 from __future__ import annotations

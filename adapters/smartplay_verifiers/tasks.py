@@ -1,10 +1,8 @@
 """The taskset: a task is one episode, and its reward is the episode's.
 
-Options are the taskset's, not the harness's, because a task has to say by itself what is played.
-
-SmartPlayEnv: one agent plays each task. It differs from verifiers' own only in needing no sandbox.
-
-The records of an evaluation's episodes as files, which replay.
+Options are the taskset's, not the harness's, because a task has to say by itself what is played. In `SmartPlayEnv` one
+agent plays each task; it differs from verifiers' environment only in needing no sandbox. `save_records` writes the
+records of an evaluation's episodes to files, which can be replayed.
 """
 
 from __future__ import annotations

@@ -4,10 +4,8 @@ A LangGraph graph, an agent framework's runner or a client of the window endpoin
 it adds results and words of its own. An adapter converts the new messages to canonical form; what each of them means
 for the episode's session is decided here, in the order of the calls.
 
-HostHistory: notices when a host shortens its own messages, which changes no prompt but may cost model calls.
-
-Agents that summarise or trim what they keep do so in vain here, because the window decides what the model sees. A
-summary is a model call of the agent's own, which no budget counts, so what leaves is logged once, for whoever pays.
+`HostHistory` notices when a host shortens its messages. That changes no prompt, because the window decides what the
+model sees, but a summary may cost the host a model call that no budget counts, so it is logged once.
 """
 
 from __future__ import annotations

@@ -3,11 +3,10 @@
 A live episode, a replay and a reader of records count with the same code, so their counts agree. The counters have the
 names of the fields of `EpisodeResult`.
 
-Stalls: how many turns in a row have shown the model nothing new, computed from an episode's events one by one.
-
-A turn brings nothing if it plays no step and shows nothing new: it has no call, or each of its calls is a mistake, was
-refused, or repeats what the model has seen. A model in such a state rarely leaves it, but would go on until its calls
-are spent; `Budget.stalled_turns` ends the episode. `docs/budgets.md` is the exact definition.
+`Stalls` counts the turns in a row that have shown the model nothing new. Such a turn plays no step and shows nothing
+new: it has no call, or each of its calls is a mistake, was refused, or repeats what the model has seen. A model in such
+a state rarely leaves it, but would go on until its calls are spent; `Budget.stalled_turns` ends the episode.
+`docs/budgets.md` is the exact definition.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
 """Rows: the results of episodes as plain data, read from the records of attempts.
 
 A row is one line of `results.jsonl`. Playing, statistics and reports all use this module, so that `runs` and `analysis`
-need not import each other.
+need not import each other. `grouped` groups them, or anything else, in the order in which they come.
 
 An attempt at an episode leaves a record, which alone determines the outcome. An episode that ended by itself, including
 by a spent budget, is a result and has a row. An attempt that failed, was interrupted or was paused by a cap of the run
 is not a result: it is in no mean, and the episode is continued or played again.
-
-Items in groups by what they have in common, in the order in which they come: nothing has to be sorted first.
 """
 
 from __future__ import annotations

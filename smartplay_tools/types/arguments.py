@@ -3,10 +3,8 @@
 Some frameworks pass the text as the model wrote it, others the object that they parsed from it. `read` treats the two
 alike, so that the same call counts the same tokens, compares equal and is recorded in the same form everywhere.
 
-JSON text: written as Python's `json` writes it, but faster, and read where it may hold any value.
-
-`json` creates an encoder in C for every call, which takes longer than encoding a small value, and a turn encodes a
-dozen of these. Here an encoder is created once.
+JSON is written as Python's `json` writes it, but faster: `json` creates an encoder in C for every call, which takes
+longer than encoding a small value, and a turn encodes a dozen of these. Here an encoder is created once.
 """
 
 from __future__ import annotations

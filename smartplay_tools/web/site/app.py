@@ -15,7 +15,7 @@ unless its Host and Origin are expected and, where there is a token, it carries 
 that the first visit sets. Nothing can be changed through the site, unless a person plays in it (`playing`) or it takes
 notes (`/api/notes/RUN/KIND/STEM`): such a request has to come from a page of the site and to show the page's key.
 
-The site on an address: this machine's own by default; any other needs a token and the names it is reached by.
+`ViewServer` serves it on this machine's address by default; any other needs a token and the names it is reached by.
 """
 
 from __future__ import annotations

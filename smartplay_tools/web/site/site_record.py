@@ -1,6 +1,6 @@
-"""What the site shows of a single record, finished or growing: a run of one episode.
+"""What the site shows of a single record, finished or growing, and the pages that it serves of records and runs.
 
-The replay, comparison and report pages of the site. A report is kept until the folder of its run has changed.
+The pages are the replay, the comparison and the report, which is kept until the folder of its run has changed.
 """
 
 from __future__ import annotations
