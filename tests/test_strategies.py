@@ -310,7 +310,7 @@ class TestSummaries:
 
     def test_a_host_that_does_not_make_the_extra_call_refuses(self):
         episode = sp.Episode(RPS, seed=1, budget=sp.Budget(history=10, slack=0.5, summary_tokens=12))
-        with pytest.raises(sp.InvalidArgumentError, match="model calls of its own"):
+        with pytest.raises(sp.InvalidArgumentError, match="additional model calls"):
             sp.AgentSession(episode)
         assert sp.AgentSession(episode, summaries=True).prompt().purpose == "play"
 

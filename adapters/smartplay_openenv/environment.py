@@ -37,7 +37,7 @@ from smartplay_tools.web import Bounded
 class Split(NamedTuple):
     """Tasks whose seeds are those of `smartplay-tools eval --seed RUN_SEED`: task i is trial i.
 
-    A game that has splits of its own, as MESSENGER, plays the one of the same name: another seed of its test split
+    A game that has splits, as MESSENGER, plays the one of the same name: another seed of its test split
     would have the same names in the same roles.
     """
 

@@ -22,7 +22,7 @@ CANCELLED = "cancelled"
 
 
 class SmartPlayHarnessConfig(vf.HarnessConfig):
-    """The harness has no options of its own: the taskset decides what is played."""
+    """The options of the harness, of which there are none: the taskset decides what is played."""
 
     id: str = "smartplay_verifiers"
 

@@ -96,7 +96,7 @@ class _Programs:
         self._endpoint, self._command, self._timeout, self._output = endpoint, command, timeout, output
 
     async def play(self, held: Held) -> None:
-        """Play an episode with a program of its own."""
+        """Play an episode with a new process of the program."""
         handle = self._endpoint.serve(held.episode)
         self._output.mkdir(exist_ok=True)
         printed = self._output / f"{held.key}.txt"

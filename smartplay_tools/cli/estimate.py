@@ -101,7 +101,7 @@ def _total_cost(estimates: Sequence[Estimate]) -> Range | None:
 def _hours(estimates: Sequence[Estimate], players: Sequence[PlayerConfig], workers: int | None) -> tuple[Range, int]:
     """The hours of a run, and the most episodes at a time.
 
-    A player with a limit of its own (`concurrency`) may take longer than all the others together.
+    A player with its own limit (`concurrency`) may take longer than all the others together.
     """
     slots = workers or WAITING_AT_ONCE
     limits = {config.name: config.concurrency for config in players}

@@ -1,7 +1,7 @@
 """HostChat: an episode in the chat of a host that keeps the messages itself.
 
 A LangGraph graph, an agent framework's runner or a client of the window endpoint has a list of all messages, to which
-it adds results and words of its own. An adapter converts the new messages to canonical form; what each of them means
+it adds results and further words. An adapter converts the new messages to canonical form; what each of them means
 for the episode's session is decided here, in the order of the calls.
 
 `HostHistory` notices when a host shortens its messages. That changes no prompt, because the window decides what the

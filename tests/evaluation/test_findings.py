@@ -131,7 +131,7 @@ def test_a_host_that_added_messages(tmp_path):
     record = tmp_path / "record.jsonl"
     with sp.Episode(HANOI, seed=1, transcript=record) as episode:
         sp.Conversation(episode, head=[{"role": "user", "content": "Move disk A first."}]).prompt()
-    assert "The host added messages or tools of its own to every prompt." in said_of(job(record, standard=True))
+    assert "The host added messages or tools to every prompt." in said_of(job(record, standard=True))
 
 
 def cell(manifest: Manifest) -> dict[str, Any]:

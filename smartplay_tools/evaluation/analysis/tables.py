@@ -1,6 +1,6 @@
 """A run as flat tables for notebooks, and its summary as JSON.
 
-A row is an episode; nested fields become columns of their own (`tokens.prompt` is `prompt_tokens`, `budget.history` is
+A row is an episode; nested fields become separate columns (`tokens.prompt` is `prompt_tokens`, `budget.history` is
 `budget_history`), and fields without a fixed structure are JSON text. The columns are always the same, in the same
 order and of the same types, even if there are few rows.
 """

@@ -275,4 +275,4 @@ def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan, shard: tupl
         )
     if shard != before.shard:
         held = "no shard" if before.shard is None else "shard {}/{}".format(*before.shard)
-        raise InvalidArgumentError(f"{folder.path} holds {held} of this run; name a folder of its own for every shard.")
+        raise InvalidArgumentError(f"{folder.path} holds {held} of this run; name a separate folder for each shard.")

@@ -58,7 +58,7 @@ class Allowed:
     """What a replay may use in addition to what is always safe."""
 
     engines: Sequence[str] = ()
-    """Engines that are programs of their own."""
+    """Engines that are separate programs."""
     plugins: bool = False
     """Games of installed packages, which are imported for it."""
     tokenizer: str | None = None
