@@ -22,7 +22,7 @@ CANCELLED = "cancelled"
 
 
 class SmartPlayHarnessConfig(vf.HarnessConfig):
-    """The options of the harness, of which there are none: the taskset decides what is played."""
+    """The harness has no options: the taskset decides what is played."""
 
     id: str = "smartplay_verifiers"
 
