@@ -56,7 +56,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     **{name: (name, "int64") for name in sorted(EpisodeResult.later)},
     **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in sorted(Tokens.later)},
     **{name: (name, "json") for name in ("asked", "options", "player_options", "deviations", "versions")},
-    "state_hash": ("state_hash", "string"),
+    **{name: (name, "string") for name in ("state_hash", "strategy_sha256")},
 }
 """Every column: the location of its value in a row, and its type. `run` is empty if all rows are of one run."""
 
@@ -67,6 +67,7 @@ LATER: Mapping[str, Any] = {
     **Usage.later,
     "observation": Rules().observation,
     **Rules.later,
+    "strategy_sha256": None,
 }
 """Values that a row leaves out, and what they then are."""
 
