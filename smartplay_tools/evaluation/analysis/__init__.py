@@ -8,19 +8,17 @@
 `grouping` decides which episodes are averaged together, `intervals` estimates means.
 """
 
-from smartplay_tools.evaluation.analysis.capabilities import Capabilities, CapabilityScore, capability_scores
+from smartplay_tools.evaluation.analysis.capabilities import Capabilities, capability_scores
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side, compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
 from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.formats import TextTable, to_html, to_latex, to_markdown
-from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell
+from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Method, mean_estimate
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences, paired_difference
 from smartplay_tools.evaluation.analysis.summary import (
-    Baseline,
-    Baselines,
     CellSummary,
     Failures,
     Profile,
@@ -34,21 +32,16 @@ from smartplay_tools.records.rows import Row
 
 __all__ = [
     "MEASURES",
-    "Baseline",
-    "Baselines",
     "Bounds",
     "Capabilities",
-    "CapabilityScore",
     "CellSummary",
     "Comparison",
-    "Condition",
     "Failures",
     "Margin",
     "MeanEstimate",
     "Method",
     "Overall",
     "Pairing",
-    "PlayedCell",
     "Profile",
     "Row",
     "RunSummary",
