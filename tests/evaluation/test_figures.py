@@ -9,7 +9,6 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import figures
-from smartplay_tools.evaluation.analysis.figures.step_scores import walk_of
 from smartplay_tools.evaluation.analysis.figures.style import COLOURS, LINES, MARKERS, RULES, Series
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.records.accounts import shown_turns
@@ -125,31 +124,6 @@ def test_cells_of_one_window_are_labelled_with_their_players():
     (axes,) = figures.frontier(compare_windows(rows)).axes
     assert {text.get_text() for text in axes.texts} <= {"a", "b"}
     assert axes.texts
-
-
-def test_scores_over_steps_come_from_the_record(tmp_path):
-    record = tmp_path / "crafter.jsonl"
-    budget = sp.Budget(tool_calls=40)
-    with sp.Episode("Crafter-v0", seed=3, budget=budget, transcript=record) as episode:
-        result = sp.play(episode, sp.get_player("rule"))
-    walk = walk_of(record)
-    assert len(walk) == result.steps + 1
-    assert (walk[0], walk[-1]) == (0, result.score)
-    called = [event["data"] for event in sp.read_transcript(record) if event["event"] == "call"]
-    assert all(walk[data["step"]] == data["score"] for data in called if "score" in data)
-
-
-def test_an_episode_that_is_over_keeps_its_score():
-    (axes,) = figures.score_over_steps({"two": [[0.0, 2.0], [0.0, 2.0, 4.0]]}).axes
-    assert lines(axes)["two"] == [[0, 0], [1, 2], [2, 3]]
-    with pytest.raises(sp.InvalidArgumentError, match="at least one episode"):
-        figures.score_over_steps({"nobody": []})
-
-
-def test_groups_that_went_the_same_way_share_a_line():
-    same, other = [[0.0, 1.0], [0.0, 3.0]], [[0.0, 5.0]]
-    (axes,) = figures.score_over_steps({"a": same, "b": other, "c": [list(walk) for walk in same]}).axes
-    assert lines(axes) == {"a = c": [[0, 0], [1, 2]], "b": [[0, 0], [1, 5]]}
 
 
 @pytest.mark.slow

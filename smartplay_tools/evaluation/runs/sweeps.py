@@ -99,7 +99,7 @@ class Sweep(InNotebook):
             written.append(folder / "table.parquet")
             from smartplay_tools.evaluation.analysis.figures import write_figures
 
-            written += write_figures(self.rows, folder / "figures", transcript=self.run.folder.transcript)
+            written += write_figures(self.rows, folder / "figures")
         except MissingExtraError:
             pass
         return written

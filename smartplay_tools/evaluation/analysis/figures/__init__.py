@@ -10,7 +10,6 @@ from smartplay_tools.evaluation.analysis.figures.curves import (
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
 from smartplay_tools.evaluation.analysis.figures.prompt_rows import prompt_rows
 from smartplay_tools.evaluation.analysis.figures.run import run_figures, write_figures
-from smartplay_tools.evaluation.analysis.figures.step_scores import score_over_steps
 from smartplay_tools.evaluation.analysis.figures.strategy_costs import effects_of_strategies, tokens_by_part
 from smartplay_tools.evaluation.analysis.figures.style import save_figure
 
@@ -25,7 +24,6 @@ __all__ = [
     "save_figure",
     "score_against_history",
     "score_against_prompt_tokens",
-    "score_over_steps",
     "tokens_by_part",
     "write_figures",
 ]

@@ -140,11 +140,11 @@ def bars(estimates: Sequence[MeanEstimate]) -> list[list[float]]:
     return [below, above]
 
 
-def sample_note(episodes: Iterable[int], *, bars: str = "bars") -> str:
-    """Return a note with the number of episodes of the means, and the kind of intervals."""
+def sample_note(episodes: Iterable[int]) -> str:
+    """Return a note with the number of episodes of the means, and what the bars are."""
     counts = sorted(set(episodes))
     many = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    return f"means of n = {many} episodes; {bars}: 95 % intervals"
+    return f"means of n = {many} episodes; bars: 95 % intervals"
 
 
 def mark_cut(axes: Axes, points: Iterable[tuple[float, float]]) -> None:
