@@ -8,16 +8,14 @@ from smartplay_tools.evaluation.analysis.figures.curves import (
     score_against_prompt_tokens,
 )
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
-from smartplay_tools.evaluation.analysis.figures.prompt_rows import prompt_rows
+from smartplay_tools.evaluation.analysis.figures.prompt_figures import prompt_rows, tokens_by_part
 from smartplay_tools.evaluation.analysis.figures.run import run_figures, write_figures
-from smartplay_tools.evaluation.analysis.figures.strategy_costs import effects_of_strategies, tokens_by_part
 from smartplay_tools.evaluation.analysis.figures.style import save_figure
 
 __all__ = [
     "areas_under_curves",
     "capability_dots",
     "effects_of_slack",
-    "effects_of_strategies",
     "frontier",
     "prompt_rows",
     "run_figures",

@@ -13,7 +13,6 @@ from smartplay_tools.evaluation.analysis.figures.curves import (
     score_against_prompt_tokens,
 )
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
-from smartplay_tools.evaluation.analysis.figures.strategy_costs import ALONG, effects_of_strategies
 from smartplay_tools.evaluation.analysis.figures.style import FORMATS, save_figure
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.names import series_name
@@ -53,27 +52,15 @@ def run_figures(rows: Sequence[Row]) -> dict[str, Figure]:
         drawn["score-against-history"] = score_against_history(comparisons)
     if _varies(comparisons, "prompt_tokens"):
         drawn["score-against-prompt-tokens"] = score_against_prompt_tokens(comparisons)
-    if by_slack := _along(rows, comparisons, ("slack",)):
+    by_slack = compare_windows(rows, along=("slack",)) if _varies(comparisons, "slack") else []
+    if _varies(by_slack, "slack"):  # and not only together with another limit
         drawn["effects-of-slack"] = effects_of_slack(by_slack)
-    if by_strategy := _along(rows, comparisons, ALONG):
-        drawn["strategies"] = effects_of_strategies(by_strategy)
     drawn["frontier"] = frontier(comparisons)
     if any(c.on_cost_front and c.means["cost"].mean > 0 for c in comparisons):
         drawn["frontier-of-cost"] = frontier(comparisons, price="cost")
     if profiles := _profiles(rows, comparisons):
         drawn["capabilities"] = capability_dots(profiles)
     return drawn
-
-
-def _along(
-    rows: Sequence[Row], comparisons: Sequence[WindowComparison], fields: Sequence[str]
-) -> Sequence[WindowComparison]:
-    """The comparisons along these fields of the budget alone; none where no family has several values of them."""
-    budgets = [comparison.cell.budget for comparison in comparisons]
-    if all(budget[field] == budgets[0][field] for budget in budgets for field in fields):
-        return ()
-    along = compare_windows(rows, along=fields)
-    return along if any(_varies(along, field) for field in fields) else ()
 
 
 def _varies(comparisons: Sequence[WindowComparison], field: str) -> bool:
