@@ -24,7 +24,7 @@ from page_tables import mark, publish as publish_table
 from strategy_figure import ALONG, effects_of_strategies
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.figures import save_figure
+from smartplay_tools.evaluation.analysis.figures.style import save_figure
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep
 

@@ -40,11 +40,12 @@ ELSEWHERE = {
 """Adapters with an environment of their own, and their pages."""
 
 OF_SUB_PACKAGES = (
-    *("evaluation.analysis.summarize", "evaluation.analysis.compare", "records.Price", "evaluation.runs.estimate"),
+    *("evaluation.analysis.summary.summarize", "evaluation.analysis.comparison.compare", "records.Price"),
     *(
-        "evaluation.analysis.figures.frontier",
-        "evaluation.analysis.figures.write_figures",
-        "evaluation.pages.report.write_report",
+        "evaluation.runs.estimate.estimate",
+        "evaluation.analysis.figures.frontier.frontier",
+        "evaluation.analysis.figures.run.write_figures",
+        "evaluation.pages.report.page.write_report",
     ),
     *("records.sent_prompts", "testing.CHECKS", "players.Reading"),
 )

@@ -19,10 +19,10 @@ from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.episode.carried import Carried, longest_message
 from smartplay_tools.evaluation.analysis.area import areas
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, sample
-from smartplay_tools.evaluation.board.submissions import check_submission, prepare_submission
-from smartplay_tools.evaluation.run_folder import RunFolder, Until, trial_seed
-from smartplay_tools.evaluation.runs import merge
-from smartplay_tools.evaluation.runs.merge import audit
+from smartplay_tools.evaluation.board.submissions.check import check_submission
+from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, Until, trial_seed
+from smartplay_tools.evaluation.runs.merge import audit, merge
 from smartplay_tools.registry import read_file
 from smartplay_tools.types.messages import text_of
 from tests.evaluation.bundles import FACTS

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.runs import audit
+from smartplay_tools.evaluation.runs.merge import audit
 from smartplay_tools.records import replay
 from smartplay_tools.web.site import BrowserGames, BrowserPlay, Challenge, human_cell
 

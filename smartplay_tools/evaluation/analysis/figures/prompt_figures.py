@@ -17,6 +17,8 @@ from smartplay_tools.transcript.events import ViewEvent, concerns_summary
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+__all__ = ["prompt_rows", "tokens_by_part"]
+
 LOOKS: dict[ShownAs, tuple[str, str, str]] = {
     "whole": ("#0072B2", "white", "shown whole"),
     "bare": ("#56B4E9", "black", "shown without its words"),

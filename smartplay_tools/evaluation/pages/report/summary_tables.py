@@ -19,7 +19,7 @@ from typing import Any
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.analysis.figures import write_figures
+from smartplay_tools.evaluation.analysis.figures.run import write_figures
 from smartplay_tools.evaluation.analysis.grouping import by_cell, differing
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary, summarize
