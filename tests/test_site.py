@@ -40,7 +40,7 @@ ELSEWHERE = {
 """Adapters with an environment of their own, and their pages."""
 
 OF_SUB_PACKAGES = (
-    *("evaluation.analysis.summary.summarize", "evaluation.analysis.comparison.compare", "records.Price"),
+    *("evaluation.analysis.summary.summarize", "evaluation.analysis.comparison.compare", "records.prices.Price"),
     *(
         "evaluation.runs.estimate.estimate",
         "evaluation.analysis.figures.frontier.frontier",
@@ -57,7 +57,7 @@ def assert_signatures_have_fields(pages: str) -> None:
     for name, fields in {
         "Budget": ("history='game'", "prompt_tokens=None", "slack=0.0"),
         "EpisodeConfig": ("seed", "manual='tool'"),
-        "evaluation.PlayerConfig": ("name", "concurrency=None"),
+        "evaluation.runs.players.PlayerConfig": ("name", "concurrency=None"),
     }.items():
         signature = re.search(rf'<dt [^>]*id="smartplay_tools\.{re.escape(name)}">(.*?)</dt>', pages, flags=re.DOTALL)
         assert signature, name
