@@ -19,10 +19,12 @@ from typing import Any
 from page_tables import complete, interval, publish, table_row
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import MEASURES, by_cell, compare_windows, differences
+from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.names import way_name
-from smartplay_tools.evaluation.analysis.windows import WindowComparison
-from smartplay_tools.evaluation.runs import PlayerConfig, Run
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences
+from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows
+from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES
 

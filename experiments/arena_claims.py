@@ -21,10 +21,10 @@ from arena_curves import LEARNED_GAME, STAGES, SUBJECT, areas_of, play, play_lea
 from page_tables import complete, publish, table_row
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import MEASURES, by_cell
+from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.names import way_name
-from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs
 from smartplay_tools.evaluation.analysis.windows import jointly
 from smartplay_tools.records.rows import Row
 

@@ -24,18 +24,18 @@ from page_tables import complete, interval, publish, table_row
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis import MEASURES, by_cell, mean_estimate
 from smartplay_tools.evaluation.analysis.area import Area, areas
-from smartplay_tools.evaluation.analysis.figures import areas_under_curves, save_figure
-from smartplay_tools.evaluation.analysis.grouping import PlayedCell
-from smartplay_tools.evaluation.analysis.intervals import mean_estimates
+from smartplay_tools.evaluation.analysis.figures.curves import areas_under_curves
+from smartplay_tools.evaluation.analysis.figures.style import save_figure
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
+from smartplay_tools.evaluation.analysis.intervals import mean_estimate, mean_estimates
 from smartplay_tools.evaluation.analysis.names import strategy_name, way_name
-from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample, tokens
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs, sample, tokens
 from smartplay_tools.evaluation.analysis.windows import jointly
 from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
-from smartplay_tools.evaluation.runs import PlayerConfig, make_cells
-from smartplay_tools.evaluation.runs.plan import check_playable
+from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
+from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records import Record
 from smartplay_tools.records.rows import Row, row_of
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, PAGES_TOOL, RECALL_TOOL, STRATEGIES

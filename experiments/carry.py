@@ -19,7 +19,6 @@ from page_tables import complete, interval, publish
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis import MEASURES, by_cell
 from smartplay_tools.evaluation.analysis.figures.style import (
     Series,
     draw_estimates,
@@ -30,9 +29,9 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     save_figure,
     spread,
 )
-from smartplay_tools.evaluation.analysis.grouping import PlayedCell
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
-from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs, sample
 from smartplay_tools.evaluation.analysis.windows import jointly
 from smartplay_tools.records.rows import Row, grouped
 

@@ -21,8 +21,11 @@ from pathlib import Path
 from context_questions import CONTROL, QUESTIONS
 from context_tables import table
 from page_tables import mark, publish as publish_table
+from strategy_figure import ALONG, effects_of_strategies
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.figures.style import save_figure
+from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep
 
 __all__ = ["CONTROL", "QUESTIONS", "main", "table"]
@@ -79,6 +82,9 @@ def _ask(name: str, asked: argparse.Namespace) -> Sweep:
         left = played.run.planned - len(played.rows)
         sys.exit(f"{left} episodes of {asked.out / name} are not finished; the same command goes on with them.")
     played.write()
+    if name == "strategies":
+        drawn = effects_of_strategies(compare_windows(played.rows, along=ALONG))
+        save_figure(drawn, asked.out / name / "figures" / "strategies")
     return played
 
 

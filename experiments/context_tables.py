@@ -8,18 +8,13 @@ from functools import partial
 
 from context_questions import CONTROL, QUESTIONS
 
-from smartplay_tools.evaluation.analysis import (
-    MEASURES,
-    MeanEstimate,
-    WindowComparison,
-    by_cell,
-    compare_windows,
-    differences,
-    paired_difference,
-)
 from smartplay_tools.evaluation.analysis.decisions import mde
+from smartplay_tools.evaluation.analysis.grouping import by_cell
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs
 from smartplay_tools.evaluation.analysis.names import strategy_name
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences, paired_difference
+from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records, tariffs_of
 from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.evaluation.runs.sweeps import Sweep

@@ -31,12 +31,12 @@ from page_tables import complete, interval, publish
 from smartplay_openai import LocalEndpoint
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import MEASURES, by_cell
+from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
-from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs, sample
 from smartplay_tools.evaluation.analysis.windows import jointly
-from smartplay_tools.evaluation.run_folder import RunFolder
-from smartplay_tools.evaluation.runs import PlayerConfig
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.players import NotedPlayer
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types.messages import text_of

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import MeanEstimate
-from smartplay_tools.evaluation.runs import Run
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
+from smartplay_tools.evaluation.runs.runner import Run
 
 END = "<!-- end -->"
 

@@ -21,9 +21,10 @@ from typing import TYPE_CHECKING, Any
 from page_tables import publish
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation import PlayerConfig
-from smartplay_tools.evaluation.analysis import MEASURES, MeanEstimate, paired_difference
 from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels, save_figure
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference
+from smartplay_tools.evaluation.runs.players import PlayerConfig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

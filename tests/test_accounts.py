@@ -121,7 +121,7 @@ def test_every_turn_that_is_not_in_a_prompt_has_left_before(record):
 
 @pytest.mark.parametrize("record", ["everything"], indirect=True)
 def test_a_figure_stacks_the_prompts_of_several_records(record):
-    figures = pytest.importorskip("smartplay_tools.evaluation.analysis.figures")
+    figures = pytest.importorskip("smartplay_tools.evaluation.analysis.figures.prompt_figures")
     first, second = figures.tokens_by_part({"one": record, "other": record}).axes
     tokens = sum(view["tokens"] for view in record.views)
     assert first.get_title().startswith(f"one: {tokens / 1000:,.0f}k tokens, score ")

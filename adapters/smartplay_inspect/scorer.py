@@ -29,7 +29,7 @@ from inspect_ai.util import store_as
 from smartplay_inspect.solver import Played
 from smartplay_tools import GAMES, EpisodeResult
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.evaluation.analysis import mean_estimate
+from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from smartplay_tools.records.rows import grouped
 from smartplay_tools.transcript import write_records
 

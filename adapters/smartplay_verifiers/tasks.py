@@ -21,7 +21,7 @@ from smartplay_tools import Budget, Episode, EpisodeConfig, InvalidArgumentError
 from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.errors import TranscriptError, in_one_line
-from smartplay_tools.evaluation.run_folder import trial_seed
+from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.transcript import Event, write_records
 
 INFO = "smartplay"

@@ -17,21 +17,20 @@ from rich.markup import escape
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.evaluation.quantities import duration, short
-from smartplay_tools.evaluation.runs import (
-    Caps,
+from smartplay_tools.evaluation.runs.estimate import (
+    SECONDS_A_CALL,
+    TOKENS_A_SECOND,
     Estimate,
-    Plan,
-    PlayerConfig,
-    Run,
-    RunOptions,
-    cell_name,
+    Range,
     estimate,
-    player_of,
+    estimate_from,
 )
-from smartplay_tools.evaluation.runs.estimate import SECONDS_A_CALL, TOKENS_A_SECOND, Range, estimate_from
 from smartplay_tools.evaluation.runs.executors import WAITING_AT_ONCE
-from smartplay_tools.evaluation.runs.plan import prices_in_tables
-from smartplay_tools.evaluation.runs.players import given_prices
+from smartplay_tools.evaluation.runs.limits import Caps
+from smartplay_tools.evaluation.runs.plan import Plan, cell_name, player_of, prices_in_tables
+from smartplay_tools.evaluation.runs.players import PlayerConfig, given_prices
+from smartplay_tools.evaluation.runs.run_options import RunOptions
+from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.records.rows import grouped
 
 CUT_SHARE = 0.05

@@ -15,19 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = [
-    "DEEPEST",
-    "Arguments",
-    "Problem",
-    "as_text",
-    "canonical",
-    "canonical_text",
-    "encoder",
-    "is_strict",
-    "object_in",
-    "read",
-    "value_in",
-]
+__all__ = ["Arguments", "object_in", "read", "value_in"]
 
 
 def object_in(text: str | bytes | bytearray) -> dict[str, Any] | None:

@@ -34,7 +34,7 @@ from verifiers.v1.trace import AgentInfo, TraceTask
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies import custom
-from smartplay_tools.evaluation.run_folder import trial_seed
+from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.records import Record
 from tests.adapters.conformance import GAME, WAY, Held, Window, WindowConformance, act, calling
 from tests.adapters.openai_stub import OpenAIStub

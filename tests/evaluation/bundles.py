@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.board.submissions import prepare_submission
+from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
 from smartplay_tools.transcript.hashing import chain_after, event_line
 
 HANOI, BANDIT = "Hanoi3Disk-v0", "BanditTwoArmedHighLowFixed-v0"

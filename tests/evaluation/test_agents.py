@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.runs import Run
+from smartplay_tools.evaluation.runs.runner import Run
 
 HANOI = "Hanoi3Disk-v0"
 BUDGET = sp.Budget(prompt_tokens=700)

@@ -19,10 +19,12 @@ from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.episode.carried import Carried, longest_message
 from smartplay_tools.evaluation.analysis.area import areas
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, sample
-from smartplay_tools.evaluation.board.submissions import check_submission, prepare_submission
-from smartplay_tools.evaluation.run_folder import RunFolder, Until, trial_seed
-from smartplay_tools.evaluation.runs import merge
-from smartplay_tools.evaluation.runs.merge import audit
+from smartplay_tools.evaluation.board.submissions.check import check_submission
+from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, Until, trial_seed
+from smartplay_tools.evaluation.runs.merge import audit, merge
+from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.registry import read_file
 from smartplay_tools.types.messages import text_of
 from tests.evaluation.bundles import FACTS
@@ -35,12 +37,12 @@ ROOT = Path(__file__).parents[2]
 EXPERIMENT = ROOT / "experiments" / "carry.py"
 
 
-def run(out: Path, **options) -> sp.evaluation.Run:
+def run(out: Path, **options) -> Run:
     asked = {"trials": 6, "budgets": NOTING, "carry": "notes", "chain": 3, "executor": "inline", **options}
     return sp.evaluate([BANDIT], asked.pop("players", ["rule-notes"]), out=out, **asked)
 
 
-def records(done: sp.evaluation.Run | RunFolder) -> dict[str, bytes]:
+def records(done: Run | RunFolder) -> dict[str, bytes]:
     folder = done if isinstance(done, RunFolder) else done.folder
     return {row["key"]: folder.transcript(row["key"]).read_bytes() for row in folder.rows()}
 
@@ -133,7 +135,7 @@ def test_what_waits_for_a_trial_without_a_result_is_named(tmp_path):
 def test_a_replay_of_a_run_finds_a_trial_that_follows_another_record(played, tmp_path):
     done = run(tmp_path / "run")
     assert not any(finding.differences for finding in audit(done.folder, 1))
-    other = run(tmp_path / "other", players=[sp.evaluation.PlayerConfig(name="random")])
+    other = run(tmp_path / "other", players=[PlayerConfig(name="random")])
     first = done.rows[0]["key"]
     done.transcript(first).write_bytes(other.transcript(other.rows[0]["key"]).read_bytes())
     differences = {finding.key: " ".join(finding.differences) for finding in audit(done.folder, 1)}

@@ -12,7 +12,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.board.submissions.records import RecordJob, check_record
 from smartplay_tools.evaluation.board.submissions.submitted_plan import Allowed, check_plan, check_suite, read_plan
-from smartplay_tools.evaluation.runs import Run
+from smartplay_tools.evaluation.runs.runner import Run
 from tests.evaluation.bundles import HANOI, chained
 
 Events = list[dict[str, Any]]

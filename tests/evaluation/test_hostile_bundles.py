@@ -16,7 +16,9 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.board.submissions import Limits, check_submission, report_json, report_text
+from smartplay_tools.evaluation.board.submissions.bundle import Limits
+from smartplay_tools.evaluation.board.submissions.check import check_submission
+from smartplay_tools.evaluation.board.submissions.check_report import report_json, report_text
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from tests.evaluation import bundles
 from tests.evaluation.bundles import HANOI, Files, changed, edit_json, records
@@ -170,7 +172,7 @@ def in_plan(change: Callable[[Any], None]) -> Callable[[Files], None]:
 def test_what_comes_before_the_records_takes_little_time_and_memory(bundle, tmp_path, change):
     path = changed(bundle, tmp_path / "x.zip", change)
     program = (
-        "import sys, time; from smartplay_tools.evaluation.board.submissions import check_submission;"
+        "import sys, time; from smartplay_tools.evaluation.board.submissions.check import check_submission;"
         "assert not check_submission(sys.argv[1]).verified;"
         "peak = next(line for line in open('/proc/self/status') if 'VmHWM' in line).split()[1];"
         "print(time.process_time(), int(peak) / 1024)"

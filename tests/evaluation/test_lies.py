@@ -14,13 +14,9 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.board.submissions import (
-    NOT_PROVED,
-    Checked,
-    check_submission,
-    prepare_submission,
-    report_json,
-)
+from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked, check_submission
+from smartplay_tools.evaluation.board.submissions.check_report import report_json
+from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
 from smartplay_tools.evaluation.board.submissions.submitted_plan import cell_results, read_plan
 from smartplay_tools.evaluation.suites import SUITES, Suite
 from smartplay_tools.records import Record

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.command import run
 from tests.evaluation.servers import calling, completion, refusal, serving
 

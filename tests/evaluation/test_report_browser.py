@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.pages.report import write_report
+from smartplay_tools.evaluation.pages.report.page import write_report
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.crafter.game import Crafter
 from smartplay_tools.records import Record

@@ -21,7 +21,7 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.report_runs import known_for_now, record
 
 pytest.importorskip("jinja2")
-report = pytest.importorskip("smartplay_tools.evaluation.pages.report")
+report = pytest.importorskip("smartplay_tools.evaluation.pages.report.page")
 sources = pytest.importorskip("smartplay_tools.evaluation.pages.report.sources")
 choice = pytest.importorskip("smartplay_tools.evaluation.pages.report.sources")
 
@@ -169,7 +169,8 @@ def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, 
 def test_a_script_whose_processes_cannot_begin_writes_the_page_all_the_same(run, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "from smartplay_tools.evaluation.pages.report import episode_reading as reading, write_report\n"
+        "from smartplay_tools.evaluation.pages.report import episode_reading as reading\n"
+        "from smartplay_tools.evaluation.pages.report.page import write_report\n"
         "reading.WORTH_A_PROCESS = 1\n"
         f"write_report({str(run)!r}, {str(tmp_path / 'page.html')!r}, title='A run', episodes='all', workers=2)\n"
     )

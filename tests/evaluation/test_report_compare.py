@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.pages.report import write_report
+from smartplay_tools.evaluation.pages.report.page import write_report
 from tests.evaluation.report_runs import BANDIT, HANOI, HOSTILE, RPS, act, converse, hostile, record, reply
 from tests.evaluation.test_report import Page
 

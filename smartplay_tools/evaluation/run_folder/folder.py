@@ -46,6 +46,8 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, read_rows, row_fault
 from smartplay_tools.transcript.lines import parse_json
 
+__all__ = ["RunFolder", "Until", "trial_seed"]
+
 FORMAT: Literal[1] = 1
 """The version of the layout of a run's folder; folders with another version are refused."""
 

@@ -38,7 +38,8 @@ from starlette.types import ASGIApp
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import as_list, write_note
-from smartplay_tools.web import Guard, Names, Server, carries, is_from_own_page, is_loopback
+from smartplay_tools.web import Server, carries
+from smartplay_tools.web.guard import Guard, Names, is_from_own_page, is_loopback
 from smartplay_tools.web.site.http_answers import HEADERS, missing, page, page_now, static
 from smartplay_tools.web.site.playing import (
     CHALLENGE,

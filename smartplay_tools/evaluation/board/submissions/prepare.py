@@ -18,6 +18,8 @@ from smartplay_tools.evaluation.board.submissions.submitted_plan import cell_res
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.records.rows import Row
 
+__all__ = ["prepare_submission"]
+
 
 def prepare_submission(
     run: str | Path, out: str | Path, facts: Mapping[str, Any], *, player: str | None = None
