@@ -116,8 +116,10 @@ class ContextWindow:
             shown = turn.first_picture + len(turn.pictured)
             pictures = self._picturing.left_out(shown, before.pictures)
         state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual), words, pictures)
-        notes = None if self._pinning is None else self._pinning.pinned(turn)
-        return self._anchor(self._pin(state, notes))
+        if self._pinning is not None:
+            self._pin(state, self._pinning.pinned(turn))
+        self._anchor(state)
+        return state
 
     def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:
         """Begin all further views with another head and other tools, from the next appended turn on."""
@@ -221,22 +223,19 @@ class ContextWindow:
             self._heads[manual] = Head(tuple(messages), tokens, self._tools)
         return self._heads[manual]
 
-    def _pin(self, state: WindowState, notes: int | None) -> WindowState:
+    def _pin(self, state: WindowState, notes: int | None) -> None:
         """Pin the notes if they fit beside the other pinned parts; the newest turn and the current one are pinned."""
         if notes is None or notes in (state.last, state.newest):
-            return state
+            return
         cap = self.budget.prompt_tokens
         if cap is None or state.tokens(state.last) + state.masked(notes) + self._reserve <= cap:
             state.notes = notes
-        return state
 
-    def _anchor(self, state: WindowState) -> WindowState:
+    def _anchor(self, state: WindowState) -> None:
         """Pin as many of the first turns as fit beside the other pinned parts."""
-        most = self._strategies.first_turns
-        if not most:
-            return state
-        cap = self.budget.prompt_tokens
-        return state.with_anchors(most, math.inf if cap is None else cap - self._reserve)
+        if most := self._strategies.first_turns:
+            cap = self.budget.prompt_tokens
+            state.pin_first(most, math.inf if cap is None else cap - self._reserve)
 
     # Selection of the turns to keep.
 

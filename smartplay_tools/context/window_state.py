@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
 
@@ -38,15 +38,15 @@ class WindowState:
     """The first turn that is not older than `words`: replies before it are bare."""
     whole: int = 0
     """The first turn from which on no observation is masked, no reply is bare and no picture is left out."""
-    pictures: int = 0
+    pictures: int = field(default=0, init=False)
     """p: how many of the first pictures are left out."""
-    pictured: int = 0
+    pictured: int = field(default=0, init=False)
     """The first turn with a picture after these: the only one of which only some can be left out."""
-    left_out: int = 0
+    left_out: int = field(default=0, init=False)
     """The tokens that leaving these out saves in `pictured`, unless it is the boundary or before it."""
-    anchors: int = 0
+    anchors: int = field(default=0, init=False)
     """a: how many of the first turns stay."""
-    notes: int | None = None
+    notes: int | None = field(default=None, init=False)
     """q, the turn with the notes, while it is pinned as that and nothing else."""
 
     @classmethod
@@ -69,11 +69,10 @@ class WindowState:
                 state.left_out = index.saved(turns[state.pictured], 0, pictures)
         return state
 
-    def with_anchors(self, most: int, room: float) -> WindowState:
-        """Return the state with as many of the first turns, at most `most`, as fit into a room beside the pins."""
+    def pin_first(self, most: int, room: float) -> None:
+        """Pin as many of the first turns, at most `most`, as fit into a room beside the pins."""
         least, numbers = self.tokens(self.last), range(1, min(most, self.last) + 1)
-        number = bisect_right(numbers, room - least, key=self._anchors_tokens)
-        return replace(self, anchors=number) if number else self
+        self.anchors = bisect_right(numbers, room - least, key=self._anchors_tokens)
 
     @property
     def last(self) -> int:

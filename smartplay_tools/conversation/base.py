@@ -330,7 +330,7 @@ class BaseConversation(ABC):
         return left if budget.reply_tokens is None else min(left, budget.reply_tokens)
 
     def _record_view(self, view: View, max_tokens: int | None) -> None:
-        self._ledger.record(
+        self._ledger.write(
             {
                 "event": "view",
                 "turn": self.episode.stats.turns,

@@ -158,8 +158,6 @@ class GameSession:
         return answer
 
     def _play(self, call: ParsedCall) -> Answer:
-        if (tool := self.tools.added.get(call.tool)) is not None:
-            return self._use(tool, call.text if call.values is None else call.values)
         match call.tool:
             case "act":
                 assert call.action is not None
@@ -171,7 +169,9 @@ class GameSession:
                 return answer
             case "read_manual" if self.manual == "tool":
                 return Answer(self.manual_text, {"step": self.steps, "manual": True}, cut=self.manual_is_cut)
-        return self._show(self.words("manual_is_above" if self.manual == "pinned" else "no_manual"))
+            case "read_manual":
+                return self._show(self.words("manual_is_above" if self.manual == "pinned" else "no_manual"))
+        return self._use(self.tools.added[call.tool], call.text if call.values is None else call.values)
 
     def _use(self, tool: StrategyTool, given: str | Mapping[str, Any]) -> Answer:
         """Answer a call of a strategy's tool."""
