@@ -94,7 +94,8 @@ class TokenIndex:
         The number is negative if the marker is longer than what it replaces.
         """
         tokens, old = 0, turn.masked(oldest)
-        for item in [turn.items[at] for at in old]:
+        for at in old:
+            item = turn.items[at]
             tokens += self._counter.content(item.message) - self._counter.text(item.words("observation_left"))
         if pictures:
             for item in [turn.items[at] for at in turn.left_out(pictures) if at not in old]:

@@ -154,7 +154,7 @@ class Ledger:
                 self.stalls.apply(event)
 
     def write(self, *events: Mapping[str, Any]) -> None:
-        """Write events to the transcript, if there is one, and tell the listeners. Views are only written, not counted."""
+        """Write events to the transcript, if there is one, and tell the listeners. A view is written, not counted."""
         if self.writer is not None:
             self.writer.append(*events)
         for listener in self.listeners:

@@ -122,11 +122,12 @@ class EpisodeStats:
             self.reward += data["reward"]
 
     def _charge(self, event: Mapping[str, Any]) -> None:
-        usage = Usage.reported(event)
-        if usage is not None:
-            self._provider = usage if self._provider is None else self._provider + usage
-        elif event["provider"] is not None:
-            self.unusable_usages += 1
+        if event["provider"] is not None:
+            usage = Usage.reported(event)
+            if usage is None:
+                self.unusable_usages += 1
+            else:
+                self._provider = usage if self._provider is None else self._provider + usage
         sums, prompt, reply = self._sums, event.get("prompt", 0), event.get("reply", 0)
         sums["prompt"] += prompt
         sums["reply"] += reply
