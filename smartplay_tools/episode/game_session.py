@@ -230,7 +230,8 @@ class GameSession:
         shortening, results = self.strategies.shortening, self.budget.result_tokens
         if shortening is None or results is None:
             return truncation.cut_end(text, cap, count, notice)
-        return shortening.shorten(text, cap, results)
+        page: str = shortening.shorten(text, cap, results)
+        return page
 
     def _show(self, text: str, **data: Any) -> Answer:
         shown = self._cut(text, self.budget.result_tokens, truncation.cut_end)
