@@ -17,7 +17,7 @@ import smartplay_tools as sp
 from smartplay_tools import registry
 from smartplay_tools.cli import app
 from smartplay_tools.context.strategies import custom
-from smartplay_tools.context.token_index import TokenIndex
+from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.analysis import summarize
 from smartplay_tools.evaluation.runs import plan_episodes, run_plan
@@ -237,9 +237,9 @@ def test_the_commands_take_it(file, tmp_path):
 
 def test_a_choice_costs_what_it_shows(monkeypatch):
     """The window itself looks at no turn that is neither shown nor pinned."""
-    sums = []
-    original = TokenIndex.whole
-    monkeypatch.setattr(TokenIndex, "whole", lambda *given: sums.append(1) or original(*given))
+    runs = []
+    original = WindowState.run
+    monkeypatch.setattr(WindowState, "run", lambda *given: runs.append(1) or original(*given))
     good = custom.load_strategy(f"{HERE / 'data' / 'broken_strategies.py'}:Good")
     monkeypatch.setitem(custom._NAMED, "good", good)
     counts = []
@@ -247,10 +247,10 @@ def test_a_choice_costs_what_it_shows(monkeypatch):
     with sp.Episode(RPS, seed=1, budget=budget) as episode:
         conversation = sp.Conversation(episode)
         for _ in range(200):
-            sums.clear()
+            runs.clear()
             conversation.receive(sp.call("observe"))
             conversation.prompt()
-            counts.append(len(sums))
+            counts.append(len(runs))
     assert max(counts[100:]) <= max(counts[:100])
 
 

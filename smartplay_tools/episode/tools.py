@@ -43,7 +43,7 @@ class MistakeError(Exception):
         self.kind = kind
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class ParsedCall:
     """A call that can be played."""
 

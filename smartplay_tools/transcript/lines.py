@@ -145,7 +145,6 @@ class AppendedFile:
             written = file.write(lines)
             while written < len(lines):  # all at once, unless the disk is full
                 written += file.write(lines[written:])
-            self._size += written
             with _LOCK:
                 _OPEN.move_to_end(self._reference)
 
@@ -181,5 +180,6 @@ class AppendedFile:
     def _let_go(self) -> None:
         file, self._file = self._file, None
         if file is not None:
+            self._size = file.tell()
             with suppress(OSError):
                 file.close()

@@ -76,7 +76,7 @@ class Problem:
     values: Mapping[str, str]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Arguments:
     """The arguments of one call, read. Exactly one of `values` and `problem` is None."""
 
