@@ -94,7 +94,7 @@ class Turn:
     """The newest turn with notes, this one included; None while there are no notes."""
     first_picture: int = 0
     """How many pictures the turns before it have."""
-    reply_tokens: int | None = None
+    reply_tokens: int | None = field(default=None, repr=False, compare=False)
     """The budget tokens of the assistant message, where they have been counted."""
     step: int = field(init=False, repr=False, compare=False)
     """The step of its newest item."""

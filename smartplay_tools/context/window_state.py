@@ -36,7 +36,7 @@ class WindowState:
     """w: replies of turns older than this step are bare."""
     spoken: int = 0
     """The first turn that is not older than `words`: replies before it are bare."""
-    whole: int = 0
+    first_whole: int = 0
     """The first turn from which on no observation is masked, no reply is bare and no picture is left out."""
     pictures: int = field(default=0, init=False)
     """p: how many of the first pictures are left out."""
@@ -55,16 +55,17 @@ class WindowState:
     ) -> WindowState:
         """Return the state after all turns of an index, without notes."""
         turns = index.turns
-        boundary = whole = index.first_from(oldest)
+        boundary = first_whole = index.first_from(oldest)
         saved = 0
         if boundary < len(turns) and (pictures or not turns[boundary].is_young(oldest)):
-            saved, whole = index.saved(turns[boundary], oldest, pictures), boundary + 1
+            saved, first_whole = index.saved(turns[boundary], oldest, pictures), boundary + 1
         spoken = index.first_from(words) if words else 0
         step = turns[-1].step if turns else 0
-        state = cls(index, len(turns), step, oldest, boundary, saved, newest, head, words, spoken, max(whole, spoken))
+        first_whole = max(first_whole, spoken)
+        state = cls(index, len(turns), step, oldest, boundary, saved, newest, head, words, spoken, first_whole)
         if pictures:
             state.pictures, state.pictured = pictures, index.first_pictured(pictures)
-            state.whole = max(state.whole, state.pictured + 1)
+            state.first_whole = max(state.first_whole, state.pictured + 1)
             if boundary < state.pictured < len(turns):
                 state.left_out = index.saved(turns[state.pictured], 0, pictures)
         return state
@@ -95,7 +96,7 @@ class WindowState:
     def run(self, first: int, stop: int) -> int:
         """Tokens of the turns from `first` to before `stop`, as they are shown: without what is too old."""
         whole = self.index.whole
-        if first >= self.whole:
+        if first >= self.first_whole:
             return whole[stop] - whole[first]
         masked, boundary = self.index.masked, self.boundary
         if first > boundary:
@@ -156,7 +157,7 @@ class WindowState:
 
     def _whole_from(self, chosen: Selection) -> int:
         """The first turn of a selection's run that is shown whole, as all later ones are."""
-        return min(max(chosen.first, self.whole), chosen.last + 1)
+        return min(max(chosen.first, self.first_whole), chosen.last + 1)
 
     def visible(self, chosen: Selection) -> int:
         """How many observations a selection shows without a gap up to the newest.
