@@ -20,8 +20,9 @@ from smartplay_tools.context.strategies import custom
 from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.analysis.summary import summarize
-from smartplay_tools.evaluation.runs import plan_episodes, run_plan
+from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.run_options import read_run_file
+from smartplay_tools.evaluation.runs.runner import run_plan
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume
 from smartplay_tools.records.accounts import Accounts
