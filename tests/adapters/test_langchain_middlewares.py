@@ -515,16 +515,6 @@ def test_callbacks_see_the_calls_and_one_model_run_for_each_reply():
     assert watching.seen == ["model: 2", "act", "observe", "model: 5", "model: 7", "model: 7"]
 
 
-def test_a_turn_takes_four_supersteps():
-    episode, _ = fresh()
-    with OpenAIStub([*map(calling, map(act, WAY))]) as stub, episode:
-        agent = create_agent(client(stub), middleware=[SmartPlayMiddleware(episode)])
-        steps = list(agent.stream({"messages": []}, stream_mode="updates"))
-    assert episode.result.completed
-    # before the model, the model, after the model; with calls the tools, too; the end and the agent's own
-    assert len(steps) == 7 * 4 + 2
-
-
 class TestWhatIsShown:
     def test_the_agents_other_tools_can_be_hidden_and_are_not_run(self):
         model = ScriptedModel([calling(("weather", {})), calling(*map(act, WAY))])
