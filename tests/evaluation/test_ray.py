@@ -79,18 +79,8 @@ def test_a_cluster_plays_the_records_of_chains(tmp_path):
     played = []
     for executor in ("inline", "ray"):
         out = tmp_path / executor
-        command = [
-            sys.executable,
-            "-m",
-            "smartplay_tools",
-            "eval",
-            *asked.split(),
-            "--executor",
-            executor,
-            "--out",
-            out,
-        ]
-        subprocess.run(command, check=True, capture_output=True, timeout=240)
+        command = [sys.executable, "-m", "smartplay_tools", "eval", *asked.split(), "--executor", executor]
+        subprocess.run([*command, "--out", str(out)], check=True, capture_output=True, timeout=240)
         folder = RunFolder(out)
         played.append({row["key"]: folder.transcript(row["key"]).read_bytes() for row in folder.rows()})
     assert len(played[0]) == 6
