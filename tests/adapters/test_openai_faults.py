@@ -200,17 +200,7 @@ def test_a_stream_whose_content_is_neither_text_nor_parts_is_asked_for_again(con
 
 @pytest.mark.parametrize(
     "body",
-    [
-        {"choices": []},
-        {"choices": None},
-        {},
-        {"choices": [{"message": None}]},
-        {"choices": [None]},
-        [],
-        None,
-        "text",
-        7,
-    ],
+    [{"choices": []}, {"choices": None}, {"choices": [{"message": None}]}, {"choices": [None]}, [], "text"],
     ids=repr,
 )
 def test_a_completion_without_a_choice_is_asked_for_again(body, tmp_path):

@@ -284,12 +284,10 @@ class Failing:
 class TestWhoMayComeIn:
     def test_no_handle_is_listed_or_guessed(self, endpoint):
         handle = endpoint.open(GAME, seed=7)
-        url = f"{endpoint.base_url}/models"
-        assert httpx2.get(url, trust_env=False, verify=False).json() == {"object": "list", "data": []}
-        assert (
-            httpx2.get(f"{url}/smartplay/{handle}", trust_env=False, verify=False).json()["id"] == f"smartplay/{handle}"
-        )
-        assert httpx2.get(f"{url}/smartplay/{'x' * 32}", trust_env=False, verify=False).status_code == 404
+        with httpx2.Client(base_url=endpoint.base_url, trust_env=False, verify=False) as client:
+            assert client.get("models").json() == {"object": "list", "data": []}
+            assert client.get(f"models/smartplay/{handle}").json()["id"] == f"smartplay/{handle}"
+            assert client.get(f"models/smartplay/{'x' * 32}").status_code == 404
 
     @pytest.mark.parametrize("body", [b"[]", b"{", b'{"model": 1}', b'{"model": "smartplay/no"}', b'{"model": "gpt"}'])
     def test_what_cannot_be_read_is_refused(self, endpoint, body):
