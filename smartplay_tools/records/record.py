@@ -329,7 +329,7 @@ class Record:
     def open_call(self) -> Spent:
         """The call whose reply is not in the record, as unknown use; nothing if it ends without one, or as `end` says.
 
-        Whatever ended an attempt from outside (a killed process, a lost worker, a stopped run), its call may be charged.
+        Whatever ended an attempt from outside, a killed process or a stopped run, its call may be charged.
         """
         return Spent() if self.is_complete else self._counts.open_call()
 

@@ -139,10 +139,13 @@ def test_a_call_without_a_reply_may_be_charged_however_its_attempt_ended(tmp_pat
     for record in (Record.read(path), Record.follow(path)):
         assert record.open_call.unknown_calls == 1
         assert record.open_call.unknown_tokens == episode.counter.prompt(prompt.messages, prompt.tools) + 50
-    if error is None:
-        conversation.give_up(RuntimeError("no reply"))
-        assert Record.read(path).open_call.unknown_calls == 0
-    episode.game.close()
+    episode.ledger.writer.close()
+    again = sp.resume(path, transcript=tmp_path / "again.jsonl")
+    again.conversation.prompt()
+    assert Record.read(tmp_path / "again.jsonl").open_call.unknown_calls == 1, "asked once more, and no reply again"
+    again.conversation.give_up(RuntimeError("no reply"))
+    again.episode.close()
+    assert Record.read(tmp_path / "again.jsonl").open_call.unknown_calls == 0
 
 
 def test_a_row_tells_its_cost_or_that_nobody_knows_it(tmp_path):
