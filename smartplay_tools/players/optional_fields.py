@@ -74,20 +74,25 @@ class OptionalFields:
         present = frozenset(
             name for name in (*OPTIONAL, *OPTIONAL_INSIDE) if name not in self._own and _has(request, name)
         )
-        renamed = {} if self._renamed else self._limit_in(request, words)
-        refused = frozenset(name for name in present if _is_named(name, words))
+        # A request may have been under way when another one was refused.
+        late = {name: other for name, other in self._renamed.items() if name in request}
+        renamed = late if self._renamed else self._limit_in(request, words)
+        refused = frozenset(name for name in present if name in self._left_out or _is_named(name, words))
         if not refused and not renamed:
             if self._has_guessed and not self.has_worked:
                 self._left_out = frozenset()
-            if self._has_guessed or self.has_worked or not present:
+            names_another = getattr(error, "param", None) or any(_is_named(name, words) for name in request)
+            if self._has_guessed or self.has_worked or names_another or not present:
                 return False
             self._has_guessed, refused = True, present
+        changes = [*sorted(refused - self._left_out)]
+        changes += [f"{name}, now {other}" for name, other in renamed.items() if name not in self._renamed]
+        if changes:
+            log.warning("The server of %s refused a request; it is asked without %s.", self._player, ", ".join(changes))
         self._left_out, self._renamed = self._left_out | refused, {**self._renamed, **renamed}
         changed = self.fit(request)
         request.clear()
         request.update(changed)
-        changes = [*sorted(refused), *(f"{name} (now {other})" for name, other in renamed.items())]
-        log.warning("The server of %s refused a request; it is asked without %s.", self._player, ", ".join(changes))
         return True
 
     def _limit_in(self, request: Mapping[str, Any], words: str) -> Mapping[str, str]:
@@ -104,10 +109,8 @@ def _is_named(name: str, words: str) -> bool:
         return True
     if "_" in name:
         return re.search(rf"(?<!\w){name}(?!\w)", words) is not None
-    return (
-        re.search(rf"""(?:^|['"`.]|: |-> |argument |parameter |field |property ){name}(?:['"`.,\[]|$)""", words, re.M)
-        is not None
-    )
+    before, after = r"""(?:^|['"`.]|: |-> |argument |parameter |field |property )""", r"""(?:['"`.,\[]|$)"""
+    return re.search(f"{before}{name}{after}", words, re.MULTILINE) is not None
 
 
 def _has(value: Any, name: str) -> bool:
