@@ -108,7 +108,9 @@ def test_requests_under_way_when_the_first_one_is_refused(tmp_path, caplog):
     assert len(caplog.records) == 1
 
 
-@pytest.mark.parametrize(("player", "attempts"), [("openai:rule", "1 attempt"), ("openai-responses:rule", "2 attempts")])
+@pytest.mark.parametrize(
+    ("player", "attempts"), [("openai:rule", "1 attempt"), ("openai-responses:rule", "2 attempts")]
+)
 def test_what_is_refused_all_the_same_is_asked_for_once_more_and_no_oftener(player, attempts, tmp_path):
     faulty = Refusing(refusing(["model"], VAGUE))
     result, _ = play(faulty, tmp_path, player)
