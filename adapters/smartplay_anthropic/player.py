@@ -32,7 +32,7 @@ from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.players import BrokenAnswerError, ModelPlayer, OptionalFields, check_key, readable_proxies
 
 _transport = importlib.import_module(anthropic.DefaultHttpxClient.__mro__[1].__module__)
-"""The HTTP library of the client: its own clients can be kept from the environment's proxies, unlike the default one."""
+"""The HTTP library of the client, whose default client uses the environment's proxies whatever it is told."""
 
 LONGEST_CONNECT = 10.0
 """Seconds that a server may take to accept a connection, however long its answers may take."""
