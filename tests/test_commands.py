@@ -60,7 +60,7 @@ NOT_RUN = {
     r"smartplay-tools (eval|sweep) .*(--suite|--trials (60|100)|openai:MODEL|Mined|MessengerL3)": "it plays for minutes",
     r"smartplay-tools submit (prepare runs/model|seed)|smartplay-tools board": "it needs submissions of a whole suite",
     r"smartplay-tools (eval|check) run.toml": "its servers are examples",
-    r"smartplay-tools (eval .*--track|agent |.*my_players)": "it needs another package, or a program of the reader's",
+    r"smartplay-tools (eval .*--track|agent |.*my_players)": "it needs a package or a program of the reader",
     r"smartplay-tools play .*--watch": "it takes as long as somebody watches",
 }
 """How commands begin that are not run, and why."""
