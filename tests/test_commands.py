@@ -57,7 +57,7 @@ NOT_RUN = {
     r"smartplay-tools (minedojo|model get|serve local)|export '?SMARTPLAY_MINEDOJO": "it fetches hundreds of megabytes",
     r"smartplay-tools play .*(--player local|--engine minedojo)": "it needs what the line before it has fetched",
     r"smartplay-tools (.*HigherOrLower|replay game|results runs/players|.*--plugins)": "tests/plugins has its package",
-    r"smartplay-tools (eval|sweep) .*(--suite|--trials (60|100)|openai:MODEL|Mined|MessengerL3)": "it plays for minutes",
+    r"smartplay-tools (eval|sweep) .*(--suite|--trials (60|100)|:MODEL|Mined|MessengerL3)": "it plays for minutes",
     r"smartplay-tools submit (prepare runs/model|seed)|smartplay-tools board": "it needs submissions of a whole suite",
     r"smartplay-tools (eval|check) run.toml": "its servers are examples",
     r"smartplay-tools (eval .*--track|agent |.*my_players)": "it needs a package or a program of the reader",
