@@ -35,6 +35,11 @@ def value_in(text: str) -> Any:
         return text
 
 
+def number_as_text(value: Any) -> Any:
+    """Return a whole number as text; any other value unchanged, booleans and fractions included."""
+    return str(value) if type(value) is int else value
+
+
 def encoder(
     *, sort_keys: bool = False, separators: tuple[str, str] = (", ", ": "), ensure_ascii: bool = True, nan: bool = True
 ) -> Callable[[Any], str]:

@@ -23,7 +23,7 @@ from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 if TYPE_CHECKING:
     from smartplay_tools.records.prices import Price
 
-__all__ = ["CacheFields", "CacheRule", "cache_rules", "openai_cache_fields", "rule_of"]
+__all__ = ["CacheFields", "CacheRule", "cache_rules", "is_openai", "openai_cache_fields", "rule_of"]
 
 Rate = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Tokens = Annotated[int, Field(strict=True, ge=0)]
@@ -109,11 +109,19 @@ class CacheFields(NamedTuple):
     """Marks in the messages."""
 
 
+def is_openai(base_url: str) -> bool:
+    """Whether an address is OpenAI's, in any region: `eu.api.openai.com` and others, a prefix for each.
+
+    Source: developers.openai.com/api/docs/guides/data-residency, read on 26 November 2026.
+    """
+    return f".{urlsplit(base_url).hostname}".endswith(".api.openai.com")
+
+
 def openai_cache_fields(model: str, base_url: str) -> CacheFields:
     """Return which fields for the cache a model behind OpenAI's interface takes; other providers' servers take none."""
-    is_openai = urlsplit(base_url).hostname == "api.openai.com"
-    rule = _rule_for(f"openai:{model}", _own_rules()) if is_openai else None
-    return CacheFields(is_openai, rule is not None and rule.marks != "auto")
+    has_key = is_openai(base_url)
+    rule = _rule_for(f"openai:{model}", _own_rules()) if has_key else None
+    return CacheFields(has_key, rule is not None and rule.marks != "auto")
 
 
 @lru_cache(64)
