@@ -75,6 +75,9 @@ canonical_text = encoder(sort_keys=True, separators=(",", ":"))
 LONGEST = 10_000
 """Longer text is malformed and is not parsed: no game needs it, and parsing takes time."""
 
+_LARGEST = 309
+"""The number of digits of the largest double."""
+
 REMEMBERED = 200
 """Longer text is read again whenever it comes again, and so is text with objects or lists inside."""
 
@@ -102,6 +105,16 @@ class Arguments:
     """The object that the text holds; empty for no text at all."""
     problem: Problem | None
     """What is wrong with the text."""
+    sent: str
+    """What a prompt holds of them: the text if it is an object, `{}` for nothing, any other text wrapped in an object.
+
+    Servers parse the arguments of earlier calls, and refuse a request in which they are anything but an object.
+    """
+
+    @property
+    def sent_canonical(self) -> str:
+        """`sent` in canonical form."""
+        return self.canonical if self.sent == self.text else self.sent
 
 
 def read(arguments: Any) -> Arguments:
@@ -111,18 +124,36 @@ def read(arguments: Any) -> Arguments:
         return _read(text)
     cached = _read_again(text)
     # The caller may change the values, and the cache is shared by all episodes.
-    return Arguments(cached.text, cached.canonical, dict(cached.values), None) if cached.values else cached
+    return Arguments(cached.text, cached.canonical, dict(cached.values), None, cached.sent) if cached.values else cached
 
 
 def _read(text: str) -> Arguments:
+    if text in ("", "{}"):
+        return Arguments(text, text, {}, None, "{}")
     try:
         values = parse(text)
-        canonical = text if text in ("", "{}") else _encode(values)
+        canonical = _encode(values)
     except _UnreadableError as error:
-        return Arguments(text, text, None, error.problem)
+        return Arguments(text, text, None, error.problem, "{}" if text.strip() in ("", "null") else _wrapped(text))
     except (ValueError, RecursionError):  # Python reads 1e999 as infinity, which is not JSON
-        return Arguments(text, text, values, None)
-    return Arguments(text, canonical, values, None)
+        return Arguments(text, text, values, None, _wrapped(text))
+    return Arguments(text, canonical, values, None, text if _is_portable(canonical) else _wrapped(text))
+
+
+def _wrapped(text: str) -> str:
+    return _encode({"arguments": text})
+
+
+def _is_portable(canonical: str) -> bool:
+    """Whether every server can read an object: none of its texts has half a character, no number exceeds a double."""
+    if canonical.isascii() and len(canonical) < _LARGEST:
+        return True
+    try:
+        canonical.encode()
+        _encode(json.loads(canonical, parse_int=float))
+    except ValueError:
+        return False
+    return True
 
 
 _read_again = functools.lru_cache(1_024)(_read)
