@@ -155,8 +155,9 @@ def assistant_message(message: Mapping[str, Any]) -> Message:
     """Return a reply in canonical form, as a deep copy. A message that is not a reply raises `InvalidArgumentError`.
 
     Fields that chat completions do not define become a provider item, so that nothing of a reply is lost. Null and
-    empty fields, which client libraries add, are dropped. Arguments become text, and the two halves of a character
-    that a stream delivered separately are joined.
+    empty fields, which client libraries add, are dropped, but for empty thoughts beside calls: servers that say them
+    want them back. Arguments become text, and the two halves of a character that a stream delivered separately are
+    joined.
     """
     if not isinstance(message, Mapping):
         raise InvalidArgumentError(f"A reply is a message, a mapping, not {type(message).__name__}.")
@@ -167,8 +168,9 @@ def assistant_message(message: Mapping[str, Any]) -> Message:
         canonical["tool_calls"] = [_tool_call(call) for call in _listed(calls)]
     if message.get("name"):
         canonical["name"] = _name(message["name"])
-    unknown = {key: value for key, value in message.items() if value and key not in _FIELDS}
-    if reasoning := message.get("reasoning_content"):
+    unknown = {key: value for key, value in message.items() if key not in _FIELDS and value not in _EMPTY}
+    reasoning = message.get("reasoning_content")
+    if reasoning or (reasoning == "" and calls):
         if isinstance(reasoning, str):
             canonical["reasoning_content"] = whole(reasoning)
         else:
@@ -289,6 +291,7 @@ def copy_of(message: Message) -> Message:
 
 
 _FIELDS = frozenset(Message.__annotations__)
+_EMPTY: tuple[Any, ...] = (None, "", [], {})
 _HOST_FIELDS = frozenset({"role", "content", "name", "tool_call_id"})
 
 
