@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.context.prompts.history import history_of
@@ -62,7 +62,8 @@ def sent_arguments(prompt: sp.Prompt) -> list[str]:
         ('{"a": 1, "a": 2}', '{"arguments": "{\\"a\\": 1, \\"a\\": 2}"}'),
         ('{"action": 1e999}', '{"arguments": "{\\"action\\": 1e999}"}'),
         ('{"action": 1' + "0" * 400 + "}", '{"arguments": "{\\"action\\": 1' + "0" * 400 + '}"}'),
-        ('{"action": "\\ud83d"}', '{"arguments": "{\\"action\\": \\"\\\\ud83d\\"}"}'),
+        ('{"action": "\\ud83d"}', '{"action": "\ufffd"}'),
+        ('{"\\ud83d": 1, "\\ud83e": 2}', '{"arguments": "{\\"\\\\ud83d\\": 1, \\"\\\\ud83e\\": 2}"}'),
         ("{" * 300, '{"arguments": "' + "{" * 300 + '"}'),
     ],
 )
@@ -86,6 +87,8 @@ JSON = st.recursive(
 )
 
 
+@example("\ud83d")
+@example('{"a": "\ud83d", "b": 1e999}')
 @given(st.text(st.characters(exclude_categories=())) | JSON.map(json.dumps) | JSON)
 def test_whatever_a_model_wrote_is_an_object_that_every_server_reads(said):
     """Strictly: no NaN, no half character, no repeated key; and what is sent is its own form."""

@@ -66,9 +66,6 @@ def _call(call: MessageToolCall) -> MessageToolCall:
 RENAMED = {"type": "chat_reasoning"}
 """The provider item of a reply whose thoughts came as `reasoning`, the newer name of `reasoning_content`."""
 
-NOTHING = "..."
-"""The words of a reply that has neither words nor calls, in requests: Mistral refuses one that is empty."""
-
 CALL_FIELDS = "chat_call_fields"
 """The type of the provider item with what a server has added to each call, such as Gemini's signature of thoughts."""
 
@@ -237,8 +234,8 @@ def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any
     sent["content"] = put_together(message)
     if calls := _calls(message):
         sent["tool_calls"] = calls
-    elif not sent["content"]:
-        sent["content"] = NOTHING
+    elif sent["content"] is None:
+        sent["content"] = ""
     if RENAMED in message.get("provider_items", ()):
         sent["reasoning"] = sent.pop("reasoning_content")
     return sent

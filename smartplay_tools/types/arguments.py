@@ -29,6 +29,7 @@ __all__ = [
     "object_in",
     "read",
     "value_in",
+    "well_formed",
 ]
 
 
@@ -107,6 +108,7 @@ class Arguments:
     """What is wrong with the text."""
     sent: str
     """What a prompt holds of them: the text if it is an object, `{}` for nothing, any other text wrapped in an object.
+    Half a character is U+FFFD in it.
 
     Servers parse the arguments of earlier calls, and refuse a request in which they are anything but an object.
     """
@@ -137,23 +139,33 @@ def _read(text: str) -> Arguments:
         return Arguments(text, text, None, error.problem, "{}" if text.strip() in ("", "null") else _wrapped(text))
     except (ValueError, RecursionError):  # Python reads 1e999 as infinity, which is not JSON
         return Arguments(text, text, values, None, _wrapped(text))
-    return Arguments(text, canonical, values, None, text if _is_portable(canonical) else _wrapped(text))
+    return Arguments(text, canonical, values, None, _portable(text, canonical))
 
 
 def _wrapped(text: str) -> str:
-    return _encode({"arguments": text})
+    return _encode({"arguments": well_formed(text)})
 
 
-def _is_portable(canonical: str) -> bool:
-    """Whether every server can read an object: none of its texts has half a character, no number exceeds a double."""
+def _portable(text: str, canonical: str) -> str:
+    """An object that every server reads: without halves of characters, and with no number beyond a double."""
     if canonical.isascii() and len(canonical) < _LARGEST:
-        return True
+        return text
+    whole = well_formed(canonical)
     try:
-        canonical.encode()
-        _encode(json.loads(canonical, parse_int=float))
+        parse(whole)  # two keys may have become one
+        _encode(json.loads(whole, parse_int=float))
     except ValueError:
-        return False
-    return True
+        return _wrapped(text)
+    return text if whole == canonical else whole
+
+
+def well_formed(text: str) -> str:
+    """Return the text with pairs of surrogates joined to their character and each lone one replaced by U+FFFD."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
+    return text
 
 
 _read_again = functools.lru_cache(1_024)(_read)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, NotRequired, Required, TypedDict, TypeVar, cast
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types.arguments import DEEPEST, Arguments, as_text, read
+from smartplay_tools.types.arguments import DEEPEST, Arguments, as_text, read, well_formed
 from smartplay_tools.types.pictures import Picture, is_picture
 from smartplay_tools.types.reply_fields import readable, texts_in
 
@@ -440,15 +440,6 @@ def encodable(value: Any) -> Any:
             elif isinstance(item, float) and not math.isfinite(item):
                 parent[place] = str(item)
     return copy[0]
-
-
-def well_formed(text: str) -> str:
-    """Return the text with pairs of surrogates joined to their character and each lone one replaced by U+FFFD."""
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
-    return text
 
 
 def accepted_name(name: str, longest: int = 64) -> str:

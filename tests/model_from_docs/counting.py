@@ -67,18 +67,21 @@ def as_sent(reply: Mapping[str, Any]) -> dict[str, Any]:
         {**call, "function": {**call["function"], "arguments": _sent(call["function"]["arguments"])}}
         for call in reply.get("tool_calls", ())
     ]
-    return {**reply, "tool_calls": calls} if calls else dict(reply)
+    words = reply["content"] if calls or text_of(reply).strip() else "..."
+    return {**reply, "content": words, **({"tool_calls": calls} if calls else {})}
 
 
 def _sent(arguments: str) -> str:
     if arguments.strip() in ("", "null"):
         return "{}"
     try:
-        json.dumps(read_object(arguments), ensure_ascii=False, allow_nan=False).encode()
-        is_object = read_object(arguments) is not None
-    except ValueError:  # a number beyond every double, or half a character
-        is_object = False
-    return arguments if is_object else json.dumps({"arguments": arguments}, ensure_ascii=False)
+        printed = json.dumps(read_object(arguments), ensure_ascii=False, allow_nan=False)
+        is_object = read_object(without_surrogates(printed)) is not None
+    except ValueError:  # a number beyond every double
+        is_object, printed = False, ""
+    if not is_object:
+        return json.dumps({"arguments": without_surrogates(arguments)}, ensure_ascii=False)
+    return arguments if printed == without_surrogates(printed) else without_surrogates(printed)
 
 
 UNREAD = "id call_id tool_call_id type kind part_kind role phase format status index signature thought_signature"

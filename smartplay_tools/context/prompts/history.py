@@ -12,7 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from smartplay_tools.types.arguments import read
-from smartplay_tools.types.messages import Call, Message, calls_of, reasoning_of, with_arguments
+from smartplay_tools.types.messages import Call, Message, calls_of, reasoning_of, text_of, with_arguments
+
+NOTHING = "..."
+"""The words of a reply that has neither words nor calls: servers refuse a message that is empty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +29,10 @@ class History:
 
     def sent(self, reply: Message, calls: Sequence[Call]) -> Message | None:
         """Return a reply as later prompts hold it; None if that is what the model said."""
-        if not self.has_objects or not calls:
+        if not self.has_objects:
             return None
+        if not calls:
+            return None if text_of(reply).strip() else {**reply, "content": NOTHING}
         changed = with_arguments(reply, [call.arguments.sent for call in calls])
         return None if changed is reply else changed
 
