@@ -92,6 +92,8 @@ def thoughts(message: Mapping[str, Any]) -> str:
     """Return the text of a reply's thoughts: `reasoning_content`, then all that is readable in its items."""
 
     def readable(value: Any) -> list[str]:
+        if isinstance(value, dict) and value.get("type") == "function_call":
+            return []  # counted as a call
         if isinstance(value, dict):
             inner = [readable(each) for name, each in value.items() if name not in UNREAD.split()]
         else:
