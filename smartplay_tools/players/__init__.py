@@ -19,6 +19,8 @@ if TYPE_CHECKING:
         count_in as count_in,
         error_in as error_in,
         plain_answer as plain_answer,
+        reported_in as reported_in,
+        with_end as with_end,
     )
     from smartplay_tools.players.model import ModelPlayer as ModelPlayer
     from smartplay_tools.players.player_registry import (
@@ -35,7 +37,8 @@ if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.players.attempts": "BrokenAnswerError ModelCallError count_in error_in plain_answer",
+            "smartplay_tools.players.attempts": "BrokenAnswerError ModelCallError count_in error_in plain_answer "
+            "reported_in with_end",
             "smartplay_tools.players.model": "ModelPlayer",
             "smartplay_tools.players.player_registry": "PLAYERS get_player is_interactive is_model player_names",
             "smartplay_tools.players.prompt_reading": "Reading call",
