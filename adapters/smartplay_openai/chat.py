@@ -121,10 +121,11 @@ class ChatCompletions(Interface):
         """Return the completion that consists of a stream's chunks."""
         message: dict[str, Any] = {"role": "assistant", "content": None}
         calls: list[tuple[int, dict[str, Any]]] = []
-        usage, finished = None, None
+        usage, finished, is_over = None, None, False
         for chunk in map(plain_answer, parts):
             usage = chunk.get("usage") or usage
-            # The chunk with the usage has no choices.
+            # The chunk with the usage has no choices, and comes after the reply.
+            is_over = is_over or bool(chunk.get("usage") and not chunk.get("choices"))
             for choice in _objects(chunk.get("choices")):
                 if choice.get("index"):
                     continue  # of several choices the first is the reply
@@ -137,7 +138,8 @@ class ChatCompletions(Interface):
                     _add_fields(message, delta)
         if calls:
             message["tool_calls"] = [call for _, call in sorted(calls, key=itemgetter(0))]
-        if not finished and not (calls and all(_is_whole(call) for _, call in calls)):
+        is_whole = bool(calls) and all(_is_whole(call) for _, call in calls)
+        if not (finished or is_over or is_whole):
             raise BrokenAnswerError("The stream ended before the reply did.", read_usage(usage, "prompt", "completion"))
         return {"choices": [{"message": message, "finish_reason": finished}], "usage": usage}
 
