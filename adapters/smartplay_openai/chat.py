@@ -343,10 +343,11 @@ def _message(message: Any, param: str) -> Message:
 
 
 def _usage(usage: Usage) -> dict[str, Any]:
+    read = {} if usage.cached is None else {"cached_tokens": usage.cached}
     return {
         "prompt_tokens": usage.prompt,
         "completion_tokens": usage.reply,
         "total_tokens": usage.prompt + usage.reply,
-        "prompt_tokens_details": {"cached_tokens": usage.cached or 0, "cache_write_tokens": usage.written},
+        "prompt_tokens_details": {**read, "cache_write_tokens": usage.written},
         "completion_tokens_details": {"reasoning_tokens": usage.reasoning},
     }

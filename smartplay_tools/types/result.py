@@ -107,8 +107,8 @@ class Usage(Recorded):
 
     prompt: int = 0
     reply: int = 0
-    cached: int | None = 0
-    """None if the provider does not say; then they cost as any other."""
+    cached: int | None = None
+    """None if the provider does not say; then all tokens of the prompt cost the same."""
     written: int = 0
     written_1h: int = 0
     """The part of `written` that is kept for an hour, where a provider reports it separately."""

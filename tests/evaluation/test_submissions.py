@@ -20,6 +20,7 @@ from smartplay_tools.evaluation.board.submissions import (
     report_json,
     report_text,
 )
+from smartplay_tools.evaluation.board.submissions.submitted_plan import check_suite, read_plan
 from smartplay_tools.evaluation.run_folder import RunFolder
 from smartplay_tools.evaluation.run_folder.folder import Until
 from smartplay_tools.evaluation.runs import PlayerConfig
@@ -275,7 +276,9 @@ def test_the_reference_rows_are_of_the_suite_as_it_is_planned(player):
     folder = Path(__file__).parents[2] / "experiments" / "tools-v1" / player
     if not folder.exists():
         pytest.skip("not in a checkout")
-    keys = [episode.key for episode in plan_suite(get_suite("tools-v1"), [player]).episodes]
+    planned = plan_suite(get_suite("tools-v1"), [player]).with_prompts("v1")  # the version under which they were played
+    keys = [episode.key for episode in planned.episodes]
     manifest = json.loads((folder / "manifest.json").read_text())
     assert [episode["key"] for episode in manifest["episodes"]] == keys
+    assert not list(check_suite(read_plan(manifest), "tools-v1", "standard")), "and still a run of the suite"
     assert [row["key"] for row in RunFolder(folder).rows()] == keys
