@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-__all__ = ["NOT_COUNTED", "NOT_SENT", "REPLY_FIELDS", "ReplyField", "merged", "readable", "texts_in"]
+__all__ = ["NOT_COUNTED", "NOT_SENT", "REPLY_FIELDS", "merged"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +88,8 @@ NOT_COUNTED = frozenset(
         "status",
         "index",
     }
-    | {"signature", "thought_signature", "thoughtSignature", "encrypted_content", "encrypted_index", "cache_control"}
-    | {"model_name", "model_provider", "provider_name"}
+    | {"signature", "thought_signature", "thoughtSignature", "encrypted_content", "encrypted_index"}
+    | {"cache_control", "model_name", "model_provider", "provider_name"}
 )
 """The names, at any depth, of texts that nobody reads: ids, types, signatures, encrypted data, names of providers."""
 

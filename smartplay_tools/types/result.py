@@ -1,9 +1,4 @@
-"""The state of an episode, and its result.
-
-Tools, their calls and their results, and the names of the tools that an agent can have.
-
-The tokens of a reply: those that a provider reports, and those that a model drew.
-"""
+"""The results of calls and of episodes, with the tools that are called and the tokens of replies."""
 
 from __future__ import annotations
 

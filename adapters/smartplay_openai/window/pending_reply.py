@@ -1,4 +1,4 @@
-"""A reply as the host gets it, and what has become of each of its calls.
+"""A reply as the host gets it, and the state of each of its calls.
 
 A host runs the calls of a reply through a transport that knows neither the reply nor the ids of its calls, so which
 call is meant has to be told from its name and its arguments.

@@ -58,7 +58,7 @@ class Allowed:
     """What a replay may use in addition to what is always safe."""
 
     engines: Sequence[str] = ()
-    """Engines that are programs of their own."""
+    """Engines that are separate programs."""
     plugins: bool = False
     """Games of installed packages, which are imported for it."""
     tokenizer: str | None = None
@@ -83,6 +83,7 @@ class SubmittedPlan(Manifest):
     episodes: Annotated[tuple[ManifestEpisode, ...], FailFast(), Field(min_length=1, max_length=MOST_EPISODES)]
     shard: None
     run_file: None = None
+    strategy_files: None = None
     spending: None = None
 
     @field_validator("prices", mode="before")
