@@ -89,9 +89,9 @@ NOT_COUNTED = frozenset(
         "index",
     }
     | {"signature", "thought_signature", "thoughtSignature", "encrypted_content", "encrypted_index"}
-    | {"cache_control", "model_name", "model_provider", "provider_name"}
+    | {"cache_control", "model", "response_id", "model_name", "model_provider", "provider_name"}
 )
-"""The names, at any depth, of texts that nobody reads: ids, types, signatures, encrypted data, names of providers."""
+"""The names, at any depth, of texts that nobody reads: ids, types, signatures, encrypted data, names of models and providers."""
 
 ENCRYPTED = {"redacted_thinking": "data", "reasoning.encrypted": "data"}
 """The types of parts with an encrypted field, and the field."""
