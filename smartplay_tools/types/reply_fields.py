@@ -136,7 +136,7 @@ def merged(before: Any, piece: Any) -> Any:
         return parts
     if isinstance(before, Mapping) and isinstance(piece, Mapping):
         return {**before, **{name: _merged_field(name, before.get(name), value) for name, value in piece.items()}}
-    return before if piece in (None, "") else piece
+    return piece if before is None or piece not in (None, "") else before
 
 
 def _merged_field(name: str, before: Any, piece: Any) -> Any:
