@@ -7,7 +7,7 @@ recorded and sent back to the model with their turn.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from langchain_core.messages import (
@@ -23,9 +23,11 @@ from langchain_core.messages import (
 from langchain_core.messages.ai import UsageMetadata
 
 from smartplay_tools import Message, Usage
+from smartplay_tools.players import with_end
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import (
     SYSTEM,
+    MessageToolCall,
     accepted_name,
     encodable,
     function_call,
@@ -51,11 +53,6 @@ NOTHING = "..."
 
 ENDS = ("finish_reason", "stop_reason", "stopReason", "done_reason")
 """The fields of a reply's metadata in which providers' packages keep why it ended."""
-
-AT_ITS_LENGTH = frozenset(
-    {"length", "max_output_tokens", "max_tokens", "model_context_window_exceeded", "model_length"}
-)
-"""What providers say there of a reply that they ended at its length, in small letters."""
 
 CALL_PARTS = {"tool_use": "id", "function_call": "call_id"}
 """The types of parts that are calls, at Anthropic and OpenAI, with the name of the field that has the call's id."""
@@ -116,28 +113,28 @@ def from_langchain(message: BaseMessage) -> Message:
 
 
 def usage_of(message: AIMessage) -> Usage | None:
-    """Return the usage that the provider reported with a reply, and whether it was cut at its length."""
-    usage, cut = message.usage_metadata, int(_is_cut(message.response_metadata))
+    """Return the usage that the provider reported with a reply, and why it ended."""
+    usage = message.usage_metadata
     if usage is None:
-        return Usage(cut=cut) if cut else None
+        return with_end(None, *_reasons(message))
     parts: Mapping[str, Any] = usage.get("input_token_details", {})
     # Anthropic's writes are split by how long they are kept, and its sum is then 0.
     short, written_1h = (parts.get(f"ephemeral_{kept}_input_tokens") or 0 for kept in ("5m", "1h"))
-    return Usage(
+    read = Usage(
         prompt=usage["input_tokens"],
         reply=usage["output_tokens"],
-        cached=parts.get("cache_read") or 0,
+        cached=parts.get("cache_read"),
         written=parts.get("cache_creation") or short + written_1h,
         written_1h=written_1h,
         reasoning=usage.get("output_token_details", {}).get("reasoning") or 0,
-        cut=cut,
     )
+    return with_end(read, *_reasons(message))
 
 
 def usage_metadata_of(usage: Usage) -> UsageMetadata:
     """Return a player's usage as LangChain's."""
     details: Any = {  # the last is Anthropic's alone
-        "cache_read": usage.cached,
+        "cache_read": usage.cached or 0,
         "cache_creation": usage.written,
         "ephemeral_1h_input_tokens": usage.written_1h,
     }
@@ -150,11 +147,13 @@ def usage_metadata_of(usage: Usage) -> UsageMetadata:
     }
 
 
-def _is_cut(metadata: Mapping[str, Any]) -> bool:
-    """Whether a reply was ended at its length, wherever its provider says so."""
+def _reasons(message: AIMessage) -> Iterator[Any]:
+    """Why a reply ended, wherever its provider says so."""
+    metadata = message.response_metadata
     details = metadata.get("incomplete_details")  # of OpenAI's Responses
-    reasons = [details.get("reason") if isinstance(details, Mapping) else None, *map(metadata.get, ENDS)]
-    return any(isinstance(reason, str) and reason.lower() in AT_ITS_LENGTH for reason in reasons)
+    yield details.get("reason") if isinstance(details, Mapping) else None
+    yield from map(metadata.get, ENDS)
+    yield "refusal" if message.additional_kwargs.get("refusal") else None
 
 
 def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessage:
@@ -176,8 +175,8 @@ def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessa
             valid.append(ToolCall(name=name, args=arguments, id=call["id"], type="tool_call"))
     item = kept_item(message, ITEM) or {}
     kept = {"content": text, **item.get("message", {})}
-    new = [call["id"] for call in message.get("tool_calls", ())]
-    kept["content"] = with_call_ids(kept["content"], zip(item.get("calls", ()), new, strict=False))
+    pairs = zip(item.get("call_ids", item.get("calls", ())), message.get("tool_calls", ()), strict=False)
+    kept["content"] = _with_calls(kept["content"], pairs)
     return AIMessage(**kept, tool_calls=valid, invalid_tool_calls=invalid)
 
 
@@ -190,23 +189,29 @@ def image_block(picture: Picture) -> dict[str, Any]:
     return {"type": "image", "base64": picture.base64, "mime_type": "image/png"}
 
 
-def with_call_ids(content: Any, renamed: Iterable[tuple[str, str]]) -> Any:
-    """Return the content of a reply with the ids that its calls have now, given pairs of an id as sent and the new one.
+def _with_calls(content: Any, sent: Iterable[tuple[str, MessageToolCall]]) -> Any:
+    """Return the content of a reply with its calls as a prompt holds them, given pairs of an id as sent and a call.
 
-    Providers' packages compare the calls among the parts of a reply with its `tool_calls`, and send both if ids differ.
+    Providers' packages compare the calls among the parts of a reply with its `tool_calls`: they send both if ids
+    differ, and some send the arguments of the parts.
     """
     if not isinstance(content, list):
         return content
-    left: dict[str, list[str]] = {}
-    for sent, new in renamed:
-        left.setdefault(sent, []).append(new)
+    left: dict[str, list[MessageToolCall]] = {}
+    for call_id, call in sent:
+        left.setdefault(call_id, []).append(call)
 
-    def part_with_id(part: Any) -> Any:
+    def part_with_call(part: Any) -> Any:
         field = CALL_PARTS.get(part.get("type", "")) if isinstance(part, dict) else None
-        ids = left.get(part.get(field, "")) if field else None
-        return {**part, field: ids.pop(0)} if ids else part
+        calls = left.get(part.get(field, "")) if field else None
+        if not field or not calls:
+            return part
+        call = calls.pop(0)
+        text = call["function"]["arguments"]
+        arguments = {"arguments": text} if "arguments" in part else {"input": object_in(text) or {}}
+        return {**part, field: call["id"], **arguments}
 
-    return [part_with_id(part) for part in content]
+    return [part_with_call(part) for part in content]
 
 
 def _from_reply(reply: AIMessage) -> Message:
@@ -216,7 +221,7 @@ def _from_reply(reply: AIMessage) -> Message:
         return reply_message(_words(reply), listed)
     kept = reply.model_dump(mode="json", include={"content", "additional_kwargs"})
     kept["response_metadata"] = {k: v for k, v in reply.response_metadata.items() if k == "model_provider"}
-    sent = {"calls": [call["id"] or "" for call in calls]} if calls else {}
+    sent = {"call_ids": [call["id"] or "" for call in calls]} if calls else {}
     blocks = [block for block in reply.content_blocks if block["type"] == "reasoning"]
     reasoning = "".join(str(block.get("reasoning", "")) for block in blocks)
     return reply_message(_words(reply), listed, {"type": ITEM, "message": kept, **sent}, reasoning)

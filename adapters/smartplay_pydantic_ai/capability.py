@@ -45,7 +45,7 @@ from smartplay_pydantic_ai.messages import (
     to_response,
     tool_spec,
     usage_of,
-    with_ids,
+    with_calls,
 )
 from smartplay_tools import (
     AgentSession,
@@ -220,8 +220,8 @@ class SmartPlay(AbstractCapability[Any]):
             return await self._another_attempt()
         foreign = {tool.name for tool in session.foreign_tools}
         self._results = {call.id: await session.aanswer(call.id) for call in calls if call.name not in foreign}
-        response = with_ids(response, [call.id for call in calls])
-        self._chat.remember(turn.assistant, response)
+        response = with_calls(response, turn.assistant)
+        self._chat.remember(turn.shown, with_calls(response, turn.shown))
         runnable = [part for part in response.parts if not isinstance(part, ToolCallPart) or self._can_run(part)]
         if any(isinstance(part, ToolCallPart) for part in runnable):
             return dataclasses.replace(response, parts=runnable)
@@ -353,7 +353,7 @@ class PlayerModel(FunctionModel):
             response.usage = RequestUsage(
                 input_tokens=usage.prompt,
                 output_tokens=usage.reply,
-                cache_read_tokens=usage.cached,
+                cache_read_tokens=usage.cached or 0,
                 cache_write_tokens=usage.written,
                 details={"reasoning_tokens": usage.reasoning},
             )

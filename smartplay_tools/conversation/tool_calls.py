@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from smartplay_tools.context.prompts.history import history_of
 from smartplay_tools.context.view import View
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply, Pending
@@ -24,6 +25,7 @@ from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Progress, SampledTokens, ToolResult, ToolSpec, Usage
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import Call, Message, head_messages, host_message, text_of
+from smartplay_tools.types.result import UNUSUAL_ENDS
 
 IDLE_REPLIES = 3
 """The number of replies in a row without a tool call that ends an episode."""
@@ -45,6 +47,7 @@ class ToolConversation(BaseConversation):
         head: Sequence[Mapping[str, Any]] = (),
         foreign_tools: Sequence[ToolSpec] = (),
     ) -> None:
+        self._history = history_of(episode.words.version)
         whole_head, tools = self._use_head(episode, head, foreign_tools)
         kind = ContextWindow
         if episode.ledger.strategies.custom is not None:
@@ -64,7 +67,7 @@ class ToolConversation(BaseConversation):
         """Take note of the host's messages and tools; return the whole head and all tools."""
         if clash := {tool.name for tool in foreign_tools} & {tool.name for tool in episode.tools}:
             raise InvalidArgumentError(f"The game's own tools are named {', '.join(sorted(clash))}; rename yours.")
-        host_head, tools = head_messages(head), (*episode.tools, *foreign_tools)
+        host_head, tools = self._history.head(head_messages(head)), (*episode.tools, *foreign_tools)
         whole_head = [*episode.head, *host_head]
         if episode.budget.prompt_tokens is not None:
             budgets.check_head(episode.budget, episode.counter.prompt(whole_head, tools), episode.ledger.strategies)
@@ -84,7 +87,8 @@ class ToolConversation(BaseConversation):
         with self.episode.lock:
             if self.episode.result is not None:
                 return
-            if (head_messages(head), tuple(foreign_tools)) == (list(self.host_head), self.foreign_tools):
+            asked = self._history.head(head_messages(head)), tuple(foreign_tools)
+            if asked == (list(self.host_head), self.foreign_tools):
                 return
             if self._pending is not None or self._foreign_waiting():
                 raise InvalidArgumentError(
@@ -135,7 +139,7 @@ class ToolConversation(BaseConversation):
             self._results, self._edits = {}, {}
             self._idle_in_a_row = 0 if calls else self._idle_in_a_row + 1
             if not calls:
-                self._answer_idle_reply()
+                self._answer_idle_reply(reply.usage or {})
             return calls
 
     def _take_summary(self, pending: Pending, reply: CheckedReply) -> None:
@@ -300,8 +304,9 @@ class ToolConversation(BaseConversation):
         self._ledger.record(event)
         self._builder.add(message, position)
 
-    def _answer_idle_reply(self) -> None:
+    def _answer_idle_reply(self, usage: Mapping[str, Any]) -> None:
         self._add({"role": "user", "content": self.episode.words("idle")}, "library", None)
         if self._idle_in_a_row == IDLE_REPLIES:
-            self.episode.end("no_tool_call")
+            why = next((words for name, words in UNUSUAL_ENDS.items() if usage.get(name)), None)
+            self.episode.end("no_tool_call", detail=None if why is None else f"The last reply was {why}.")
         self._ledger.complete_turn()

@@ -210,7 +210,8 @@ def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> 
     usages = {_key(event): event for event in record.usages if "prompt" in event}
     if not usages and record.messages:
         raise TranscriptError(f"{record.called} has no usage, so nothing can be said about its cost.")
-    units = _Units(record, shared_counter(tokenizer or record.start["config"].get("tokenizer")))
+    config = record.start["config"]
+    units = _Units(record, shared_counter(tokenizer or config.get("tokenizer"), config["prompts"]))
     sent = zip(record.views, units.prompts(), _times(record), strict=True)
     prompts = {_key(view): (prompt, at) for view, prompt, at in sent}
     replies, ratio = units.replies(), _ratio(usages.values())
@@ -316,13 +317,13 @@ class _Units:
         return self._partly[key]
 
     def replies(self) -> dict[Key, Unit]:
-        """Return the units of the replies, as they are shown again."""
+        """Return the units of the replies as they were said, which is mostly how they are shown again."""
         record = self._record
         edited = {call["turn"] for call in record.calls if call.get("host") == "edited"}
         sent = {event["turn"]: event for event in record.messages if event["by"] == "player"}
         replies: dict[Key, Unit] = {}
         for number, event in sent.items():
-            if record.is_paper or number in edited:
+            if record.is_paper or number in edited or record.turns[number].sent is not None:
                 ids = event.get("ids") or [call["id"] for call in calls_of(event["message"])]
                 replies[number, "play"] = self._of(with_ids(event["message"], ids))
             else:

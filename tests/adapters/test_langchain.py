@@ -178,9 +178,10 @@ def test_usage_is_taken_over():
 def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(metadata, cut):
     counts = {"input_tokens": 9, "output_tokens": 4, "total_tokens": 13}
     reply = AIMessage("I thi", response_metadata=metadata, usage_metadata=counts)
-    assert usage_of(reply) == sp.Usage(prompt=9, reply=4, cut=cut)
+    refused = int("content_filter" in str(metadata))
+    assert usage_of(reply) == sp.Usage(prompt=9, reply=4, cut=cut, refused=refused)
     without = AIMessage("I thi", response_metadata=metadata)
-    assert usage_of(without) == (sp.Usage(cut=1) if cut else None)
+    assert usage_of(without) == (sp.Usage(cut=cut, refused=refused) if cut or refused else None)
 
 
 THINKING = {"type": "thinking", "thinking": "Hm.", "signature": "s"}

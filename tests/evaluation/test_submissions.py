@@ -15,6 +15,7 @@ from smartplay_tools.evaluation.board.submissions.check import Checked, check_su
 from smartplay_tools.evaluation.board.submissions.check_report import report_json, report_text
 from smartplay_tools.evaluation.board.submissions.issued_seeds import issue_seed, read_seeds
 from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
+from smartplay_tools.evaluation.board.submissions.submitted_plan import check_suite, read_plan
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, Until
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.suites import get_suite
@@ -261,7 +262,10 @@ def test_the_reference_rows_are_of_the_suite_as_it_is_planned(player):
     folder = Path(__file__).parents[2] / "experiments" / "tools-v1" / player
     if not folder.exists():
         pytest.skip("not in a checkout")
-    keys = [episode.key for episode in plan_suite(get_suite("tools-v1"), [player]).episodes]
+    planned = plan_suite(get_suite("tools-v1"), [player]).with_prompts("v1")  # the version under which they were played
+    keys = [episode.key for episode in planned.episodes]
     manifest = json.loads((folder / "manifest.json").read_text())
     assert [episode["key"] for episode in manifest["episodes"]] == keys
+    plan = read_plan({**manifest, "spending": None})  # as in a bundle
+    assert not list(check_suite(plan, "tools-v1", "standard")), "a run of an earlier version is one of the suite"
     assert [row["key"] for row in RunFolder(folder).rows()] == keys

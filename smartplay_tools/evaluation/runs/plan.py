@@ -81,14 +81,28 @@ class Plan:
         )
 
     def as_recorded(self, folder: RunFolder) -> Plan:
-        """Return the plan with the keys that a run's folder has for strategies in files.
+        """Return the plan with the keys that a run's folder has.
 
-        Earlier versions recorded the path of such a file as it was written, and the keys follow from it.
+        They follow from the version of the prompts, with which a run that has begun goes on, and from the names of
+        strategies in files: earlier versions recorded the path of such a file as it was written.
         """
-        if not any(cell.strategy_sha256 for cell in self.cells) or not (folder.path / "manifest.json").exists():
+        if not (folder.path / "manifest.json").exists():
             return self
-        recorded = {with_recorded_name(cell).digest: cell for cell in folder.manifest().cells}
-        cells = tuple(recorded.get(cell.digest, cell) for cell in self.cells)
+        before, plan = folder.manifest().cells, self
+        if len(begun := {cell.prompts for cell in before}) == 1:
+            plan = plan.with_prompts(*begun)
+        if not any(cell.strategy_sha256 for cell in plan.cells):
+            return plan
+        recorded = {with_recorded_name(cell).digest: cell for cell in before}
+        return plan._with_cells(recorded.get(cell.digest, cell) for cell in plan.cells)
+
+    def with_prompts(self, version: str) -> Plan:
+        """Return the plan with a version of the prompts."""
+        return self._with_cells(cell.model_copy(update={"prompts": version}) for cell in self.cells)
+
+    def _with_cells(self, changed: Iterable[CellConfig]) -> Plan:
+        """Return the plan with other cells, from which other keys follow."""
+        cells = tuple(changed)
         keys = {e.key: cells[e.place].with_seed(e.seed, e.repeat).key for e in self.episodes}
         episodes = (
             replace(e, key=keys[e.key], cell=cells[e.place], after=None if e.after is None else keys[e.after])
@@ -202,7 +216,7 @@ def plan_suite(
 def check_playable(cell: CellConfig) -> None:
     """Check the options of the game, its engine and the budget by creating them, without making a world."""
     with closing(cell.make_game(cell.spec)) as game:
-        GameSession(cell.spec, game, cell, shared_counter(cell.tokenizer))
+        GameSession(cell.spec, game, cell, shared_counter(cell.tokenizer, cell.prompts))
 
 
 def _trials(cell: CellConfig, place: int, worlds: int, seed: int, repeats: int) -> Iterator[PlannedEpisode]:

@@ -216,7 +216,10 @@ def _check_games(plan: SubmittedPlan, suite: Suite) -> Iterator[Finding]:
 
 def _check_fixed(plan: SubmittedPlan, suite: Suite) -> Iterator[Finding]:
     first = plan.cells[0]
-    expected = {cell.digest: cell for cell in suite.cells(first.player, first.player_options)}
+    # A suite is played under the newest version of the prompts, and was under an earlier one before.
+    cells = suite.cells(first.player, first.player_options)
+    in_version = [cell.model_copy(update={"prompts": first.prompts}) for cell in cells]
+    expected = {cell.digest: cell for cell in in_version}
     played = Counter(plan.digests[episode.cell] for episode in plan.episodes if episode.cell < len(plan.cells))
     for digest, cell in expected.items():
         name = f"{cell.game} with {cell.budget.describe() or 'the default budget'}"
