@@ -188,39 +188,26 @@ def by_pydantic_ai(interface: str) -> Play:
         )
 
         async def run() -> None:
-            limits = UsageLimits(request_limit=None)
-            if not stream:
-                await agent.run("Play.", usage_limits=limits)
-                return
-            async with agent.run_stream("Play.", usage_limits=limits) as result:
-                await result.get_output()
+            await agent.run("Play.", usage_limits=UsageLimits(request_limit=None))
 
         asyncio.run(run())
 
     return play
 
 
-def by_inspect(model: str) -> Play:
-    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
-        from inspect_ai import Task, eval as evaluate
-        from inspect_ai.dataset import Sample
-        from inspect_ai.model import get_model
-        from smartplay_inspect import smartplay_agent
+def by_inspect(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    from inspect_ai import Task, eval as evaluate
+    from inspect_ai.dataset import Sample
+    from inspect_ai.model import get_model
+    from smartplay_inspect import smartplay_agent
 
-        task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
-        own = {"responses_api": False} if model == "openai" else {}
-        asked = get_model(
-            f"{model}/{server.dialect.model}",
-            base_url=server.base_url,
-            api_key="k",
-            streaming=stream,
-            memoize=False,
-            **own,
-        )
-        (log,) = evaluate(task, model=asked, display="none", max_retries=0)
-        assert log.status == "success", log.error
-
-    return play
+    is_openai = server.dialect.interface == "chat" and not server.dialect.thinks
+    name = f"{'openai' if is_openai else 'openai-api/server'}/{server.dialect.model}"
+    own = {"responses_api": False, "memoize": False}
+    model = get_model(name, base_url=server.base_url, api_key="k", **own)
+    task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
+    (log,) = evaluate(task, model=model, display="none", max_retries=0)
+    assert log.status == "success", log.error
 
 
 def by_verifiers(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
@@ -245,6 +232,8 @@ def by_openenv(server: DialectServer, episode: sp.Episode, stream: bool) -> None
     from smartplay_openai import chat_reply
     from smartplay_openenv import SmartPlayHarness, SmartPlaySession
 
+    from smartplay_tools.types.arguments import object_in
+
     client = openai.OpenAI(base_url=server.base_url, api_key="k", max_retries=0)
 
     def sample(messages: Any, tools: Any, sampling: dict[str, Any]) -> Any:
@@ -258,14 +247,8 @@ def by_openenv(server: DialectServer, episode: sp.Episode, stream: bool) -> None
         reply = chat_reply(
             client.chat.completions.create(model=server.dialect.model, messages=messages, tools=offered)
         ).message
-        calls = [
-            ToolCall(
-                id=call["id"],
-                name=call["function"]["name"],
-                args=sp.types.arguments.read(call["function"]["arguments"]),
-            )
-            for call in reply.get("tool_calls", ())
-        ]
+        functions = [(call["id"], call["function"]) for call in reply.get("tool_calls", ())]
+        calls = [ToolCall(id=i, name=f["name"], args=object_in(f["arguments"] or "{}") or {}) for i, f in functions]
         return ModelStepResult(response=LLMResponse(content=reply["content"] or "", tool_calls=calls))
 
     with client:
@@ -289,10 +272,10 @@ WAYS = {
         Way("LangGraph, ChatOpenAI", "chat", by_graph(chat_openai), needs="langchain_openai"),
         Way("Agents SDK, chat", "chat", by_agents_sdk("OpenAIChatCompletionsModel"), needs="agents"),
         Way("Agents SDK, Responses", "responses", by_agents_sdk("OpenAIResponsesModel"), needs="agents"),
-        Way("Pydantic AI, chat", "chat", by_pydantic_ai("chat"), needs="pydantic_ai"),
-        Way("Pydantic AI, Responses", "responses", by_pydantic_ai("responses"), needs="pydantic_ai"),
-        Way("Pydantic AI, Anthropic", "messages", by_pydantic_ai("messages"), needs="pydantic_ai"),
-        Way("Inspect AI", "chat", by_inspect("openai"), needs="inspect_ai"),
+        Way("Pydantic AI, chat", "chat", by_pydantic_ai("chat"), streams=False, needs="pydantic_ai"),
+        Way("Pydantic AI, Responses", "responses", by_pydantic_ai("responses"), streams=False, needs="pydantic_ai"),
+        Way("Pydantic AI, Anthropic", "messages", by_pydantic_ai("messages"), streams=False, needs="pydantic_ai"),
+        Way("Inspect AI", "chat", by_inspect, streams=False, needs="inspect_ai"),
         Way("verifiers", "chat", by_verifiers, streams=False, needs="verifiers"),
         Way("OpenEnv", "chat", by_openenv, streams=False, needs="openenv"),
     ]
