@@ -111,9 +111,18 @@ def nulls(chunks: Sequence[Any]) -> Sequence[Any]:
 
 
 def finished_as(chunks: Sequence[Any], *, names: Json) -> Sequence[Any]:
-    """Another finish reason in streams; with "" as its name, none."""
+    """Another finish reason in streams."""
     (choice,) = chunks[-3]["choices"]
-    choice["finish_reason"] = names.get(choice["finish_reason"], choice["finish_reason"]) or None
+    choice["finish_reason"] = names.get(choice["finish_reason"], choice["finish_reason"])
+    return chunks
+
+
+def unfinished(chunks: Sequence[Any]) -> Sequence[Any]:
+    """No finish reason after calls that are whole."""
+    (choice,) = chunks[-3]["choices"]
+    texts = [call["function"].get("arguments", "") for call in _calls(chunks)]
+    if choice["finish_reason"] == "tool_calls" and is_object("".join(texts)):
+        choice["finish_reason"] = None
     return chunks
 
 

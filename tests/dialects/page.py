@@ -30,7 +30,9 @@ def matrix(interface: str) -> Iterator[list[str]]:
 
 def _cell(numbers: list[int]) -> str:
     marked = ", ".join(str(number + 1) for number in numbers)
-    return "yes" if not numbers else f"{'no' if any('play' in LIMITS[at].without for at in numbers) else 'yes'}: {marked}"
+    return (
+        "yes" if not numbers else f"{'no' if any('play' in LIMITS[at].without for at in numbers) else 'yes'}: {marked}"
+    )
 
 
 def to_set() -> Iterator[list[str]]:

@@ -48,6 +48,7 @@ def whole_answer(dialect: Dialect, said: Said, number: int, without: Collection[
     """A reply as a dialect says it whole."""
     if "thoughts" in without or not dialect.thinks:
         said = replace(said, thoughts="")
+    said = replace(said, same_ids=said.same_ids and dialect.repeats_ids)
     said = without_broken_json(said) if dialect.interface == "messages" else said
     whole = INTERFACES[dialect.interface][2](said, number, dialect.ids)
     for rule in rules_of(dialect, "says", without):

@@ -63,7 +63,7 @@ def chat_stream(answer: Json, chance: random.Random) -> list[Any]:
         if name in ("role", "tool_calls"):
             continue
         if isinstance(value, str):
-            chunks += [chunk({name: piece}) for piece in pieces(value, chance)]
+            chunks += [chunk({name: piece}) for piece in pieces(value, chance) or [""]]
         elif isinstance(value, list):
             chunks += [chunk({name: [piece]}) for part in value for piece in _parts(part, chance)]
         elif value is not None:
