@@ -16,6 +16,7 @@ from typing import Any
 
 from tests.counting import arguments_text, message_tokens, picture_tokens, plain_text, tools_tokens
 from tests.judge import FRAME, MARKER, PICTURE, Judge
+from tests.model_from_docs.counting import as_sent
 from tests.model_from_docs.cutting import Pages, cut
 from tests.model_from_docs.files import Files
 from tests.model_from_docs.recalling import answer, matching
@@ -50,7 +51,9 @@ def turns_of(events: Sequence[Json]) -> list[Json]:
     for event in events:
         if event["event"] == "message" and event["by"] == "player":
             reply = with_ids(event, ids)
-            turns.append({"messages": [reply], "shows": [None], "made": [shown], "manual": None, "places": [-1]})
+            turns.append(
+                {"messages": [as_sent(reply)], "shows": [None], "made": [shown], "manual": None, "places": [-1]}
+            )
             turns[-1]["dates"] = [None]
             turns[-1]["reply"] = reply
         elif event["event"] in ("message", "call"):
@@ -68,7 +71,7 @@ def turns_of(events: Sequence[Json]) -> list[Json]:
                 if played and tool == "read_manual" and event["data"].get("manual"):
                     turns[-1]["manual"], text = text, MANUAL_IS_ABOVE
                 if event.get("host") == "edited":
-                    turns[-1]["messages"][0] = edited(turns[-1]["messages"][0], event)
+                    turns[-1]["messages"][0] = as_sent(edited(turns[-1]["messages"][0], event))
                 call = turns[-1]["messages"][0]["tool_calls"][event["position"]]
                 message = {
                     "role": "tool",

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
+
+from tests.model_from_docs.counting import thoughts
 
 Json = dict[str, Any]
 Count = Callable[[str], int]
@@ -42,18 +44,8 @@ def picture_tokens(content: Any) -> int:
     return sum(-(-part["width"] // 28) * -(-part["height"] // 28) for part in parts)
 
 
-def reasoning_text(message: Json) -> str:
-    def visible(value: Any) -> Iterator[str]:
-        for entry in value if isinstance(value, list) else [value]:
-            if isinstance(entry, dict):
-                yield entry.get("thinking") or entry.get("text") or ""
-                yield from visible([*(entry.get("summary") or []), *(entry.get("content") or [])])
-
-    return (message.get("reasoning_content") or "") + "".join(visible(message.get("provider_items") or []))
-
-
 def message_tokens(message: Json, n: Count) -> int:
-    total = 3 + n(message["role"]) + n(plain_text(message["content"])) + n(reasoning_text(message))
+    total = 3 + n(message["role"]) + n(plain_text(message["content"])) + n(thoughts(message))
     total += picture_tokens(message["content"])
     if message.get("name"):
         total += 1 + n(message["name"])

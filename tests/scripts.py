@@ -178,7 +178,11 @@ WORDS: list[dict[str, Any]] = [
     {
         "content": None,
         "provider_items": [
-            {"type": "reasoning", "summary": [{"type": "summary_text", "text": "First this."}], "encrypted": "x y z"},
+            {
+                "type": "reasoning",
+                "summary": [{"type": "summary_text", "text": "First this."}],
+                "encrypted_content": "x y z",
+            },
             {"type": "thinking", "thinking": "Then that.", "signature": "a b c d"},
         ],
     },

@@ -30,16 +30,16 @@ from tests import scripts
 
 ROOT = Path(__file__).parents[1]
 GAME = "Hanoi3Disk-v0"
-RELEASED = {"v1": "45f901036551305bcd54171cf06dcfd89e725983c134feb906772a77824fdb6a"}
-"""The sha256 of each version, which a release never changes."""
+RELEASED = dict.fromkeys(("v1", "v2"), "45f901036551305bcd54171cf06dcfd89e725983c134feb906772a77824fdb6a")
+"""The sha256 of each version, which a release never changes; the words of the second are those of the first."""
 
 
 @pytest.mark.parametrize("version", versions())
 def test_a_version_does_not_change(version):
     sentences = "\n".join(f"{name}\t{text!r}" for name, text in sorted(Wording.of(version).texts.items()))
     assert hashlib.sha256(sentences.encode()).hexdigest() == RELEASED.get(version), (
-        f"The words of {version} differ from those that records name: undo the change, copy the file to a new version, "
-        "change VERSION in wording.py, and add the new sha256 here."
+        f"The words of {version} differ from those that records name: undo the change, write it into the file of a new "
+        "version, change VERSION in wording.py, and add the new sha256 here."
     )
 
 
@@ -72,7 +72,7 @@ def test_an_object_of_tools_says_what_the_tools_say(kind):
 
 def test_a_config_with_an_unknown_version_is_refused():
     config = cell_config(get_spec(GAME)).with_seed(1).model_copy(update={"prompts": "v9"})
-    with pytest.raises(InvalidArgumentError, match=r"no prompts 'v9' in this release; it knows v1\.$"):
+    with pytest.raises(InvalidArgumentError, match=r"no prompts 'v9' in this release; it knows v1, v2\.$"):
         sp.Episode.from_config(config)
 
 
@@ -88,7 +88,9 @@ def of_v9() -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize("read", [sp.replay, sp.resume, lambda events: list(sent_prompts(events))])
 def test_a_record_of_an_unknown_version_is_told_as_such(of_v9, read):
-    with pytest.raises(TranscriptError, match=r"made with prompts 'v9', which this release does not know; it knows v1"):
+    with pytest.raises(
+        TranscriptError, match=r"made with prompts 'v9', which this release does not know; it knows v1, v2"
+    ):
         read(of_v9)
 
 
@@ -104,7 +106,7 @@ assert sp.replay(sys.argv[2]).identical
 
 
 def test_a_new_version_is_a_file_and_a_constant(tmp_path):
-    """In a copy with a second version, players play it, and a record of the first replays with its own words."""
+    """In a copy with another version, players play it, and an earlier record replays with its own words."""
     old, new = tmp_path / "old.jsonl", tmp_path / "new.jsonl"
     with sp.Episode(GAME, seed=1, budget=sp.Budget(prompt_tokens=900), transcript=old) as episode:
         played = sp.play(episode, sp.get_player("rule"))
@@ -112,7 +114,7 @@ def test_a_new_version_is_a_file_and_a_constant(tmp_path):
         ROOT / "smartplay_tools", tmp_path / "smartplay_tools", ignore=shutil.ignore_patterns("*.pyc")
     )
     folder = copy / "context" / "prompts"
-    text = (folder / f"{VERSION}.toml").read_text(encoding="utf-8")
+    text = (folder / "v1.toml").read_text(encoding="utf-8")
     (folder / "v99.toml").write_text(re.sub(r"(?<=[a-z])\.", "!", text), encoding="utf-8")
     code = (folder / "wording.py").read_text(encoding="utf-8")
     (folder / "wording.py").write_text(code.replace(f'VERSION = "{VERSION}"', 'VERSION = "v99"'), encoding="utf-8")

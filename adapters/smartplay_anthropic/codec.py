@@ -15,7 +15,7 @@ from typing import Any
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.context.prompts import CacheMarks
 from smartplay_tools.players import BrokenAnswerError, count_in, error_in, plain_answer
-from smartplay_tools.types.arguments import object_in
+from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import (
     SYSTEM,
     MessageToolCall,
@@ -140,7 +140,7 @@ def _assistant(message: Message) -> list[dict[str, Any]]:
             "type": "tool_use",
             "id": call["id"],
             "name": accepted_name(call["function"]["name"], LONGEST_NAME),
-            "input": _input(call["function"]["arguments"]),
+            "input": json.loads(read(call["function"]["arguments"]).sent),
         }
         for call in message.get("tool_calls", ())
     ]
@@ -159,12 +159,6 @@ def _add_to_user(messages: list[dict[str, Any]], block: dict[str, Any]) -> None:
         messages[-1]["content"].append(block)
     else:
         messages.append({"role": "user", "content": [block]})
-
-
-def _input(arguments: str) -> dict[str, Any]:
-    """The arguments as an object, as the interface requires; it never sends anything else itself."""
-    value = object_in(arguments or "{}")
-    return {"arguments": arguments} if value is None else value
 
 
 def _joined(blocks: Iterable[Mapping[str, Any]], kind: str) -> str:

@@ -60,11 +60,10 @@ class InspectChat:
         return [self._written(message, pictures) for message in messages]
 
     def remember(self, message: Message, sent: ChatMessageAssistant) -> None:
-        """Have a reply go back to the model as Inspect's own message, with the call ids of the conversation."""
-        ids = [call["id"] for call in calls_of(message)]
+        """Have a reply go back to the model as Inspect's own message, with the calls that the prompt holds."""
         calls = [
-            replace(call, id=i, arguments=encodable(call.arguments))
-            for call, i in zip(sent.tool_calls or (), ids, strict=True)
+            replace(call, id=new.id, arguments=new.arguments, parse_error=new.parse_error)
+            for call, new in zip(sent.tool_calls or (), tool_calls(encodable(message)), strict=True)
         ]
         content: Any = encodable(sent.content)
         self._keep(message, sent.model_copy(update={"content": content, "tool_calls": calls or None}))

@@ -111,7 +111,7 @@ async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
             continue  # no turn of the conversation: the log has it as an event of the model
         turn = conversation.latest_turn
         assert turn is not None
-        chat.remember(turn.assistant, output.message)
+        chat.remember(turn.shown, output.message)
         state.messages.extend(chat.write(turn.messages, conversation.pictures))
 
 

@@ -26,6 +26,7 @@ from smartplay_tools import Message, Usage
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import (
     SYSTEM,
+    MessageToolCall,
     accepted_name,
     encodable,
     function_call,
@@ -176,8 +177,8 @@ def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessa
             valid.append(ToolCall(name=name, args=arguments, id=call["id"], type="tool_call"))
     item = kept_item(message, ITEM) or {}
     kept = {"content": text, **item.get("message", {})}
-    new = [call["id"] for call in message.get("tool_calls", ())]
-    kept["content"] = with_call_ids(kept["content"], zip(item.get("calls", ()), new, strict=False))
+    sent = zip(item.get("calls", ()), message.get("tool_calls", ()), strict=False)
+    kept["content"] = _with_calls(kept["content"], sent)
     return AIMessage(**kept, tool_calls=valid, invalid_tool_calls=invalid)
 
 
@@ -190,23 +191,29 @@ def image_block(picture: Picture) -> dict[str, Any]:
     return {"type": "image", "base64": picture.base64, "mime_type": "image/png"}
 
 
-def with_call_ids(content: Any, renamed: Iterable[tuple[str, str]]) -> Any:
-    """Return the content of a reply with the ids that its calls have now, given pairs of an id as sent and the new one.
+def _with_calls(content: Any, sent: Iterable[tuple[str, MessageToolCall]]) -> Any:
+    """Return the content of a reply with its calls as a prompt holds them, given pairs of an id as sent and a call.
 
-    Providers' packages compare the calls among the parts of a reply with its `tool_calls`, and send both if ids differ.
+    Providers' packages compare the calls among the parts of a reply with its `tool_calls`: they send both if ids
+    differ, and some send the arguments of the parts.
     """
     if not isinstance(content, list):
         return content
-    left: dict[str, list[str]] = {}
-    for sent, new in renamed:
-        left.setdefault(sent, []).append(new)
+    left: dict[str, list[MessageToolCall]] = {}
+    for call_id, call in sent:
+        left.setdefault(call_id, []).append(call)
 
-    def part_with_id(part: Any) -> Any:
+    def part_with_call(part: Any) -> Any:
         field = CALL_PARTS.get(part.get("type", "")) if isinstance(part, dict) else None
-        ids = left.get(part.get(field, "")) if field else None
-        return {**part, field: ids.pop(0)} if ids else part
+        calls = left.get(part.get(field, "")) if field else None
+        if not field or not calls:
+            return part
+        call = calls.pop(0)
+        text = call["function"]["arguments"]
+        arguments = {"arguments": text} if "arguments" in part else {"input": object_in(text) or {}}
+        return {**part, field: call["id"], **arguments}
 
-    return [part_with_id(part) for part in content]
+    return [part_with_call(part) for part in content]
 
 
 def _from_reply(reply: AIMessage) -> Message:

@@ -26,6 +26,7 @@ from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end, with_pictures_below
 from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
+from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import (
     MessageToolCall,
     accepted_name,
@@ -39,6 +40,7 @@ from smartplay_tools.types.messages import (
     text_of,
 )
 from smartplay_tools.types.pictures import Picture, is_picture
+from smartplay_tools.types.reply_fields import NOT_SENT, merged
 
 
 def acceptable(messages: Sequence[Message]) -> list[Message]:
@@ -61,8 +63,8 @@ def _call(call: MessageToolCall) -> MessageToolCall:
     return {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}
 
 
-NOT_SENT_BACK = {"annotations", "audio", "function_call"}
-"""Fields of an answer that requests must not have."""
+RENAMED = {"type": "chat_reasoning"}
+"""The provider item of a reply whose thoughts came as `reasoning`, the newer name of `reasoning_content`."""
 
 CALL_FIELDS = "chat_call_fields"
 """The type of the provider item with what a server has added to each call, such as Gemini's signature of thoughts."""
@@ -127,18 +129,20 @@ class ChatCompletions(Interface):
         for chunk in map(plain_answer, parts):
             usage = chunk.get("usage") or usage
             # The chunk with the usage has no choices.
-            for choice in chunk.get("choices") or ():
-                if not isinstance(choice, Mapping) or choice.get("index"):
+            for choice in _objects(chunk.get("choices")):
+                if choice.get("index"):
                     continue  # of several choices the first is the reply
-                finished = choice.get("finish_reason") or finished
-                delta = choice.get("delta") or {}
-                for part in delta.get("tool_calls") or ():
-                    _add_call(calls, part)
-                _add_fields(message, delta)
-        if not finished:
-            raise BrokenAnswerError("The stream ended before the reply did.", read_usage(usage, "prompt", "completion"))
+                usage = choice.get("usage") or usage  # Kimi has it here
+                if finished is None or choice.get("finish_reason") in ("error", *AT_ITS_LENGTH):
+                    finished = choice.get("finish_reason") or None
+                for delta in _objects([choice.get("delta")]):
+                    for part in _objects(delta.get("tool_calls")):
+                        _add_call(calls, part)
+                    _add_fields(message, delta)
         if calls:
             message["tool_calls"] = [call for _, call in sorted(calls, key=itemgetter(0))]
+        if not finished and not (calls and all(_is_whole(call) for _, call in calls)):
+            raise BrokenAnswerError("The stream ended before the reply did.", read_usage(usage, "prompt", "completion"))
         return {"choices": [{"message": message, "finish_reason": finished}], "usage": usage}
 
     def read(self, body: Mapping[str, Any]) -> Prompt:
@@ -163,8 +167,10 @@ class ChatCompletions(Interface):
         for item in message.get("provider_items", ()):
             if isinstance(item, Mapping) and "type" not in item:
                 answer.update(item)
-        if reasoning := reasoning_of(message):
-            answer["reasoning_content"] = reasoning
+        typed = [item for item in message.get("provider_items", ()) if isinstance(item, Mapping) and "type" in item]
+        reasoning = reasoning_of({**message, "provider_items": typed})
+        if reasoning or "reasoning_content" in message:
+            answer["reasoning" if RENAMED in typed else "reasoning_content"] = reasoning
         calls = _calls(message)
         if calls:
             answer["tool_calls"] = calls
@@ -223,13 +229,15 @@ def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any
     for item in message.get("provider_items", ()):
         # Items of other interfaces have a type; unknown fields of this interface are fields of the message.
         if isinstance(item, Mapping) and "type" not in item:
-            sent.update({field: value for field, value in item.items() if field not in NOT_SENT_BACK})
+            sent.update({field: value for field, value in item.items() if field not in NOT_SENT})
     sent.update({field: value for field, value in message.items() if field != "provider_items"})
     sent["content"] = put_together(message)
     if calls := _calls(message):
         sent["tool_calls"] = calls
-    if sent["content"] is None and "tool_calls" not in sent:
+    elif sent["content"] is None:
         sent["content"] = ""
+    if RENAMED in message.get("provider_items", ()):
+        sent["reasoning"] = sent.pop("reasoning_content")
     return sent
 
 
@@ -245,13 +253,10 @@ def _sent_part(part: Any, pictures: Mapping[str, Picture]) -> Mapping[str, Any]:
 
 def _received(message: Mapping[str, Any]) -> dict[str, Any]:
     received = {**message, "role": "assistant"}
-    if isinstance(received.get("reasoning"), str):
-        # The newer name of the same field.
-        received["reasoning_content"] = received.pop("reasoning")
     if refusal := received.pop("refusal", None):
         # The words of a refusal are the reply's text, as they are in the other interface's parts.
         received["content"] = received.get("content") or refusal
-    received["content"], thoughts = taken_apart(received.get("content"))
+    received["content"], thoughts = taken_apart(received.get("content") or None)
     return _with_items(received, thoughts)
 
 
@@ -260,7 +265,21 @@ def _with_items(message: dict[str, Any], thoughts: Sequence[Mapping[str, Any]] =
     calls = message.get("tool_calls")
     fields = [_own_fields(call) for call in calls] if isinstance(calls, list) else []
     items = [*thoughts, *([{"type": CALL_FIELDS, "calls": fields}] if any(fields) else [])]
+    reasoning = message.get("reasoning")
+    if isinstance(reasoning, str) and message.get("reasoning_content") is None and (reasoning or calls):
+        message["reasoning_content"] = message.pop("reasoning")
+        items.append(RENAMED)
     return {**message, "provider_items": items} if items else message
+
+
+def _objects(value: Any) -> list[Mapping[str, Any]]:
+    """The objects of a list; a server may send anything in its place."""
+    return [item for item in value if isinstance(item, Mapping)] if isinstance(value, list) else []
+
+
+def _is_whole(call: Mapping[str, Any]) -> bool:
+    """Whether a call of a stream has its name and arguments that are an object."""
+    return bool(call["function"]["name"]) and read(call["function"].get("arguments")).problem is None
 
 
 def _own_fields(call: Any) -> dict[str, Any]:
@@ -271,22 +290,30 @@ def _own_fields(call: Any) -> dict[str, Any]:
 
 def _add_call(calls: list[tuple[int, dict[str, Any]]], part: Mapping[str, Any]) -> None:
     """Add a part of a call to the calls and their indices."""
-    index, call_id, function = part.get("index"), part.get("id") or "", part.get("function") or {}
+    index, call_id, (function,) = part.get("index"), part.get("id") or "", _objects([part.get("function")]) or ({},)
+    name, arguments = function.get("name") or "", function.get("arguments")
     if isinstance(index, int):
         call = next((call for at, call in reversed(calls) if at == index), None)
         # Some servers give all calls of a reply the index 0.
-        is_other = call is not None and bool(call["id"] and call_id and function.get("name"))
+        is_other = call is not None and bool(call["id"] and call_id and name)
     else:
         # Some leave it out.
         index, call = calls[-1] if calls else (0, None)
         is_other = bool(call_id)
-    if call is None or (is_other and call["id"] != call_id):
+    if call is not None and not call_id and not call["id"]:
+        # Neither tells a call from the next: one whose arguments are whole is over when a name and arguments follow.
+        is_other = bool(name and arguments and call["function"]["arguments"]) and _is_whole(call)
+    elif call is not None:
+        is_other = is_other and call["id"] != call_id
+    if call is None or is_other:
         call = {"id": "", "type": "function", "function": {"name": "", "arguments": ""}}
         calls.append((index, call))
     call.update(_own_fields(part), id=call["id"] or call_id)
-    for key, value in function.items():
-        if isinstance(value, str):
-            call["function"][key] = call["function"].get(key, "") + value
+    said = call["function"]
+    said["name"] = said["name"] or name  # names are whole, and some servers repeat them
+    said["arguments"] = (
+        arguments if said["arguments"] == "" and arguments is not None else merged(said["arguments"], arguments)
+    )
 
 
 def _add_fields(message: dict[str, Any], delta: Mapping[str, Any]) -> None:
@@ -294,11 +321,7 @@ def _add_fields(message: dict[str, Any], delta: Mapping[str, Any]) -> None:
         if field in ("role", "tool_calls") or value is None:
             continue
         before = message.get(field)
-        if field == "content":
-            message[field] = added(before, value)
-            continue
-        both_add = isinstance(before, str | list) and type(before) is type(value)
-        message[field] = before + value if both_add else value
+        message[field] = added(before, value) if field == "content" else merged(before, value)
 
 
 def _message(message: Any, param: str) -> Message:

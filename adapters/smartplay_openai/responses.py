@@ -73,9 +73,13 @@ class Responses(Interface):
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the response that ends a stream of events."""
+        done: dict[int, Any] = {}
         for event in parts:
+            if event.type == "response.output_item.done":
+                done[event.output_index] = plain_answer(event.item)
             if event.type in ("response.completed", "response.incomplete", "response.failed"):
-                return plain_answer(event.response)
+                answer = plain_answer(event.response)  # some servers leave out what they have streamed
+                return answer if answer.get("output") else {**answer, "output": [done[at] for at in sorted(done)]}
             if event.type == "error":
                 raise BrokenAnswerError(f"The stream failed: {event.message}.")
         raise BrokenAnswerError("The stream ended before the reply did.")

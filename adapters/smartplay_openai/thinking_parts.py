@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import Message
+from smartplay_tools.types.reply_fields import merged
 
 ITEM = "chat_thinking"
 """The type of the provider item that is one part with thoughts, with these as its `content`."""
@@ -40,7 +41,7 @@ def put_together(message: Message) -> Any:
 def added(before: Any, value: Any) -> Any:
     """Return a content to which a piece of a stream is added; text and parts with thoughts may follow each other."""
     if isinstance(before, list) or isinstance(value, list):
-        return _merged([*_listed(before), *_listed(value)])
+        return merged([], [*map(_with_list, _listed(before)), *map(_with_list, _listed(value))])
     return before + value if isinstance(before, str) and isinstance(value, str) else value
 
 
@@ -52,18 +53,9 @@ def _listed(content: Any) -> Sequence[Any]:
     return [] if content is None else [content]
 
 
-def _merged(parts: Sequence[Any]) -> list[Any]:
-    """The parts with neighbours of one kind joined: a stream has a part for each of a few words."""
-    merged: list[Any] = []
-    for part in parts:
-        before = merged[-1:]
-        if _is_text(part) and any(map(_is_text, before)):
-            merged[-1] = {**merged[-1], **part, "text": merged[-1]["text"] + part["text"]}
-        elif _is_thinking(part) and any(map(_is_thinking, before)):
-            merged[-1] = {**merged[-1], **part, "thinking": _merged([*_pieces(merged[-1]), *_pieces(part)])}
-        else:
-            merged.append(part)
-    return merged
+def _with_list(part: Any) -> Any:
+    """A part whose thoughts, which may be a text, are a list of parts."""
+    return {**part, "thinking": _pieces(part)} if _is_thinking(part) else part
 
 
 def _item(part: Mapping[str, Any]) -> dict[str, Any]:
@@ -85,7 +77,3 @@ def _is_item(item: Any) -> bool:
 
 def _is_thinking(part: Any) -> bool:
     return isinstance(part, Mapping) and part.get("type") == "thinking"
-
-
-def _is_text(part: Any) -> bool:
-    return isinstance(part, Mapping) and part.get("type") == "text" and isinstance(part.get("text"), str)

@@ -46,7 +46,7 @@ from smartplay_pydantic_ai.messages import (
     to_response,
     tool_spec,
     usage_of,
-    with_ids,
+    with_calls,
 )
 from smartplay_tools import (
     AgentSession,
@@ -217,8 +217,8 @@ class SmartPlay(AbstractCapability[Any]):
             return await self._another_attempt()
         foreign = {tool.name for tool in session.foreign_tools}
         self._results = {call.id: await session.aanswer(call.id) for call in calls if call.name not in foreign}
-        response = with_ids(response, [call.id for call in calls])
-        self._chat.remember(turn.assistant, response)
+        response = with_calls(response, turn.assistant)
+        self._chat.remember(turn.shown, with_calls(response, turn.shown))
         runnable = [part for part in response.parts if not isinstance(part, ToolCallPart) or self._can_run(part)]
         if any(isinstance(part, ToolCallPart) for part in runnable):
             return dataclasses.replace(response, parts=runnable)

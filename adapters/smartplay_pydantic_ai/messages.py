@@ -36,6 +36,8 @@ from pydantic_ai.usage import RequestUsage
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec, Usage
 from smartplay_tools.types.messages import (
     SYSTEM,
+    MessageToolCall,
+    arguments_text,
     calls_of,
     encodable,
     function_call,
@@ -103,7 +105,7 @@ def to_response(message: Message) -> ModelResponse:
     if (item := kept_item(message, ITEM)) is not None:
         (kept,) = ModelMessagesTypeAdapter.validate_python([item["response"]])
         assert isinstance(kept, ModelResponse)
-        return with_ids(kept, [call["id"] for call in calls_of(message)])
+        return with_calls(kept, message)
     text = text_of(message)
     parts: list[ModelResponsePart] = [TextPart(text)] if text else []
     for call in calls_of(message):
@@ -168,11 +170,17 @@ def read_usage(usage: RequestUsage) -> Usage | None:
     )
 
 
-def with_ids(response: ModelResponse, ids: Sequence[str]) -> ModelResponse:
-    """Return a response whose calls have other ids."""
-    new = iter(ids)
-    parts = [replace(p, tool_call_id=next(new)) if isinstance(p, ToolCallPart) else p for p in response.parts]
+def with_calls(response: ModelResponse, message: Message) -> ModelResponse:
+    """Return a response whose calls have the ids and the arguments of those in a message."""
+    new = iter(calls_of(message))
+    parts = [_with_call(part, next(new)) if isinstance(part, ToolCallPart) else part for part in response.parts]
     return replace(response, parts=parts)
+
+
+def _with_call(part: ToolCallPart, call: MessageToolCall) -> ToolCallPart:
+    arguments = call["function"]["arguments"]
+    is_same = arguments == arguments_text(part.args)
+    return replace(part, tool_call_id=call["id"], args=part.args if is_same else arguments)
 
 
 def tool_spec(tool: ToolDefinition) -> ToolSpec:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from smartplay_tools.context.prompts.history import history_of
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import message_bytes
@@ -94,6 +95,12 @@ class Turn:
     """The newest turn with notes, this one included; None while there are no notes."""
     first_picture: int = 0
     """How many pictures the turns before it have."""
+    sent: Message | None = field(default=None, repr=False)
+    """The message as prompts hold it, if that differs from what the model said: see `context.prompts.history`."""
+    shown: Message = field(init=False, repr=False, compare=False)
+    """The message as prompts hold it."""
+    arguments: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    """The arguments of its calls as prompts hold them, in canonical form."""
     step: int = field(init=False, repr=False, compare=False)
     """The step of its newest item."""
     shows: tuple[int, ...] = field(init=False, repr=False, compare=False)
@@ -109,53 +116,58 @@ class Turn:
         if not self.calls and calls_of(self.assistant):
             ids = [call.get("id", "") for call in calls_of(self.assistant)]
             self.calls = read_calls(self.assistant, ids)
+        if self.sent is None:
+            self.shown = self.assistant
+            self.arguments = tuple([call.arguments.canonical for call in self.calls])
+        else:
+            self.shown = self.sent
+            self.arguments = tuple([call.arguments.sent_canonical for call in self.calls])
         items = self.items
         self.step = max([item.step for item in items], default=self.made_at)
         self.shows = tuple([step for item in items if (step := item.observation_step) is not None])
         self.dates = self.shows
         if True in [item.brings_back for item in items]:
             self.dates = tuple([date for item in items if (date := item.date) is not None])
-        self.messages = (self.assistant, *[item.message for item in items])
+        self.messages = (self.shown, *[item.message for item in items])
         self.pictured = tuple([at for at, item in enumerate(items) if pictures_of(item.message)])
 
     @cached_property
     def hidden(self) -> tuple[Message, ...]:
         """All its messages, with every observation masked."""
         items = (item.message if item.date is None else item.masked for item in self.items)
-        return (self.assistant, *items)
+        return (self.shown, *items)
 
     @cached_property
     def plain(self) -> tuple[Message, ...]:
         """All its messages without their pictures, with no observation masked."""
-        return (self.assistant, *self._items(0, self.pictured))
+        return (self.shown, *self._items(0, self.pictured))
 
     @cached_property
     def is_wordy(self) -> bool:
         """Whether the reply has calls, and words, reasoning or items of its provider with them."""
-        reply = self.assistant
+        reply = self.shown
         return bool(self.calls) and bool(text_of(reply) or reasoning_of(reply) or reply.get("provider_items"))
 
     @cached_property
     def bare(self) -> Message:
         """The reply with its calls alone: what is shown of it once its words are too old."""
         kept: Message = {"role": "assistant", "content": None}
-        if name := self.assistant.get("name"):
+        if name := self.shown.get("name"):
             kept["name"] = name
-        kept["tool_calls"] = self.assistant["tool_calls"]
+        kept["tool_calls"] = self.shown["tool_calls"]
         return kept
 
     @cached_property
     def canonical_bare(self) -> bytes:
         """The canonical JSON of the bare reply."""
         ids = [f"{self.number}.{position}" for position in range(len(self.calls))]
-        return message_bytes(self.bare, ids, [call.arguments.canonical for call in self.calls])
+        return message_bytes(self.bare, ids, self.arguments)
 
     def spoken(self, counter: TokenCounter) -> int:
         """Return the budget tokens that a bare reply saves."""
         if not self.is_wordy:
             return 0
-        arguments = [call.arguments.canonical for call in self.calls]
-        return counter.message(self.assistant, arguments) - counter.message(self.bare, arguments)
+        return counter.message(self.shown, self.arguments) - counter.message(self.bare, self.arguments)
 
     def masked(self, oldest: int, pictures: int = 0) -> list[int]:
         """Return the indices of the items shown as the marker: they are old, or only a picture that is left out."""
@@ -190,7 +202,7 @@ class Turn:
             return self.hidden
         if is_young and len(left_out) == len(self.pictured):
             return self.plain
-        return (self.assistant, *self._items(oldest, left_out))
+        return (self.shown, *self._items(oldest, left_out))
 
     def _items(self, oldest: int, left_out: Sequence[int]) -> Iterator[Message]:
         for at, item in enumerate(self.items):
@@ -202,13 +214,13 @@ class Turn:
     def tokens(self, counter: TokenCounter) -> int:
         """Return the budget tokens of its messages, unmasked."""
         items = sum(counter.message(item.message) for item in self.items)
-        return counter.message(self.assistant, [call.arguments.canonical for call in self.calls]) + items
+        return counter.message(self.shown, self.arguments) + items
 
     @cached_property
     def canonical(self) -> tuple[bytes, ...]:
         """The canonical JSON of its messages, unmasked, with call ids `<turn>.<position>`."""
         ids = [f"{self.number}.{position}" for position in range(len(self.calls))]
-        first = message_bytes(self.assistant, ids, [call.arguments.canonical for call in self.calls])
+        first = message_bytes(self.shown, ids, self.arguments)
         return (first, *(self._bytes(item, item.message) for item in self.items))
 
     @cached_property
@@ -250,7 +262,7 @@ class TurnBuilder:
 
     def __init__(self, words: Wording) -> None:
         """`words` are those of the episode."""
-        self._words = words
+        self._words, self._history = words, history_of(words.version)
         self.turns: list[Turn] = []
         """The turns that are complete."""
         self.step = 0
@@ -268,6 +280,7 @@ class TurnBuilder:
         self.waiting: tuple[int, ...] = ()
         """The positions of the open turn's calls that have no result yet."""
         self._assistant: Message = {"role": "assistant", "content": None}
+        self._sent: Message | None = None
         self._made_at = 0
         self._results: dict[int, Item] = {}
         self._others: list[Item] = []
@@ -293,6 +306,7 @@ class TurnBuilder:
         self.close()
         self.number, self.is_open, self.calls = number, True, tuple(calls)
         self._assistant, self._made_at = with_ids(message, [call.id for call in calls]), self.step
+        self._sent = self._history.sent(self._assistant, self.calls)
         self.waiting = tuple(range(len(calls)))
         self._results, self._others, self._latest = {}, [], None
         before = self.turns[-1] if self.turns else None
@@ -304,6 +318,7 @@ class TurnBuilder:
         edited["tool_calls"][position]["function"]["arguments"] = arguments
         self._assistant = edited
         self.calls = read_calls(edited, [call.id for call in self.calls])
+        self._sent = self._history.sent(edited, self.calls)
         self._latest = None
 
     def add_result(self, position: int, text: str, data: Mapping[str, Any]) -> None:
@@ -349,7 +364,7 @@ class TurnBuilder:
             return self.turns[-1] if self.turns else None
         if self._latest is None:
             items = (*[self._results[at] for at in sorted(self._results)], *self._others)
-            facts = self._made_at, self.manual, self.calls, self.notes, self._first_picture
+            facts = self._made_at, self.manual, self.calls, self.notes, self._first_picture, self._sent
             self._latest = Turn(self.number, self._assistant, items, *facts)
         return self._latest
 

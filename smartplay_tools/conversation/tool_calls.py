@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from smartplay_tools.context.prompts.history import history_of
 from smartplay_tools.context.view import View
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply, Pending
@@ -45,6 +46,7 @@ class ToolConversation(BaseConversation):
         head: Sequence[Mapping[str, Any]] = (),
         foreign_tools: Sequence[ToolSpec] = (),
     ) -> None:
+        self._history = history_of(episode.words.version)
         whole_head, tools = self._use_head(episode, head, foreign_tools)
         kind = ContextWindow
         if episode.ledger.strategies.custom is not None:
@@ -64,7 +66,7 @@ class ToolConversation(BaseConversation):
         """Take note of the host's messages and tools; return the whole head and all tools."""
         if clash := {tool.name for tool in foreign_tools} & {tool.name for tool in episode.tools}:
             raise InvalidArgumentError(f"The game's own tools are named {', '.join(sorted(clash))}; rename yours.")
-        host_head, tools = head_messages(head), (*episode.tools, *foreign_tools)
+        host_head, tools = self._history.head(head_messages(head)), (*episode.tools, *foreign_tools)
         whole_head = [*episode.head, *host_head]
         if episode.budget.prompt_tokens is not None:
             budgets.check_head(episode.budget, episode.counter.prompt(whole_head, tools), episode.ledger.strategies)
@@ -84,7 +86,8 @@ class ToolConversation(BaseConversation):
         with self.episode.lock:
             if self.episode.result is not None:
                 return
-            if (head_messages(head), tuple(foreign_tools)) == (list(self.host_head), self.foreign_tools):
+            asked = self._history.head(head_messages(head)), tuple(foreign_tools)
+            if asked == (list(self.host_head), self.foreign_tools):
                 return
             if self._pending is not None or self._foreign_waiting():
                 raise InvalidArgumentError(

@@ -136,7 +136,7 @@ class Episode:
             raise InvalidArgumentError("An episode whose rules do not have carry takes nothing over from another one.")
         if tokenizer is not None and (rule := split_rule(config.tokenizer)[1]) is not None:
             tokenizer = with_pictures(get_tokenizer(tokenizer), rule)
-        counter = shared_counter(config.tokenizer if tokenizer is None else tokenizer)
+        counter = shared_counter(config.tokenizer if tokenizer is None else tokenizer, config.prompts)
         # The file may have been moved; only its content matters.
         asked, given = config.tokenizer, counter.tokenizer.name
         if config.tokenizer_sha256 is not None:

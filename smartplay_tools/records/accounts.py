@@ -83,13 +83,13 @@ class Accounts:
 
     def __init__(self, record: Record) -> None:
         self._record = record
-        self._counter = shared_counter(record.config.tokenizer)
+        self._counter = shared_counter(record.config.tokenizer, record.config.prompts)
         self._budget = ResolvedBudget(**record.budget)
         words = Wording.of(record.config.prompts)
         self._drops, self._form = drops_old_turns(self._budget), summaries_of(self._budget, self._counter, words)
         self._turns = record.turns
         self._steps = [turn.step for turn in self._turns]
-        self._replies = [self._parts_of_reply(turn, turn.assistant) for turn in self._turns]
+        self._replies = [self._parts_of_reply(turn, turn.shown) for turn in self._turns]
         """The parts of each turn's reply."""
         self._heads: dict[tuple[int, str | None], tuple[int, int]] = {}
 
@@ -244,8 +244,8 @@ class Accounts:
         tokens = _NOTHING.copy()
         words = {name: value for name, value in reply.items() if name != "tool_calls"}
         tokens[_WORDS if text_of(words) or reasoning_of(words) else _CALLS] = self._counter.message(words)
-        for call in turn.calls:
-            tokens[_NOTES if call.name == NOTES_TOOL else _CALLS] += self._counter.call(call)
+        for call, arguments in zip(turn.calls, turn.arguments, strict=True):
+            tokens[_NOTES if call.name == NOTES_TOOL else _CALLS] += self._counter.call(call.name, arguments)
         return tokens
 
 

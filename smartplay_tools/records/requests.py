@@ -211,7 +211,8 @@ def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> 
     usages = {_key(event): event for event in record.usages if "prompt" in event}
     if not usages and record.messages:
         raise TranscriptError(f"{record.called} has no usage, so nothing can be said about its cost.")
-    units = _Units(record, shared_counter(tokenizer or record.start["config"].get("tokenizer")))
+    config = record.start["config"]
+    units = _Units(record, shared_counter(tokenizer or config.get("tokenizer"), config["prompts"]))
     sent = zip(record.views, units.prompts(), _times(record), strict=True)
     prompts = {_key(view): (prompt, at) for view, prompt, at in sent}
     replies, ratio = units.replies(), _ratio(usages.values())

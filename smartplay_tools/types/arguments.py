@@ -29,6 +29,7 @@ __all__ = [
     "object_in",
     "read",
     "value_in",
+    "well_formed",
 ]
 
 
@@ -75,6 +76,9 @@ canonical_text = encoder(sort_keys=True, separators=(",", ":"))
 LONGEST = 10_000
 """Longer text is malformed and is not parsed: no game needs it, and parsing takes time."""
 
+_LARGEST = 309
+"""The number of digits of the largest double."""
+
 REMEMBERED = 200
 """Longer text is read again whenever it comes again, and so is text with objects or lists inside."""
 
@@ -102,6 +106,17 @@ class Arguments:
     """The object that the text holds; empty for no text at all."""
     problem: Problem | None
     """What is wrong with the text."""
+    sent: str
+    """What a prompt holds of them: the text if it is an object, `{}` for nothing, any other text wrapped in an object.
+    Half a character is U+FFFD in it.
+
+    Servers parse the arguments of earlier calls, and refuse a request in which they are anything but an object.
+    """
+
+    @property
+    def sent_canonical(self) -> str:
+        """`sent` in canonical form."""
+        return self.canonical if self.sent == self.text else self.sent
 
 
 def read(arguments: Any) -> Arguments:
@@ -111,18 +126,46 @@ def read(arguments: Any) -> Arguments:
         return _read(text)
     cached = _read_again(text)
     # The caller may change the values, and the cache is shared by all episodes.
-    return Arguments(cached.text, cached.canonical, dict(cached.values), None) if cached.values else cached
+    return Arguments(cached.text, cached.canonical, dict(cached.values), None, cached.sent) if cached.values else cached
 
 
 def _read(text: str) -> Arguments:
+    if text in ("", "{}"):
+        return Arguments(text, text, {}, None, "{}")
     try:
         values = parse(text)
-        canonical = text if text in ("", "{}") else _encode(values)
+        canonical = _encode(values)
     except _UnreadableError as error:
-        return Arguments(text, text, None, error.problem)
+        return Arguments(text, text, None, error.problem, "{}" if text.strip() in ("", "null") else _wrapped(text))
     except (ValueError, RecursionError):  # Python reads 1e999 as infinity, which is not JSON
-        return Arguments(text, text, values, None)
-    return Arguments(text, canonical, values, None)
+        return Arguments(text, text, values, None, _wrapped(text))
+    return Arguments(text, canonical, values, None, _portable(text, canonical))
+
+
+def _wrapped(text: str) -> str:
+    return _encode({"arguments": well_formed(text)})
+
+
+def _portable(text: str, canonical: str) -> str:
+    """An object that every server reads: without halves of characters, and with no number beyond a double."""
+    if canonical.isascii() and len(canonical) < _LARGEST:
+        return text
+    whole = well_formed(canonical)
+    try:
+        parse(whole)  # two keys may have become one
+        _encode(json.loads(whole, parse_int=float))
+    except ValueError:
+        return _wrapped(text)
+    return text if whole == canonical else whole
+
+
+def well_formed(text: str) -> str:
+    """Return the text with pairs of surrogates joined to their character and each lone one replaced by U+FFFD."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
+    return text
 
 
 _read_again = functools.lru_cache(1_024)(_read)

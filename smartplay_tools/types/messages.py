@@ -18,8 +18,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, NotRequired, Required, TypedDict, TypeVar, cast
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types.arguments import DEEPEST, Arguments, as_text, read
+from smartplay_tools.types.arguments import DEEPEST, Arguments, as_text, read, well_formed
 from smartplay_tools.types.pictures import Picture, is_picture
+from smartplay_tools.types.reply_fields import readable, texts_in
 
 __all__ = [
     "SYSTEM",
@@ -48,6 +49,7 @@ __all__ = [
     "text_of",
     "well_formed",
     "whole",
+    "with_arguments",
     "words_of",
 ]
 
@@ -136,18 +138,26 @@ def calls_of(message: Mapping[str, Any]) -> Sequence[MessageToolCall]:
 
 
 def reasoning_of(message: Mapping[str, Any]) -> str:
-    """Return the visible text of a message's reasoning, in whichever field its provider keeps it."""
+    """Return the readable text of a message's reasoning, in whichever fields its provider keeps it."""
     text: str = message.get("reasoning_content") or ""
-    items = message.get("provider_items")
-    return text + "".join(_visible(items)) if items else text
+    items, content = message.get("provider_items", ()), message.get("content")
+    if message.get("role") == "assistant" and isinstance(content, list):
+        parts = [part for part in content if isinstance(part, Mapping)]
+        text += "".join(texts_in([{**part, str(_field_with_text(part)): None} for part in parts]))
+    if not items:
+        return text
+    functions = [call["function"] for call in calls_of(message)]
+    own = [text_of(message), text, *(str(value) for function in functions for value in function.values())]
+    return text + "".join(readable(items, "\n".join(own)))
 
 
 def assistant_message(message: Mapping[str, Any]) -> Message:
     """Return a reply in canonical form, as a deep copy. A message that is not a reply raises `InvalidArgumentError`.
 
     Fields that chat completions do not define become a provider item, so that nothing of a reply is lost. Null and
-    empty fields, which client libraries add, are dropped. Arguments become text, and the two halves of a character
-    that a stream delivered separately are joined.
+    empty fields, which client libraries add, are dropped, but for empty thoughts beside calls: servers that say them
+    want them back. Arguments become text, and the two halves of a character that a stream delivered separately are
+    joined.
     """
     if not isinstance(message, Mapping):
         raise InvalidArgumentError(f"A reply is a message, a mapping, not {type(message).__name__}.")
@@ -158,8 +168,9 @@ def assistant_message(message: Mapping[str, Any]) -> Message:
         canonical["tool_calls"] = [_tool_call(call) for call in _listed(calls)]
     if message.get("name"):
         canonical["name"] = _name(message["name"])
-    unknown = {key: value for key, value in message.items() if value and key not in _FIELDS}
-    if reasoning := message.get("reasoning_content"):
+    unknown = {key: value for key, value in message.items() if key not in _FIELDS and value not in _EMPTY}
+    reasoning = message.get("reasoning_content")
+    if reasoning or (reasoning == "" and calls):
         if isinstance(reasoning, str):
             canonical["reasoning_content"] = whole(reasoning)
         else:
@@ -239,6 +250,19 @@ def read_calls(message: Message, ids: Sequence[str]) -> tuple[Call, ...]:
     return tuple([Call(i, c["id"], c["function"]["name"], read(c["function"]["arguments"])) for c, i in calls])
 
 
+def with_arguments(message: Message, arguments: Sequence[str]) -> Message:
+    """Return a reply whose calls have these arguments; the message itself if they have them already."""
+    calls = calls_of(message)
+    if [call["function"]["arguments"] for call in calls] == [*arguments]:
+        return message
+    changed = message.copy()
+    changed["tool_calls"] = [
+        {**call, "function": {"name": call["function"]["name"], "arguments": text}}
+        for call, text in zip(calls, arguments, strict=True)
+    ]
+    return changed
+
+
 def whole(text: str) -> str:
     """Return the text with surrogate pairs joined: a stream may deliver one character in two halves."""
     if text.isascii():
@@ -267,6 +291,7 @@ def copy_of(message: Message) -> Message:
 
 
 _FIELDS = frozenset(Message.__annotations__)
+_EMPTY: tuple[Any, ...] = (None, "", [], {})
 _HOST_FIELDS = frozenset({"role", "content", "name", "tool_call_id"})
 
 
@@ -321,26 +346,17 @@ def _json_copy(value: Any, depth: int = 0) -> Any:
     raise InvalidArgumentError(f"A message must be JSON to be recorded; {type(value).__name__} is not.")
 
 
+def _field_with_text(part: Mapping[str, Any]) -> str | None:
+    return next((field for field in ("text", "refusal") if isinstance(part.get(field), str)), None)
+
+
 def _text_of_part(part: Any) -> str:
     if isinstance(part, str):
         return part
-    for key in ("text", "refusal"):
-        if isinstance(part, Mapping) and isinstance(part.get(key), str):
-            return str(part[key])
+    if isinstance(part, Mapping) and (field := _field_with_text(part)) is not None:
+        return str(part[field])
     kind = part.get("type") if isinstance(part, Mapping) else type(part).__name__
     raise InvalidArgumentError(f"Messages are text only here; a part of type {kind!r} cannot be counted.")
-
-
-def _visible(item: Any) -> Iterator[str]:
-    if isinstance(item, Mapping):
-        for key, value in item.items():
-            if key in ("text", "thinking") and isinstance(value, str):
-                yield value
-            elif key in ("summary", "content"):
-                yield from _visible(value)
-    elif isinstance(item, list):
-        for part in item:
-            yield from _visible(part)
 
 
 SYSTEM = ("system", "developer")
@@ -424,15 +440,6 @@ def encodable(value: Any) -> Any:
             elif isinstance(item, float) and not math.isfinite(item):
                 parent[place] = str(item)
     return copy[0]
-
-
-def well_formed(text: str) -> str:
-    """Return the text with pairs of surrogates joined to their character and each lone one replaced by U+FFFD."""
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
-    return text
 
 
 def accepted_name(name: str, longest: int = 64) -> str:

@@ -246,7 +246,7 @@ def test_what_a_server_adds_to_a_message_goes_back_to_it():
         conversation = sp.Conversation(episode)
         conversation.receive(reply.message)
         sent = so.chat_request(conversation.prompt())["messages"][-2]
-    assert sent == {"role": "assistant", "content": "Hm.", "reasoning_content": "thoughts", "signature": "s"}
+    assert sent == {"role": "assistant", "content": "Hm.", "reasoning": "thoughts", "signature": "s"}
 
 
 SIGNED = {"extra_content": {"google": {"thought_signature": "s"}}}

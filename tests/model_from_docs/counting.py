@@ -61,17 +61,46 @@ def without_surrogates(text: str) -> str:
     return re.sub("[\ud800-\udfff]", "\ufffd", joined)
 
 
-def _visible(items: Any) -> str:
-    """The visible text of a provider's items: `text` and `thinking`, also inside of `summary` and `content`."""
-    if isinstance(items, list):
-        return "".join(map(_visible, items))
-    if not isinstance(items, dict):
-        return ""
-    shown = {"text": str, "thinking": str}
-    return "".join(
-        value if key in shown and isinstance(value, str) else _visible(value) if key in ("summary", "content") else ""
-        for key, value in items.items()
-    )
+def as_sent(reply: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a reply as later prompts hold it: the arguments of its calls are objects."""
+    calls = [
+        {**call, "function": {**call["function"], "arguments": _sent(call["function"]["arguments"])}}
+        for call in reply.get("tool_calls", ())
+    ]
+    words = reply["content"] if calls or text_of(reply).strip() else "..."
+    return {**reply, "content": words, **({"tool_calls": calls} if calls else {})}
+
+
+def _sent(arguments: str) -> str:
+    if arguments.strip() in ("", "null"):
+        return "{}"
+    try:
+        printed = json.dumps(read_object(arguments), ensure_ascii=False, allow_nan=False)
+        is_object = read_object(without_surrogates(printed)) is not None
+    except ValueError:  # a number beyond every double
+        is_object, printed = False, ""
+    if not is_object:
+        return json.dumps({"arguments": without_surrogates(arguments)}, ensure_ascii=False)
+    return arguments if printed == without_surrogates(printed) else without_surrogates(printed)
+
+
+UNREAD = "id call_id tool_call_id type kind part_kind role phase format status index signature thought_signature"
+UNREAD += " thoughtSignature encrypted_content encrypted_index cache_control model_name model_provider provider_name"
+
+
+def thoughts(message: Mapping[str, Any]) -> str:
+    """Return the text of a reply's thoughts: `reasoning_content`, then all that is readable in its items."""
+
+    def readable(value: Any) -> list[str]:
+        if isinstance(value, dict) and value.get("type") == "function_call":
+            return []  # counted as a call
+        if isinstance(value, dict):
+            inner = [readable(each) for name, each in value.items() if name not in UNREAD.split()]
+        else:
+            inner = [readable(each) for each in value] if isinstance(value, list) else []
+        return [value] if isinstance(value, str) else [text for texts in inner for text in texts]
+
+    return message.get("reasoning_content", "") + "".join(readable(message.get("provider_items", [])))
 
 
 class Counting:
@@ -95,7 +124,7 @@ class Counting:
             tokens += 3 + 8 + n(call["function"]["name"]) + n(self.as_counted(call["function"]["arguments"]))
         if message["role"] == "tool":
             tokens += 8
-        return tokens + n(message.get("reasoning_content", "") + _visible(message.get("provider_items", [])))
+        return tokens + n(thoughts(message))
 
     @staticmethod
     def as_counted(arguments: str) -> str:

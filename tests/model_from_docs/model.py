@@ -14,7 +14,7 @@ from typing import Any
 import smartplay_tools as sp
 
 from .answering import IN_HEAD, Answering
-from .counting import PRIMING, Counting
+from .counting import PRIMING, Counting, as_sent
 from .cutting import cut
 from .turns import MARKER, Item, Turn
 from .window import View, Window
@@ -155,7 +155,7 @@ class Model(Answering):
         if self.latest.purpose == "summary":
             self._summarise(reply)
             return []
-        turn = Turn(reply)
+        turn = Turn(as_sent(reply))
         calls = reply.get("tool_calls", ())
         own = [call for call in calls if call["function"]["name"] not in foreign]
         wrong = [] if len(own) == len(given) else [f"{len(given)} results for {len(own)} calls"]

@@ -1,7 +1,8 @@
-"""Wording: every sentence of this library that a model is sent, in one data file for each version (`v1.toml`).
+"""Wording: every sentence of this library that a model is sent, in a data file for each version (`v1.toml`).
 
 A record names the version in its config, because a changed word changes the benchmark: what an episode says is read
-from `Wording.of(config.prompts)`, whatever the newest version is. A new version is a new file and another `VERSION`.
+from `Wording.of(config.prompts)`, whatever the newest version is. A new version is a new file, with the sentences that
+are not those of the version before, and another `VERSION`.
 Games bring their own texts (observations, manuals), and the sentences of the paper's protocol are the paper's.
 """
 
@@ -14,7 +15,7 @@ from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 
-VERSION = "v1"
+VERSION = "v2"
 """The version that new episodes have, which every transcript contains."""
 
 
@@ -36,8 +37,11 @@ class Wording:
             )
         import tomllib  # slow to import, and programs that play nothing need no words
 
-        file = resources.files(__package__).joinpath(f"{version}.toml")
-        return Wording(version, tomllib.loads(file.read_text(encoding="utf-8")))
+        texts: dict[str, str] = {}
+        for each in versions()[: versions().index(version) + 1]:
+            file = resources.files(__package__).joinpath(f"{each}.toml")
+            texts |= tomllib.loads(file.read_text(encoding="utf-8"))
+        return Wording(version, texts)
 
     @staticmethod
     def recorded(start: Mapping[str, Any]) -> Wording:

@@ -11,6 +11,8 @@ import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
+from smartplay_tools.context.prompts.history import history_of
+from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.context.tokens.tokenizers import (
     DEFAULT_RULE,
     DEFAULT_TOKENIZER,
@@ -25,7 +27,7 @@ from smartplay_tools.context.tokens.tokenizers import (
 )
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types.arguments import as_text, canonical
-from smartplay_tools.types.messages import Call, calls_of, reasoning_of, text_and_pictures, well_formed
+from smartplay_tools.types.messages import calls_of, text_and_pictures, well_formed
 
 CACHED_TEXTS = 32_768
 """How many texts a `TokenCounter` remembers: more than the longest episode of the benchmark has."""
@@ -90,8 +92,10 @@ def _parts(tool: str, key: str, schema: Any) -> tuple[Any, str, Sequence[Any]]:
 class TokenCounter:
     """Counts budget tokens, with a cache: a text that was counted is not tokenised again."""
 
-    def __init__(self, tokenizer: str | Tokenizer | None = None) -> None:
-        self.tokenizer = get_tokenizer(tokenizer)
+    def __init__(self, tokenizer: str | Tokenizer | None = None, version: str = VERSION) -> None:
+        """`version` is that of the prompts, which decides what of a reply's thoughts is counted."""
+        self.tokenizer, self.version = get_tokenizer(tokenizer), version
+        self._thoughts = history_of(version).thoughts
         self.text = _remembered(self._count)
         """Count a text."""
         self._arguments = _remembered(lambda text: self.text(canonical(text)))
@@ -158,12 +162,12 @@ class TokenCounter:
                 count += self.text(arguments[position])
         if role == "tool":
             count += 8
-        reasoning = reasoning_of(message)
+        reasoning = self._thoughts(message)
         return count + (self.text(reasoning) if reasoning else 0)
 
-    def call(self, call: Call) -> int:
-        """Count what a call adds to its message."""
-        return _CALL + self.text(call.name) + self.text(call.arguments.canonical)
+    def call(self, name: str, arguments: str) -> int:
+        """Count what a call adds to its message; `arguments` are in canonical form."""
+        return _CALL + self.text(name) + self.text(arguments)
 
     def messages(self, messages: Iterable[Mapping[str, Any]]) -> int:
         """Count messages."""
@@ -192,15 +196,17 @@ class TokenCounter:
         return self.messages(messages) + PRIMING + self.tools(tools)
 
 
-def shared_counter(tokenizer: str | Tokenizer | None = None) -> TokenCounter:
+def shared_counter(tokenizer: str | Tokenizer | None = None, version: str = VERSION) -> TokenCounter:
     """Return a counter for an episode: one for all episodes with this tokenizer, if its name says what it counts.
+
+    `version` is that of the episode's prompts.
 
     Episodes of a setting repeat the same head, tools and manual. A file of Hugging Face can change, and two tokenizer
     objects may have the same name: with those, every episode has its own counter.
     """
     if tokenizer is None or (isinstance(tokenizer, str) and not tokenizer.startswith((HUGGING_FACE, MODEL_FILE))):
-        return _counter_of(DEFAULT_TOKENIZER if tokenizer is None else tokenizer)
-    return TokenCounter(tokenizer)
+        return _counter_of(DEFAULT_TOKENIZER if tokenizer is None else tokenizer, version)
+    return TokenCounter(tokenizer, version)
 
 
 def picture_counter(counter: TokenCounter) -> TokenCounter:
@@ -209,9 +215,9 @@ def picture_counter(counter: TokenCounter) -> TokenCounter:
         return counter
     tokenizer = with_pictures(counter.tokenizer)
     is_named = isinstance(counter.tokenizer, TiktokenTokenizer | ApproximateTokenizer)
-    return shared_counter(tokenizer.name if is_named else tokenizer)
+    return shared_counter(tokenizer.name if is_named else tokenizer, counter.version)
 
 
 @functools.lru_cache(8)
-def _counter_of(name: str) -> TokenCounter:
-    return TokenCounter(name)
+def _counter_of(name: str, version: str) -> TokenCounter:
+    return TokenCounter(name, version)

@@ -65,6 +65,17 @@ class Plan:
         repeats = None if self.repeats == 1 else self.repeats
         return Manifest(seed=self.seed, cells=self.cells, episodes=tuple(episodes), repeats=repeats, **facts)
 
+    def with_prompts(self, version: str) -> Plan:
+        """Return the plan with a version of the prompts, which is a part of the episodes' keys."""
+        cells = tuple(cell.model_copy(update={"prompts": version}) for cell in self.cells)
+        planned = ((each, cells[each.place]) for each in self.episodes)
+        keys = {each.key: cell.with_seed(each.seed, each.repeat).key for each, cell in planned}
+        episodes = (
+            replace(each, key=keys[each.key], cell=cells[each.place], after=keys.get(each.after or ""))
+            for each in self.episodes
+        )
+        return replace(self, cells=cells, episodes=tuple(episodes))
+
     def first(self, count: int) -> Plan:
         """Return the part with the first `count` trials of each cell."""
         return replace(self, episodes=tuple(episode for episode in self.episodes if episode.trial < count))
@@ -165,7 +176,7 @@ def plan_suite(
 def check_playable(cell: CellConfig) -> None:
     """Check the options of the game, its engine and the budget by creating them, without making a world."""
     with closing(cell.make_game(cell.spec)) as game:
-        GameSession(cell.spec, game, cell, shared_counter(cell.tokenizer))
+        GameSession(cell.spec, game, cell, shared_counter(cell.tokenizer, cell.prompts))
 
 
 def _trials(cell: CellConfig, place: int, worlds: int, seed: int, repeats: int) -> Iterator[PlannedEpisode]:

@@ -151,10 +151,13 @@ def run_plan(
     `run_file` is the text of the run file, if there is one. `display` shows the state of the run while it is played;
     without it and without `on_progress`, a notebook shows it below the cell.
     """
+    folder, caps = RunWriter(out), options.caps
+    before = folder.manifest() if (folder.path / "manifest.json").exists() else None
+    if before is not None and len(begun := {cell.prompts for cell in before.cells}) == 1:
+        plan = plan.with_prompts(*begun)  # a run goes on with the prompts with which it began
     roster = roster_of(plan, read_players(players), options)
     executors = {name: EXECUTORS[name] for name in roster.episodes}
     part = roster.part
-    folder, caps = RunWriter(out), options.caps
     with (
         _disk(folder, part),
         folder.writing(),

@@ -1,0 +1,71 @@
+"""What later prompts hold of a reply, and what is counted of its thoughts: one set of rules for each version.
+
+Version 1 repeats the arguments of a call as the model wrote them, and counts the thoughts that stand where OpenAI and
+Anthropic put them. Servers that parse earlier arguments refused such requests, and thoughts under other names went back
+uncounted. From version 2 on, arguments are objects, and all that a person could read is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from smartplay_tools.types.arguments import read
+from smartplay_tools.types.messages import Call, Message, calls_of, reasoning_of, text_of, with_arguments
+
+NOTHING = "..."
+"""The words of a reply that has neither words nor calls: servers refuse a message that is empty."""
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """The rules of a version."""
+
+    has_objects: bool
+    """Whether the arguments of calls are objects, whatever the model wrote."""
+    thoughts: Callable[[Mapping[str, Any]], str]
+    """Returns the text of a reply's thoughts that is counted."""
+
+    def sent(self, reply: Message, calls: Sequence[Call]) -> Message | None:
+        """Return a reply as later prompts hold it; None if that is what the model said."""
+        if not self.has_objects:
+            return None
+        if not calls:
+            return None if text_of(reply).strip() else {**reply, "content": NOTHING}
+        changed = with_arguments(reply, [call.arguments.sent for call in calls])
+        return None if changed is reply else changed
+
+    def head(self, messages: Sequence[Message]) -> list[Message]:
+        """Return the messages of a head as prompts hold them: a host may begin with an earlier chat of its model."""
+        if not self.has_objects:
+            return list(messages)
+        read_again = ([read(call["function"]["arguments"]).sent for call in calls_of(each)] for each in messages)
+        return [with_arguments(*pair) for pair in zip(messages, read_again, strict=True)]
+
+
+def _first_thoughts(message: Mapping[str, Any]) -> str:
+    text: str = message.get("reasoning_content") or ""
+    items = message.get("provider_items")
+    return text + "".join(_visible(items)) if items else text
+
+
+def _visible(item: Any) -> Iterator[str]:
+    if isinstance(item, Mapping):
+        for key, value in item.items():
+            if key in ("text", "thinking") and isinstance(value, str):
+                yield value
+            elif key in ("summary", "content"):
+                yield from _visible(value)
+    elif isinstance(item, list):
+        for part in item:
+            yield from _visible(part)
+
+
+_FIRST = History(has_objects=False, thoughts=_first_thoughts)
+_NEWEST = History(has_objects=True, thoughts=reasoning_of)
+
+
+def history_of(version: str) -> History:
+    """Return the rules of a version of the prompts."""
+    return _FIRST if version == "v1" else _NEWEST

@@ -1,0 +1,236 @@
+"""The fields of a reply: a stream gives the reply of the whole answer, however it is cut, and all of it goes back."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from smartplay_openai.chat import CHAT
+from smartplay_openai.responses import RESPONSES
+
+import smartplay_tools as sp
+from smartplay_tools.players import BrokenAnswerError
+from smartplay_tools.types.reply_fields import NOT_COUNTED, REPLY_FIELDS
+
+DOCS = Path(__file__).parents[2] / "docs" / "openai.md"
+WORDS = ["I", " go", " now", "\u00e9", "\U0001f600", ".", "\n", '"', "{"]
+ROCK = {"action": "Rock"}
+
+
+def words(rng: random.Random) -> str:
+    return "".join(rng.choices(WORDS, k=rng.randrange(1, 9)))
+
+
+def pieces(rng: random.Random, text: str) -> list[str]:
+    """A text in pieces, some of them empty, as servers send them."""
+    cuts = sorted(rng.choices(range(len(text) + 1), k=rng.randrange(4)))
+    return [text[a:b] for a, b in zip([0, *cuts], [*cuts, len(text)], strict=True)]
+
+
+def thoughts(rng: random.Random) -> dict[str, Any]:
+    """Thoughts as a provider says them."""
+    details = [
+        {"type": "reasoning.text", "text": words(rng), "index": 0, "format": "f", "signature": "S1"},
+        {"type": "reasoning.encrypted", "data": "DATA", "index": 1, "id": "r1"},
+    ]
+    blocks = [{"type": "thinking", "thinking": words(rng), "signature": f"S{n}"} for n in range(rng.randrange(1, 3))]
+    listed = [{"type": "thinking", "thinking": [{"type": "text", "text": words(rng)}]}, {"type": "text", "text": "Go."}]
+    shapes = [
+        {},
+        {"reasoning_content": words(rng)},
+        {"reasoning": words(rng)},
+        {"reasoning": words(rng), "reasoning_details": details},
+        {"reasoning_content": words(rng), "thinking_blocks": blocks},
+        {"content": listed},
+        {"x_thoughts": words(rng)},
+    ]
+    return rng.choice(shapes)
+
+
+def answer(rng: random.Random) -> dict[str, Any]:
+    """A whole completion."""
+    calls = []
+    for number in range(rng.randrange(4)):
+        arguments = rng.choice(['{"action": "Rock"}', '{"action": "' + "a" * rng.randrange(20) + '"}', "{}"])
+        function = {"name": rng.choice(["act", "observe"]), "arguments": arguments}
+        own = rng.choice([{}, {"extra_content": {"google": {"thought_signature": "G"}}}])
+        calls.append({"id": f"call_{number}", "type": "function", "function": function, **own})
+    message = {"role": "assistant", "content": rng.choice([None, words(rng)]), **thoughts(rng)}
+    message |= {"tool_calls": calls} if calls else {}
+    usage = {"prompt_tokens": 9, "completion_tokens": 5, "prompt_tokens_details": {"cached_tokens": 3}}
+    finish = "tool_calls" if calls else rng.choice(["stop", "length"])
+    return {"choices": [{"index": 0, "message": message, "finish_reason": finish}], "usage": usage}
+
+
+def parts_of(rng: random.Random, parts: list[dict[str, Any]]) -> list[Any]:
+    """A list of parts in pieces: by their index, or one after the other with the signature last."""
+    cut = []
+    for part in parts:
+        field = next((name for name in ("text", "thinking") if isinstance(part.get(name), str)), None)
+        if field is None or ((inner := part.get("thinking")) is not None and not isinstance(inner, str)):
+            cut.append([part])
+            continue
+        rest = {name: part[name] for name in part if name not in (field, "signature")}
+        cut += [[{**rest, field: piece}] for piece in pieces(rng, part[field])]
+        if "signature" in part:
+            cut.append([{**rest, "signature": part["signature"]}])
+    return cut
+
+
+def call_pieces(rng: random.Random, calls: list[dict[str, Any]]) -> list[Any]:
+    """The calls in deltas: with the name repeated, the arguments as an object, without an index, from 1, or all 0."""
+    index = rng.choice([None, 0, 1, "zero"])
+    repeats, has_object, has_nulls, ids = (rng.random() < 0.4 for _ in range(4))
+    deltas = []
+    for number, call in enumerate(calls):
+        name, arguments = call["function"]["name"], call["function"]["arguments"]
+        own = {name: call[name] for name in call if name not in ("id", "function", "type")}
+        at = {} if index is None else {"index": 0 if index == "zero" else number + index}
+        cut = [json.loads(arguments)] if has_object else ["", *pieces(rng, arguments)]
+        for place, piece in enumerate(cut):
+            first = place == 0
+            function = {"arguments": piece} | (
+                {"name": name} if first or repeats else {"name": None} if has_nulls else {}
+            )
+            said = {"id": call["id"]} if first or ids else {"id": None} if has_nulls else {}
+            deltas.append({"tool_calls": [{**at, **said, "function": function}]})
+        if own:
+            deltas.append({"tool_calls": [{**at, **own}]})
+    return deltas
+
+
+def chunks(rng: random.Random, whole: dict[str, Any]) -> list[dict[str, Any]]:
+    """A completion as a stream."""
+    (choice,) = whole["choices"]
+    message = choice["message"]
+    deltas: list[Any] = [{"role": "assistant", "content": rng.choice([None, ""])}]
+    for field, value in message.items():
+        if isinstance(value, str) and field != "role":
+            deltas += [{field: piece} for piece in pieces(rng, value)]
+        elif isinstance(value, list) and field != "tool_calls":
+            deltas += [{field: part} for part in parts_of(rng, value)]
+    deltas += call_pieces(rng, message.get("tool_calls", []))
+    if rng.random() < 0.3:
+        deltas.insert(rng.randrange(len(deltas)), rng.choice([None, {}, {"content": None, "tool_calls": None}]))
+    sent = [{"choices": [{"index": 0, "delta": delta, "finish_reason": None}]} for delta in deltas]
+    ends = [choice["finish_reason"]] * rng.choice([1, 1, 2])
+    if message.get("tool_calls") and rng.random() < 0.2:
+        ends = []
+    sent += [{"choices": [{"index": 0, "delta": rng.choice([{}, None]), "finish_reason": end}]} for end in ends]
+    if rng.random() < 0.5 or not ends:
+        return [*sent, {"choices": rng.choice([[], None]), "usage": whole["usage"]}]
+    sent[-1]["choices"][0]["usage"] = whole["usage"]
+    return sent
+
+
+def compare_chat(seed: int) -> None:
+    rng = random.Random(seed)
+    whole = answer(rng)
+    cut = chunks(rng, whole)
+    assert CHAT.reply(CHAT.assemble(cut)) == CHAT.reply(whole), (seed, whole, cut)
+
+
+def compare_responses(seed: int) -> None:
+    rng = random.Random(seed)
+    items: list[dict[str, Any]] = [
+        {"type": "reasoning", "id": "r", "summary": [{"type": "summary_text", "text": words(rng)}]}
+    ]
+    items += [{"type": "message", "id": "m", "content": [{"type": "output_text", "text": words(rng)}]}]
+    for number in range(rng.randrange(3)):
+        items.append({"type": "function_call", "call_id": f"c{number}", "name": "act", "arguments": json.dumps(ROCK)})
+    whole = {"status": "completed", "output": items, "usage": {"input_tokens": 9, "output_tokens": 5}}
+    events = []
+    for at, item in enumerate(items):
+        empty = {"content": []} if "content" in item else {}
+        events.append(SimpleNamespace(type="response.output_item.added", output_index=at, item={**item, **empty}))
+        events.append(SimpleNamespace(type="response.output_item.done", output_index=at, item=item))
+    rng.shuffle(events)
+    ended = {**whole, **rng.choice([{}, {"output": []}, {"output": None}])}
+    events.append(SimpleNamespace(type="response.completed", response=ended))
+    assert RESPONSES.reply(RESPONSES.assemble(events)) == RESPONSES.reply(whole), seed
+
+
+def test_a_stream_gives_the_reply_of_the_whole_answer():
+    for seed in range(300):
+        compare_chat(seed)
+        compare_responses(seed)
+
+
+@pytest.mark.slow
+def test_a_stream_gives_the_reply_of_the_whole_answer_a_hundred_thousand_times():
+    for seed in range(300, 90_300):
+        compare_chat(seed)
+        if seed % 9 == 0:
+            compare_responses(seed)
+
+
+@pytest.mark.parametrize("arguments", ['{"action": "Ro', ""])
+def test_a_stream_that_was_cut_is_no_reply(arguments):
+    """Without a finish reason, words and calls whose arguments are not whole may have gone on."""
+    call = {"index": 0, "id": "c", "function": {"name": "act", "arguments": arguments}}
+    delta = {"tool_calls": [call]} if arguments else {"content": "I"}
+    with pytest.raises(BrokenAnswerError, match="ended before the reply did"):
+        CHAT.assemble([{"choices": [{"delta": delta}]}])
+
+
+@pytest.mark.parametrize("odd", [7, "x", {"a": 1}, [7], [None], [{"delta": 7}], [{"delta": {"tool_calls": 7}}]])
+def test_chunks_of_another_shape_are_a_broken_answer(odd):
+    with pytest.raises(BrokenAnswerError):
+        CHAT.assemble([{"choices": odd}])
+
+
+def back(fields: dict[str, Any]) -> dict[str, Any]:
+    """A message as it goes back to the server that said it."""
+    call = {"id": "c", "type": "function", "function": {"name": "act", "arguments": json.dumps(ROCK)}}
+    message = {"role": "assistant", "content": None, "tool_calls": [call], **fields}
+    reply = CHAT.reply({"choices": [{"message": message, "finish_reason": "tool_calls"}]})
+    with sp.Episode("RockPaperScissorBasic-v0", seed=1) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.prompt()
+        conversation.receive(reply.message)
+        sent = CHAT.request(conversation.prompt())["messages"]
+    return next(message for message in sent if message["role"] == "assistant")
+
+
+SIGNED = [{"type": "reasoning.text", "text": "Hm.", "signature": "S", "index": 0}]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"reasoning": "Hm."},
+        {"reasoning": ""},
+        {"reasoning_content": "Hm."},
+        {"reasoning_content": ""},
+        {"reasoning_content": "Hm.", "reasoning": "Hm."},
+        {"reasoning": "Hm.", "reasoning_details": SIGNED},
+        {"reasoning": [{"type": "text", "text": "Hm."}]},
+        {"thinking_blocks": [{"type": "thinking", "thinking": "Hm.", "signature": "S"}]},
+        {"content": [{"type": "thinking", "thinking": [{"type": "text", "text": "Hm."}]}]},
+        {"x": {"y": "Hm.", "z": False}, "is_final": False},
+    ],
+)
+def test_a_thought_goes_back_under_the_name_under_which_it_came(fields):
+    sent = back(fields)
+    assert {name: sent[name] for name in fields} == fields
+    assert sent.keys() == {"role", "content", "tool_calls", *fields}
+
+
+def test_fields_that_requests_must_not_have_stay_away():
+    unsent = {"annotations": [{"type": "url_citation"}], "audio": {"id": "a"}, "function_call": {"name": "act"}}
+    assert back({**unsent, "refusal": None, "reasoning": None}).keys() == {"role", "content", "tool_calls"}
+
+
+def test_the_page_prints_the_table():
+    rows = [
+        f"| {row.interface} | `{row.name}` | {row.said_by} | {'yes' if row.is_counted else 'no'} | "
+        f"{'yes' if row.is_sent else 'no'} | {row.pieces} | {row.empty} |".replace("`any other`", "any other")
+        for row in REPLY_FIELDS
+    ]
+    text = DOCS.read_text(encoding="utf-8")
+    assert "\n".join(rows) in text, "docs/openai.md, Fields of a reply, has to be:\n" + "\n".join(rows)
+    assert ", ".join(f"`{name}`" for name in sorted(NOT_COUNTED)) in " ".join(text.split())
