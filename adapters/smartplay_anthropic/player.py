@@ -28,7 +28,7 @@ with extra_named("smartplay_anthropic", "anthropic"):
 from smartplay_anthropic import codec
 from smartplay_tools import Episode, InvalidArgumentError, Prompt, Reply, ToolResult, ToolSpec, schema
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
-from smartplay_tools.players import BrokenAnswerError, ModelPlayer
+from smartplay_tools.players import BrokenAnswerError, ModelPlayer, OptionalFields, check_key, readable_proxies
 
 LONGEST_CONNECT = 10.0
 """Seconds that a server may take to accept a connection, however long its answers may take."""
@@ -83,6 +83,7 @@ class AnthropicPlayer(ModelPlayer):
             "timeout": anthropic.Timeout(timeout, connect=min(timeout, LONGEST_CONNECT)),
         }
         self._check_key()
+        self._optional = OptionalFields(self.name, parameters or {})
         self._limit, self._cache = limit, checked_marks(cache)
         self._always = {"model": model, **(parameters or {})}
 
@@ -91,6 +92,8 @@ class AnthropicPlayer(ModelPlayer):
         try:
             with self.new_client() as client:
                 has_key = any(getattr(client, place, None) for place in ("api_key", "auth_token", "credentials"))
+                for key in (client.api_key, client.auth_token):
+                    check_key(key, self.name)
         except anthropic.AnthropicError as error:
             raise InvalidArgumentError(f"The anthropic client finds no key: {error}") from error
         if not has_key:
@@ -98,11 +101,16 @@ class AnthropicPlayer(ModelPlayer):
 
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the arguments of the request for a prompt."""
-        return codec.request(prompt, limit=self._limit, cache=self._cache, own=self._always)
+        return self._optional.fit(codec.request(prompt, limit=self._limit, cache=self._cache, own=self._always))
+
+    def mended(self, request: dict[str, Any], error: Exception) -> bool:
+        """Whether the server refused an optional field, which is now left out."""
+        return self._optional.mend(request, error)
 
     def new_client(self) -> anthropic.Anthropic:
         """Return a synchronous client."""
-        http_client = anthropic.DefaultHttpxClient(**self._http)
+        with readable_proxies():
+            http_client = anthropic.DefaultHttpxClient(**self._http)
         return anthropic.Anthropic(**self._settings, http_client=http_client)
 
     def check_ready(self) -> None:
@@ -112,16 +120,22 @@ class AnthropicPlayer(ModelPlayer):
 
     def new_async_client(self) -> anthropic.AsyncAnthropic:
         """Return a client for one event loop."""
-        http_client = anthropic.DefaultAsyncHttpxClient(**self._http)
+        with readable_proxies():
+            http_client = anthropic.DefaultAsyncHttpxClient(**self._http)
         return anthropic.AsyncAnthropic(**self._settings, http_client=http_client)
 
     def send(self, client: anthropic.Anthropic, request: dict[str, Any]) -> Reply:
         """Send a request and read the reply."""
-        return codec.reply(client.messages.create(**request))
+        return self._read(client.messages.create(**request))
 
     async def asend(self, client: anthropic.AsyncAnthropic, request: dict[str, Any]) -> Reply:
         """Send a request and read the reply as `send` does, without blocking the event loop."""
-        return codec.reply(await client.messages.create(**request))
+        return self._read(await client.messages.create(**request))
+
+    def _read(self, answer: Any) -> Reply:
+        reply = codec.reply(answer)
+        self._optional.has_worked = True
+        return reply
 
 
 class EpisodeTool(BetaBuiltinFunctionTool):

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from langchain_core.language_models import BaseChatModel, LanguageModelInput
 from langchain_core.messages import AIMessage, AnyMessage
 from langchain_core.runnables import Runnable
+from pydantic import SecretStr
 
 from smartplay_langchain.asking import PromptSettings, ToolChoice, read_reply
 from smartplay_tools import InvalidArgumentError, Prompt, Reply, schema
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.errors import extra_named
-from smartplay_tools.players import ModelPlayer
+from smartplay_tools.players import ModelPlayer, check_key, readable_proxies
 
 FAILURES = frozenset(
     {
@@ -68,7 +70,10 @@ class LangChainPlayer(ModelPlayer):
         name = f"langchain:{model if isinstance(model, str) else type(model).__name__}"
         super().__init__(name, seed=seed, retries=retries, pause=pause, at_once=at_once)
         self.observations = ("text", "picture", "both") if pictures else ("text",)
-        self._model = _chat_model(model, parameters) if isinstance(model, str) else model
+        with readable_proxies():
+            self._model = _chat_model(model, parameters) if isinstance(model, str) else model
+        for key in _keys_of(self._model):
+            check_key(key, name)
         self._settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
 
     def request(self, prompt: Prompt) -> tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]:
@@ -86,14 +91,16 @@ class LangChainPlayer(ModelPlayer):
     def send(self, client: None, request: tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]) -> Reply:
         """Invoke the model."""
         model, messages = request
-        return read_reply(model.invoke(messages))
+        with readable_proxies():
+            return read_reply(model.invoke(messages))
 
     async def asend(
         self, client: None, request: tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]
     ) -> Reply:
         """Invoke the model without blocking the event loop."""
         model, messages = request
-        return read_reply(await model.ainvoke(messages))
+        with readable_proxies():
+            return read_reply(await model.ainvoke(messages))
 
     def failed(self, error: Exception) -> bool:
         """Whether the provider refused or the connection failed: LangChain passes on the client's own errors."""
@@ -101,6 +108,15 @@ class LangChainPlayer(ModelPlayer):
             kind.__name__ for kind in type(error).__mro__
         }  # the classes come from many packages, so they are compared by name
         return isinstance(getattr(error, "status_code", None), int) or not kinds.isdisjoint(FAILURES)
+
+
+def _keys_of(model: BaseChatModel) -> Iterator[str]:
+    """Yield the keys in a model's fields: they are secrets, or texts in a field that is called a key or a token."""
+    for name, value in vars(model).items():
+        if isinstance(value, SecretStr):
+            yield value.get_secret_value()
+        elif isinstance(value, str) and name.endswith(("api_key", "api_token", "access_token")):
+            yield value
 
 
 def _chat_model(name: str, parameters: dict[str, Any]) -> BaseChatModel:

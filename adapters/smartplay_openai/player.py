@@ -28,13 +28,20 @@ from smartplay_openai.interface import Interface
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.text_calls import check_parser, with_calls
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
-from smartplay_tools.evaluation.costs import openai_cache_fields
-from smartplay_tools.players import BrokenAnswerError, ModelPlayer
+from smartplay_tools.evaluation.costs import is_openai, openai_cache_fields
+from smartplay_tools.players import BrokenAnswerError, ModelPlayer, OptionalFields, check_key, readable_proxies
 
 _transport = importlib.import_module(openai.DefaultHttpxClient.__mro__[1].__module__)
 """The HTTP library of the client: `httpx` up to version 2, `httpx2` from version 3 on."""
 
 DEFAULT_BASE_URL = "https://api.openai.com/v1"
+
+AZURE = (".openai.azure.com", ".services.ai.azure.com", ".cognitiveservices.azure.com")
+"""The hosts of Azure's OpenAI models, whose newer ones refuse `max_tokens` as OpenAI's do.
+
+Source: learn.microsoft.com/azure/foundry/openai, "API version lifecycle" and "Reasoning models", and
+github.com/anomalyco/opencode/issues/4334, read on 26 November 2026.
+"""
 
 LONGEST_CONNECT = 10.0
 """Seconds that a server may take to accept a connection, however long its answers may take."""
@@ -57,8 +64,8 @@ class OpenAIPlayer(ModelPlayer):
         timeout: seconds that an attempt may take without a byte from the server.
         parameters: further fields of every request, such as `{"temperature": 0}`; a cap on the reply among them applies
             where it is smaller than the budget's.
-        limit_field: the server's name of the cap on the reply; by default `max_completion_tokens` for OpenAI,
-            `max_tokens` for other servers.
+        limit_field: the server's name of the cap on the reply; by default `max_completion_tokens` for OpenAI and
+            Azure, `max_tokens` for other servers, and the other one if the server refuses it.
         typed: pass the fields that the client knows as arguments, so that tracers and other wrappers of the client see
             messages and tools. The client then compares every message with every type of message, which takes about
             1 ms for each turn in the window; False sends the body unchanged.
@@ -112,7 +119,10 @@ class OpenAIPlayer(ModelPlayer):
         }
         if self._settings["api_key"] is None:
             raise InvalidArgumentError(f"A model at {self._host} needs a key: set OPENAI_API_KEY.")
+        check_key(self._settings["api_key"], self.name)
         self._limit_field = limit_field or self._usual_limit_field()
+        own = [*(parameters or {}), *([] if limit_field is None else [limit_field])]
+        self._optional = OptionalFields(self.name, own)
         self._stream, self._typed = stream, typed
         fields = openai_cache_fields(model, base_url)
         self._sends_key, self._marks = cache and fields.key, cache and fields.marks
@@ -123,15 +133,23 @@ class OpenAIPlayer(ModelPlayer):
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the body of the request for a prompt."""
         own = {"prompt_cache_key": prompt.cache_key, **self._always} if self._sends_key else self._always
-        return self._interface.request(prompt, limit_field=self._limit_field, own=own, mark=self._marks)
+        request = self._interface.request(prompt, limit_field=self._limit_field, own=own, mark=self._marks)
+        return self._optional.fit(request)
+
+    def mended(self, request: dict[str, Any], error: Exception) -> bool:
+        """Whether the server refused an optional field, which is now left out."""
+        return self._optional.mend(request, error)
 
     def new_client(self) -> openai.OpenAI:
         """Return a synchronous client."""
-        return openai.OpenAI(**self._settings, http_client=openai.DefaultHttpxClient(**self._http))
+        with readable_proxies():
+            http_client = openai.DefaultHttpxClient(**self._http)
+        return openai.OpenAI(**self._settings, http_client=http_client)
 
     def new_async_client(self) -> openai.AsyncOpenAI:
         """Return a client for one event loop."""
-        http_client = openai.DefaultAsyncHttpxClient(**self._http)
+        with readable_proxies():
+            http_client = openai.DefaultAsyncHttpxClient(**self._http)
         return openai.AsyncOpenAI(**self._settings, http_client=http_client)
 
     def send(self, client: openai.OpenAI, request: dict[str, Any]) -> Reply:
@@ -160,6 +178,7 @@ class OpenAIPlayer(ModelPlayer):
         if isinstance(answer, str):
             raise self._no_json(answer)
         reply = self._interface.reply(answer)
+        self._optional.has_worked = True
         return reply if self._parser is None else replace(reply, message=with_calls(reply.message, self._parser))
 
     def _no_json(self, text: str = "") -> BrokenAnswerError:
@@ -183,7 +202,8 @@ class OpenAIPlayer(ModelPlayer):
         return {**typed, "extra_body": extra} if extra else typed
 
     def _usual_limit_field(self) -> str:
-        return self._interface.limit_field if self._host == "api.openai.com" else "max_tokens"
+        is_known = is_openai(self._settings["base_url"]) or f".{self._host}".endswith(AZURE)
+        return self._interface.limit_field if is_known else "max_tokens"
 
 
 class ResponsesPlayer(OpenAIPlayer):
@@ -192,14 +212,6 @@ class ResponsesPlayer(OpenAIPlayer):
     _registered = "openai-responses"
     _interface: Interface = RESPONSES
     _arguments_of_client = arguments_of(Responses.create)
-
-    def mended(self, request: dict[str, Any], error: Exception) -> bool:
-        """Whether a model without reasoning refused the request for its reasoning, which is now left out."""
-        refused = isinstance(error, openai.BadRequestError) and "encrypted content" in str(error).lower()
-        if refused and request.get("include"):
-            request["include"] = self._always["include"] = []
-            return True
-        return False
 
     def _usual_limit_field(self) -> str:
         return self._interface.limit_field

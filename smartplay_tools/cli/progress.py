@@ -159,7 +159,7 @@ def spending_sentence(spending: Spending) -> str:
     if total.unknown_calls:
         calls = "1 call was" if total.unknown_calls == 1 else f"{total.unknown_calls} calls were"
         most = f"at most {short(total.unknown_tokens)} tokens{_dollars(total.unknown_cost)}"
-        sentence += f". {calls} under way when the run was stopped; whether they are charged is unknown, {most}"
+        sentence += f". {calls} under way when the run or a worker stopped; whether they are charged is unknown, {most}"
     return sentence + "."
 
 

@@ -3,8 +3,9 @@
 Every agent has `observe`, `act` and `read_manual`; strategies for the past may add others.
 
 A call is played as it was sent or refused with a reason, never repaired: a benchmark that guesses what a model meant
-measures the guess. An action is given by its exact name or by its number in the game's manual. The legal actions are
-listed in the description of `act`, not in an enum, because frameworks disagree on who rejects an enum violation.
+measures the guess. An action is given by its exact name or by its number in the game's manual, as a text or as a whole
+number: some hosts turn the text "1" into the number 1, whatever the model wrote. The legal actions are listed in the
+description of `act`, not in an enum, because frameworks disagree on who rejects an enum violation.
 
 The tools of an episode as Python callables, for frameworks that read names, annotations and docstrings.
 """
@@ -24,7 +25,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.types import ToolResult, ToolSpec
-from smartplay_tools.types.arguments import Arguments, as_text, is_strict, text_parameters
+from smartplay_tools.types.arguments import Arguments, as_text, is_strict, number_as_text, text_parameters
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -116,6 +117,8 @@ class Tools:
             raise self._malformed("bad_arguments", problem=problem, sent=quote(text), usage=self._usage(name))
         assert values is not None
         if name == "act":
+            if self.words.takes_numbers:
+                values = {argument: number_as_text(value) for argument, value in values.items()}
             return ParsedCall("act", action=self._action(self._only(name, "action", values, text)))
         if (added := self.added.get(name)) is not None:
             if added.argument is None:

@@ -3,6 +3,8 @@
 player_registry  names of players, and players in a file: `FILE.py:CLASS`; `get_player`
 prompt_reading   parses the messages of a prompt, for rule players
 model            `ModelPlayer`, the base class of players that call a model: attempts, pauses, limits, clients
+environment      keys and proxies, checked before anything is asked
+optional_fields  what a server that refuses a part of a request is asked without
 scripted         players without a model: prepared replies, the first action, a random one, the game's own answer
 """
 
@@ -20,7 +22,12 @@ if TYPE_CHECKING:
         error_in as error_in,
         plain_answer as plain_answer,
     )
+    from smartplay_tools.players.environment import (
+        check_key as check_key,
+        readable_proxies as readable_proxies,
+    )
     from smartplay_tools.players.model import ModelPlayer as ModelPlayer
+    from smartplay_tools.players.optional_fields import OptionalFields as OptionalFields
     from smartplay_tools.players.player_registry import (
         PLAYERS as PLAYERS,
         get_player as get_player,
@@ -36,7 +43,9 @@ if not TYPE_CHECKING:
         __name__,
         {
             "smartplay_tools.players.attempts": "BrokenAnswerError ModelCallError count_in error_in plain_answer",
+            "smartplay_tools.players.environment": "check_key readable_proxies",
             "smartplay_tools.players.model": "ModelPlayer",
+            "smartplay_tools.players.optional_fields": "OptionalFields",
             "smartplay_tools.players.player_registry": "PLAYERS get_player is_interactive is_model player_names",
             "smartplay_tools.players.prompt_reading": "Reading call",
             "smartplay_tools.players.scripted": "NotedPlayer ScriptedPlayer",

@@ -17,6 +17,7 @@ from typing import Any
 
 from smartplay_tools.context.prompts.wording import beginnings, in_any_version
 from smartplay_tools.types import PAGES_TOOL, Prompt
+from smartplay_tools.types.arguments import number_as_text
 from smartplay_tools.types.messages import FunctionCall, Message, MessageToolCall, calls_of, text_of
 
 
@@ -152,7 +153,7 @@ def _call(call: MessageToolCall) -> _Call:
     function = call["function"]
     try:
         arguments = json.loads(function["arguments"])
-        action, page = arguments.get("action"), arguments.get("page")
+        action, page = number_as_text(arguments.get("action")), arguments.get("page")
     except (ValueError, TypeError, AttributeError, RecursionError):
         action = page = None
     action, page = (value if isinstance(value, str) else None for value in (action, page))

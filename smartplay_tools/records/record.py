@@ -327,10 +327,11 @@ class Record:
 
     @property
     def open_call(self) -> Spent:
-        """The call whose reply is not in the record, as unknown use; nothing if the record ends without one."""
-        if self.ending is not None and not self.was_unanswered:
-            return Spent()
-        return self._counts.open_call()
+        """The call whose reply is not in the record, as unknown use; nothing if it ends without one, or as `end` says.
+
+        Whatever ended an attempt from outside, a killed process or a stopped run, its call may be charged.
+        """
+        return Spent() if self.is_complete else self._counts.open_call()
 
     @property
     def steps(self) -> int:

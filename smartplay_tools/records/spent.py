@@ -123,8 +123,8 @@ class RecordCounts:
                 self._since_prompt = [event]
             case "message" | "summary":
                 self._since_prompt.append(event)
-            case "resume":
-                self.own, self._since_prompt = _Sum(), []
+            case "resume":  # a prompt without a reply is sent once more, and so is a further call
+                self.own = _Sum()
 
     def count_steps(self) -> None:
         """Take the number of steps from the latest call that has it; a call that was not played has none."""

@@ -26,6 +26,7 @@ __all__ = [
     "canonical_text",
     "encoder",
     "is_strict",
+    "number_as_text",
     "object_in",
     "read",
     "value_in",
@@ -48,6 +49,11 @@ def value_in(text: str) -> Any:
         return json.loads(text)
     except (ValueError, RecursionError):
         return text
+
+
+def number_as_text(value: Any) -> Any:
+    """Return a whole number as text; any other value unchanged, booleans and fractions included."""
+    return str(value) if type(value) is int else value
 
 
 def encoder(

@@ -286,7 +286,7 @@ def test_a_model_that_does_not_reason_is_asked_for_no_reasoning(tmp_path):
     faulty = Faulty(answer(refusal, 400))
     result, _ = play(faulty, tmp_path, "openai-responses:rule")
     assert_as_if_nothing_had_happened(result, extra_requests=1)
-    assert [bool(body["include"]) for _, body in faulty.requests] == [True] + [False] * result.turns
+    assert [bool(body.get("include")) for _, body in faulty.requests] == [True] + [False] * result.turns
 
 
 # Permanent faults.

@@ -10,7 +10,10 @@ from smartplay_tools.evaluation import Run
 from smartplay_tools.evaluation.run_folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.plan import prices_in_tables
+from smartplay_tools.records import Record
 from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.records.record import UNANSWERED
+from smartplay_tools.transcript.file import append_exception
 from tests.evaluation.players import Metered, Uncounted, Wordy
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
@@ -121,6 +124,28 @@ def test_what_a_run_has_used_in_all_stands_beside_what_its_results_have(tmp_path
     assert spending.other_attempts.unknown_calls == 1
     assert spending.total.cost == pytest.approx(spending.results.cost + spending.other_attempts.cost)
     assert sp.evaluate([BANDIT], **arguments).folder.manifest().spending == spending.to_json()
+
+
+@pytest.mark.parametrize(
+    "error", [None, "The worker process died while it played this episode.", "SystemExit: 3", UNANSWERED]
+)
+def test_a_call_without_a_reply_may_be_charged_however_its_attempt_ended(tmp_path, error):
+    path = tmp_path / "episode.jsonl"
+    episode = sp.Episode(BANDIT, seed=1, transcript=path, budget=sp.Budget(reply_tokens=50))
+    conversation = sp.Conversation(episode, player="openai:m")
+    prompt = conversation.prompt()
+    if error is not None:
+        append_exception(path, error)
+    for record in (Record.read(path), Record.follow(path)):
+        assert record.open_call.unknown_calls == 1
+        assert record.open_call.unknown_tokens == episode.counter.prompt(prompt.messages, prompt.tools) + 50
+    episode.ledger.writer.close()
+    again = sp.resume(path, transcript=tmp_path / "again.jsonl")
+    again.conversation.prompt()
+    assert Record.read(tmp_path / "again.jsonl").open_call.unknown_calls == 1, "asked once more, and no reply again"
+    again.conversation.give_up(RuntimeError("no reply"))
+    again.episode.close()
+    assert Record.read(tmp_path / "again.jsonl").open_call.unknown_calls == 0
 
 
 def test_a_row_tells_its_cost_or_that_nobody_knows_it(tmp_path):

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.cli.progress import spending_sentences
 from smartplay_tools.evaluation.run_folder import RunFolder
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.evaluation.runs.merge import merge
@@ -242,6 +243,8 @@ def test_a_worker_that_dies_takes_no_other_episode_with_it(tmp_path):
     failed = [failure for failure in run.failures if failure["end_reason"] != "interrupted"]
     assert {failure["seed"] for failure in failed} == {victim}
     assert {failure["error"] for failure in failed} == {"The worker process died while it played this episode."}
+    assert run.spending.other_attempts.unknown_calls == 8, "four attempts, and two workers died in each"
+    assert "8 calls were under way when the run or a worker stopped" in spending_sentences(run.spending)[0]
     assert multiprocessing.active_children() == []
 
 

@@ -27,6 +27,11 @@ class Wording:
         self.texts = texts
         """The sentences by name, with their placeholders."""
 
+    @property
+    def takes_numbers(self) -> bool:
+        """Whether `act` takes an action's number as a JSON number, which was a mistake under version 1."""
+        return self.version != "v1"
+
     @staticmethod
     @functools.cache
     def of(version: str) -> Wording:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.turns import Turn
+from smartplay_tools.types.arguments import number_as_text
 from smartplay_tools.types.messages import text_of
 
 if TYPE_CHECKING:
@@ -180,7 +181,7 @@ def _call(turn: Turn, position: int) -> str:
     call = turn.calls[position]
     if call.name != "act" or call.arguments.values is None:
         return f"{call.name}()"
-    return f'act("{call.arguments.values["action"].strip()}")'
+    return f'act("{number_as_text(call.arguments.values["action"]).strip()}")'
 
 
 def _shown_steps(view: View) -> Iterator[range]:

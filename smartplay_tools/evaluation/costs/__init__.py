@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         CacheFields as CacheFields,
         CacheRule as CacheRule,
         cache_rules as cache_rules,
+        is_openai as is_openai,
         openai_cache_fields as openai_cache_fields,
         rule_of as rule_of,
     )
@@ -26,7 +27,9 @@ if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.evaluation.costs.caches": "CacheFields CacheRule cache_rules openai_cache_fields rule_of",
+            "smartplay_tools.evaluation.costs.caches": (
+                "CacheFields CacheRule cache_rules is_openai openai_cache_fields rule_of"
+            ),
             "smartplay_tools.evaluation.costs.charges": "Charge calls_under charge",
             "smartplay_tools.evaluation.costs.tariffs": "Tariff tariffs_of",
         },

@@ -107,11 +107,19 @@ class CacheFields(NamedTuple):
     """Marks in the messages."""
 
 
+def is_openai(base_url: str) -> bool:
+    """Whether an address is OpenAI's, in any region: `eu.api.openai.com` and others, a prefix for each.
+
+    Source: developers.openai.com/api/docs/guides/data-residency, read on 26 November 2026.
+    """
+    return f".{urlsplit(base_url).hostname}".endswith(".api.openai.com")
+
+
 def openai_cache_fields(model: str, base_url: str) -> CacheFields:
     """Return which fields for the cache a model behind OpenAI's interface takes; other providers' servers take none."""
-    is_openai = urlsplit(base_url).hostname == "api.openai.com"
-    rule = _rule_for(f"openai:{model}", _own_rules()) if is_openai else None
-    return CacheFields(is_openai, rule is not None and rule.marks != "auto")
+    has_key = is_openai(base_url)
+    rule = _rule_for(f"openai:{model}", _own_rules()) if has_key else None
+    return CacheFields(has_key, rule is not None and rule.marks != "auto")
 
 
 @lru_cache(64)

@@ -19,7 +19,7 @@ from smartplay_tools.players.human.player import Asked, asked_for, in_words, nam
 from smartplay_tools.players.human.screen import budget_bars
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types import Prompt, Reply
-from smartplay_tools.types.arguments import as_text
+from smartplay_tools.types.arguments import as_text, number_as_text
 from smartplay_tools.types.messages import Message
 
 PICTURES = "rgb_array"
@@ -145,7 +145,8 @@ def _message(prompt: Prompt, given: Mapping[str, Any]) -> Message:
 
 
 def _action(prompt: Prompt, given: Mapping[str, Any]) -> str:
-    action = named_action(_text(given, "action"), Reading(prompt).actions)
+    typed = {"action": number_as_text(given.get("action"))}
+    action = named_action(_text(typed, "action"), Reading(prompt).actions)
     if action is None:
         raise InvalidArgumentError("That is not an action of this game; choose one from the list.")
     return action
