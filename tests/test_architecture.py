@@ -10,6 +10,7 @@ import subprocess
 import sys
 import textwrap
 import tomllib
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -134,6 +135,58 @@ def test_what_can_happen_to_a_prompt_is_listed_by_file():
             f"{name} is not in docs/architecture.md under 'What can happen to a prompt': add a line that says what it "
             "decides"
         )
+
+
+ASK = {"reply", "areply", "reply_of", "ask", "aask", "create", "generate", "invoke", "ainvoke", "get_response"}
+"""The names of functions that ask a player or a framework's model."""
+
+ASK_HERE = {"handler", "send", "self.send", "self.asend", "super().send", "super().asend", "self._model_step"}
+"""Expressions that ask where they are called: hooks of frameworks, functions of hosts, and players' own requests."""
+
+OTHERS = {
+    "smartplay_tools.cli": "a command is invoked",
+    "smartplay_tools.evaluation.runs.executors.ray": "an event is sent",
+    "smartplay_tools.games.crafter.world": "a world is generated",
+    "smartplay_tools.games.minecraft.luanti.engine": "the game's engine is asked",
+    "smartplay_tools.players.human.player": "a person is asked",
+    "smartplay_langchain.calls": "a tool is invoked",
+    "smartplay_langchain.toolkit": "a tool is invoked",
+    "smartplay_local.engine": "tokens are counted, and the speed of a machine is measured",
+    "smartplay_mcp.server": "a message of the protocol is handled",
+    "smartplay_openai.window.app": "a request of a host is handed to its episode",
+    "smartplay_pydantic_ai.capability.SmartPlay.wrap_tool_execute": "a tool is run",
+}
+"""Modules and functions in which these are something else, and what."""
+
+
+def asking(tree: ast.AST, path: str = "") -> Iterator[str]:
+    """The qualified names of the functions that ask, one by one."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Call):
+            # A function may be handed on, as to a thread.
+            for called in (node.func, *(each for each in node.args if ast.unparse(each).endswith("player.reply"))):
+                text = ast.unparse(called)
+                is_conversion = text in ("codec.reply", "self._interface.reply")
+                if text in ASK_HERE or (text.rpartition(".")[2] in ASK and not is_conversion):
+                    yield path
+        is_named = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+        yield from asking(node, f"{path}.{node.name}".lstrip(".") if is_named else path)
+
+
+def test_every_place_that_asks_a_model_is_listed_with_its_bound():
+    page = (ROOT / "docs" / "budgets.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^\| `(smartplay_[\w.]+)` \| (.+?) \| (.+?) \|$", page, flags=re.MULTILINE)
+    listed = {f"{module}.{name}" for module, names, _ in lines for name in re.findall(r"`([\w.]+)`", names)}
+    found, others = set(), set()
+    for path in [*modules(), *ROOT.glob("adapters/**/*.py")]:
+        top = ROOT / "adapters" if "adapters" in path.parts else ROOT
+        module = ".".join(path.relative_to(top).with_suffix("").parts).removesuffix(".__init__")
+        for name in asking(ast.parse(path.read_text(encoding="utf-8"))):
+            other = {module, f"{module}.{name}"} & OTHERS.keys()
+            others |= other
+            found |= set() if other else {f"{module}.{name}"}
+    assert others == OTHERS.keys()
+    assert found == listed, "list every place that asks a model in docs/budgets.md, with its bound"
 
 
 def test_a_room_of_evaluation_imports_only_lower_ones():

@@ -162,11 +162,3 @@ def test_a_key_answers_the_same_call_again_and_no_other(
             assert "replayed" not in result.data
             if key:
                 seen[key] = (name, same), result
-
-
-def test_the_last_64_keys_are_kept() -> None:
-    episode = sp.Episode("BanditTwoArmedHighLowFixed-v0", seed=1, tokenizer=scripts.Words())
-    for number in range(65):
-        episode.call("observe", "", f"{number}")
-    assert episode.call("observe", "", "1").data.get("replayed")
-    assert not episode.call("observe", "", "0").data.get("replayed")

@@ -41,6 +41,7 @@ from smartplay_langchain.toolkit import artifact_of
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.conversation import HostChat, HostHistory
+from smartplay_tools.conversation.host_chat import check_names
 from smartplay_tools.types.messages import Call
 
 
@@ -165,6 +166,7 @@ class GraphSession(CallPlayer):
         """
         own = {tool.name for tool in self.episode.tools}
         specs = [spec_of(tool) for tool in tools]
+        check_names(specs, self.episode.tools)
         if missing := sorted(own - {spec.name for spec in specs}):
             raise InvalidArgumentError(
                 f"A middleware has removed {', '.join(missing)}; every request must offer the game's tools."

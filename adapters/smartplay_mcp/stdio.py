@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from smartplay_tools.web import HostedEpisode
-from smartplay_tools.web.mcp import PARSE_ERROR, ProtocolError, respond
+from smartplay_tools.web.mcp import BATCHES, PARSE_ERROR, ProtocolError, respond
 
 if TYPE_CHECKING:
     from smartplay_tools import Episode
@@ -30,7 +30,7 @@ async def serve_stdio(
     is made after the first answer, or a moment after the start: a host hears at once what the server is, and waits for
     the game when it asks for its tools.
     """
-    hosted, writing = HostedEpisode(episode), writing or sys.stdout.buffer
+    hosted, writing, agreed = HostedEpisode(episode), writing or sys.stdout.buffer, None
     lines = _lines(reading or _standard_input())
     has_answered = asyncio.Event()
     asyncio.get_running_loop().call_later(MOMENT, has_answered.set)
@@ -39,8 +39,10 @@ async def serve_stdio(
     making.add_done_callback(lambda made: lines.put_nowait(None) if made.exception() else None)
     while (line := await lines.get()) is not None:
         if line.strip():
-            answer = await _answer(hosted, line)
+            answer = await _answer(hosted, line, takes_batches=agreed == BATCHES)
             if answer is not None:
+                if isinstance(answer, dict):
+                    agreed = answer.get("result", {}).get("protocolVersion", agreed)
                 # ASCII, because a message may contain a lone surrogate, which UTF-8 cannot encode.
                 writing.write(json.dumps(answer).encode("ascii") + b"\n")
                 writing.flush()
@@ -72,12 +74,12 @@ def open_episode(game: str, *, transcript: Path | None, **settings: Any) -> Epis
     return resume(transcript).episode
 
 
-async def _answer(hosted: HostedEpisode, line: bytes) -> dict[str, Any] | None:
+async def _answer(hosted: HostedEpisode, line: bytes, *, takes_batches: bool) -> Any:
     try:
         message = json.loads(line)
     except (ValueError, RecursionError):
         return ProtocolError(PARSE_ERROR, "Each line is one JSON object.").body(None)
-    return await respond(hosted, message)
+    return await respond(hosted, message, takes_batches=takes_batches)
 
 
 def _standard_input() -> BinaryIO:

@@ -51,6 +51,7 @@ from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import HostChat, HostHistory
+from smartplay_tools.conversation.host_chat import check_names
 from smartplay_tools.evaluation.costs import CacheFields, openai_cache_fields
 from smartplay_tools.types.messages import Call, text_of, words_of
 
@@ -341,9 +342,11 @@ class SmartPlayModel(Model):
                 "An agent that plays has the game's tools: pass `tools=[*model.tools, ...]` to every agent with this "
                 "model."
             )
-        functions = [tool for tool in tools if isinstance(tool, FunctionTool) and tool.name not in ours]
+        functions = [tool for tool in tools if isinstance(tool, FunctionTool)]
         specs = [ToolSpec(tool.name, tool.description, tool.params_json_schema) for tool in functions]
-        return specs + [ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs]
+        specs += [ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs]
+        check_names(specs, self.episode.tools)
+        return [spec for spec in specs if spec.name not in ours]
 
     def _prepare(self, instructions: str | None, items: Sequence[Item], foreign: Sequence[ToolSpec]) -> AgentSession:
         """Begin the session, or take over what has happened since the latest reply."""

@@ -12,18 +12,33 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
+from smartplay_openai.problems import RequestError
 from smartplay_openai.tool_choice import ToolChoice
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 
 Event = tuple[str | None, dict[str, Any] | str]
 """A server-sent event: its name, if it has one, and its data."""
 
-
 BREAKPOINT = {"prompt_cache_breakpoint": {"mode": "explicit"}}
 """The mark of a content part up to which the provider caches a prompt."""
 
 
-class Interface(ABC):
+class Streaming(ABC):
+    """An interface, as far as a stream has its form: events, an error, and signs of life before the first event."""
+
+    alive: ClassVar[str] = ": the model has not replied yet\n\n"
+    """A server-sent comment, which clients ignore."""
+
+    @abstractmethod
+    def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
+        """Yield an answer's events: text and arguments in two pieces each, so that readers have to join them."""
+
+    def failure(self, error: RequestError) -> Event:
+        """Return the event of a stream that ends without an answer."""
+        return None, error.body()
+
+
+class Interface(Streaming):
     """One of OpenAI's interfaces."""
 
     path: ClassVar[str]
@@ -98,7 +113,3 @@ class Interface(ABC):
     @abstractmethod
     def write(self, message: Message, model: str, usage: Usage) -> dict[str, Any]:
         """Return the answer that says a message; its calls keep their ids, which have to be unique."""
-
-    @abstractmethod
-    def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
-        """Yield an answer's events: text and arguments in two pieces each, so that readers have to join them."""

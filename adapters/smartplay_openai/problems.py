@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import Message, ToolSpec
+from smartplay_tools.conversation.host_chat import check_names
 from smartplay_tools.types.messages import calls_of
 
 
@@ -76,7 +77,9 @@ def read_tools(body: Mapping[str, Any], function_field: str | None) -> tuple[Too
     tools = body.get("tools")
     if not isinstance(tools, list | None):
         raise bad("tools is a list.", "tools")
-    return tuple(_read_tool(tool, function_field, f"tools[{at}]") for at, tool in enumerate(tools or ()))
+    specs = tuple(_read_tool(tool, function_field, f"tools[{at}]") for at, tool in enumerate(tools or ()))
+    check_names(specs)
+    return specs
 
 
 def _read_tool(tool: Any, function_field: str | None, param: str) -> ToolSpec:

@@ -140,6 +140,11 @@ class Responses(Interface):
         for number, (kind, event) in enumerate(_events(answer)):
             yield kind, {"type": kind, "sequence_number": number, **event}
 
+    def failure(self, error: RequestError) -> Event:
+        """Return the event of a stream that ends without a response; OpenAI's client looks for the error below."""
+        told = error.body()["error"]
+        return "error", {**told, "type": "error", "sequence_number": 0, "error": told}
+
 
 RESPONSES = Responses()
 """The Responses interface: requests, replies, tools and items in its wire format."""

@@ -26,7 +26,7 @@ from pydantic_ai import RunContext
 from pydantic_ai.capabilities import AbstractCapability, WrapModelRequestHandler, WrapToolExecuteHandler
 from pydantic_ai.exceptions import RetryModelRequest, ToolFailed, UsageLimitExceeded
 from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ToolCallPart
-from pydantic_ai.models import Model, ModelRequestContext
+from pydantic_ai.models import Model, ModelRequestContext, ModelRequestParameters
 from pydantic_ai.models.function import AgentInfo, FunctionModel
 from pydantic_ai.run import AgentRunResult
 from pydantic_ai.settings import ModelSettings
@@ -57,6 +57,7 @@ from smartplay_tools import (
     Player,
     Prompt,
     ToolResult,
+    ToolSpec,
 )
 from smartplay_tools.context.prompts import (
     CacheMarks,
@@ -114,7 +115,7 @@ class SmartPlay(AbstractCapability[Any]):
         pictures: whether the model sees pictures; without it, an episode whose observations are pictures is refused.
 
     The agent's run ends with the episode. The agent's instructions and prompt are in every prompt, after the game's own
-    head; its other tools are counted, shown and run as usual.
+    head; its other tools are counted, shown and run as usual, and may change from request to request.
     """
 
     def __init__(
@@ -133,6 +134,8 @@ class SmartPlay(AbstractCapability[Any]):
         self._cache = checked_marks(cache)
         self._player, self._only_game_tools = player, only_game_tools
         self._host: HostChat | None = None
+        self._system: Sequence[Message] = ()
+        """The agent's instructions in its first request."""
         self._history = HostHistory[ModelMessage](episode.counter, known_by)
         self._chat = PydanticAIChat()
         self._results: dict[str, ToolResult] = {}
@@ -157,6 +160,8 @@ class SmartPlay(AbstractCapability[Any]):
             self._host = self._begin(request_context)
         else:
             self._catch_up(request_context.messages)
+            others = self._other_tools(request_context.model_request_parameters)
+            self._host.change(system=self._system, foreign_tools=others)
         self._history.see(request_context.messages)
         return await handler(request_context) if await self._session.aprompt() is not None else _words(OVER)
 
@@ -262,15 +267,19 @@ class SmartPlay(AbstractCapability[Any]):
             raise InvalidArgumentError("An agent that plays cannot have an output_type: its run ends with the game.")
         if request.streaming:
             raise InvalidArgumentError("A streamed run cannot play: use `run` or `run_sync`.")
-        ours = {tool.name for tool in self.episode.tools}
-        others = [] if self._only_game_tools else parameters.function_tools
-        foreign = [tool_spec(tool) for tool in others if tool.name not in ours]
         instructions = "\n\n".join(part.content for part in parameters.instruction_parts or ())
-        system: list[Message] = [{"role": "system", "content": instructions}] if instructions else []
+        self._system = [{"role": "system", "content": instructions}] if instructions else []
         player = self._player or f"pydantic-ai:{request.model.model_name}"
         host = HostChat(self.episode, player=player, pictures=self._pictures)
-        host.begin(from_history(request.messages), system=system, foreign_tools=foreign)
+        others = self._other_tools(parameters)
+        host.begin(from_history(request.messages), system=self._system, foreign_tools=others)
         return host
+
+    def _other_tools(self, parameters: ModelRequestParameters) -> list[ToolSpec]:
+        """The agent's other tools, which may change from request to request."""
+        ours = {tool.name for tool in self.episode.tools}
+        others = [] if self._only_game_tools else parameters.function_tools
+        return [tool_spec(tool) for tool in others if tool.name not in ours]
 
     def _can_run(self, call: ToolCallPart) -> bool:
         """Whether the agent would run a call; it answers the others itself, a second time."""

@@ -107,13 +107,14 @@ class AgentSession(ToolConversation):
         with self.episode.lock:
             return self.answer_at(self._own(call_id), refusal=text)
 
-    def answer(self, call_id: str, arguments: Any = None, *, earlier: bool = True) -> ToolResult:
+    def answer(self, call_id: str, arguments: Any = None, *, earlier: bool = True, key: str = "") -> ToolResult:
         """Play one call and return its result; a call that is already answered returns the same result again.
 
         Calls are played in the order of the message: earlier calls that are still open are played first, as the model
         sent them. With `earlier=False` they stay open, for a host that has refused them and says so later; they can
         then only be refused. Calls of tools that do not exist are answered, too, because no host runs them.
-        `arguments` that differ from the model's have the effect of `edit`.
+        `arguments` that differ from the model's have the effect of `edit`. `key` is the transport's idempotency key,
+        for the record.
         """
         with self.episode.lock:
             position = self._own(call_id)
@@ -124,15 +125,15 @@ class AgentSession(ToolConversation):
             for before in () if position in self._results else self._builder.waiting:
                 if before < position and self._builder.calls[before].name not in kept:
                     self.answer_at(before)
-            return self.answer_at(position)
+            return self.answer_at(position, key=key)
 
     async def areceive(self, message: Mapping[str, Any], usage: Usage | None = None) -> tuple[Call, ...]:
         """Take a reply as `receive` does, without blocking the event loop for long."""
         return await self._away(lambda: self.receive(message, usage))
 
-    async def aanswer(self, call_id: str, arguments: Any = None, *, earlier: bool = True) -> ToolResult:
+    async def aanswer(self, call_id: str, arguments: Any = None, *, earlier: bool = True, key: str = "") -> ToolResult:
         """Play one call as `answer` does; where that may be slow, in a thread instead of the event loop."""
-        return await self._away(lambda: self.answer(call_id, arguments, earlier=earlier))
+        return await self._away(lambda: self.answer(call_id, arguments, earlier=earlier, key=key))
 
     def _settle(self, call: Call) -> None:
         """Answer a call that is still open when the next prompt is asked for."""

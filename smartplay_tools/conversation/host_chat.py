@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence, Set
 from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
@@ -92,7 +92,12 @@ class HostChat:
         session.change_head([*system, *self._first], foreign_tools)
 
     def settle(
-        self, messages: Iterable[Message], *, play: Mapping[str, Any] = MappingProxyType({})
+        self,
+        messages: Iterable[Message],
+        *,
+        play: Mapping[str, Any] = MappingProxyType({}),
+        offered: Set[str] | None = None,
+        end: int | None = None,
     ) -> dict[str, ToolResult]:
         """Decide the open calls of the latest reply, in their order; return what they are answered with, by call id.
 
@@ -103,6 +108,9 @@ class HostChat:
         answered it: frameworks differ in who does, and a model that repeats it must not play on for ever. Results of
         foreign tools that ran are the host's own and not returned; in these, a part without text, such as a picture, is
         replaced by its name, because its tokens cannot be counted.
+
+        `offered` names the foreign tools that the host has for this reply, by default all that the model is shown; a
+        call of another one is a mistake. `end` is the position of the first call that stays open, by default none.
         """
         session = self._begun
         turn, answers = session.latest_turn, dict[str, ToolResult]()
@@ -110,10 +118,10 @@ class HostChat:
             return answers
         results = {message["tool_call_id"]: message for message in messages if message["role"] == "tool"}
         foreign = {tool.name for tool in session.foreign_tools}
-        runnable = foreign | {tool.name for tool in self.episode.tools}
+        runnable = {tool.name for tool in self.episode.tools} | (foreign if offered is None else foreign & offered)
         with self.episode.lock:
             answered = {item.position for item in turn.items}
-            for position, call in enumerate(turn.calls):
+            for position, call in enumerate(turn.calls[:end]):
                 if position in answered:
                     continue
                 if call.id in play:
@@ -182,6 +190,18 @@ class HostChat:
     def _begun(self) -> AgentSession:
         assert self.session is not None, "the session begins with the first prompt"
         return self.session
+
+
+def check_names(tools: Sequence[ToolSpec], own: Iterable[ToolSpec] = ()) -> None:
+    """Raise an `InvalidArgumentError` for two tools with one name, which frameworks and models confuse.
+
+    Of the game's `own` tools a framework may have kept none: one with another description is not the game's.
+    """
+    described = {tool.name: tool.description for tool in own}
+    twice = {name for name, count in Counter(tool.name for tool in tools).items() if count > 1}
+    taken = {tool.name for tool in tools if described.get(tool.name, tool.description) != tool.description}
+    if clash := sorted(twice | taken):
+        raise InvalidArgumentError(f"Two tools have the name {', '.join(clash)}; rename yours.")
 
 
 def _words_of_user(messages: Iterable[Message]) -> Counter[str]:

@@ -207,11 +207,14 @@ class ToolConversation(BaseConversation):
     def _settle(self, call: Call) -> None:
         """Answer a call that is still open when the next prompt is asked for."""
 
-    def answer_at(self, position: int, *, refusal: str | None = None, edited: str | None = None) -> ToolResult:
+    def answer_at(
+        self, position: int, *, refusal: str | None = None, edited: str | None = None, key: str = ""
+    ) -> ToolResult:
         """Answer the call at a position: with the host's text if there is a `refusal`, with arguments `edited` by it.
 
-        A call of a foreign tool is answered here if no tool has run: its arguments are not an object, or the host has
-        left it open. The host's results are for `add`.
+        A call of a foreign tool is answered here if no tool has run: its arguments are not an object, the tool is no
+        longer offered, or the host has left the call open. The host's results are for `add`. `key` is the transport's
+        idempotency key.
 
         A call is not played after a later one of its message, or observations would not be shown in their order. Such a
         call can only be refused; playing it raises an `InvalidArgumentError`.
@@ -239,6 +242,7 @@ class ToolConversation(BaseConversation):
             host="refused" if refusal is not None else "edited" if arguments is not call.arguments else None,
             refusal=refusal,
             is_foreign=is_foreign,
+            key=key,
         )
         if arguments is not call.arguments:
             self._builder.edit(position, arguments.text)

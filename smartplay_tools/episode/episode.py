@@ -199,7 +199,7 @@ class Episode:
         """Answer one call, as its own turn. A mistake gives a result with `is_error`, never an exception.
 
         `call_id` is the transport's idempotency key: the same key with the same call returns the recorded result again
-        (`data["replayed"]`) without counting it; with another call it returns an error. The last 64 keys are kept.
+        (`data["replayed"]`) without counting it; with another call it returns an error. Keys are kept to the end.
         """
         return self.call_batch([ToolCall(name, arguments, call_id)])[0]
 

@@ -123,13 +123,16 @@ class GameSession:
         self._end_if_calls_are_spent()
         return answer
 
-    def answer_foreign(self, arguments: Arguments, said: str | None) -> Answer:
+    def answer_foreign(self, name: str, arguments: Arguments, said: str | None) -> Answer:
         """Answer a call of the host's own tool that has no result; `said` is the host's text, None for this library's.
 
         A call whose arguments are not an object is a mistake of the model's, whoever answers it. Any other call was
-        refused by the host. Results of the host's own tools are not cut, and nor is this text.
+        refused by the host, or, if there is no text of the host's, its tool is no longer offered: it is then answered
+        as a call of an unknown tool. Results of the host's own tools are not cut, and nor is this text.
         """
         mistake, problem = "host", arguments.problem
+        if problem is None and said is None:
+            return self.answer(name, arguments)
         if problem is not None:
             mistake = "malformed"
             self.tool_calls += 1
@@ -137,7 +140,7 @@ class GameSession:
             if said is None:
                 reason = self.words("bad_foreign_arguments", problem=self.words(problem.name, **problem.values))
                 said = self.words("error", reason=reason)
-        assert said is not None, "a call with sound arguments is answered by its host"
+        assert said is not None
         return Answer(said, {"step": self.steps, "mistake": mistake, "legal": False}, is_error=True)
 
     def _end_if_calls_are_spent(self) -> None:

@@ -8,7 +8,6 @@ the episode ended. The ledger belongs to this package; its members are not part 
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,16 +20,13 @@ from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import TranscriptWriter
 from smartplay_tools.types import EndReason, EpisodeResult, ToolResult
-from smartplay_tools.types.arguments import Arguments
+from smartplay_tools.types.arguments import Arguments, meaning
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
 
 Listener = Callable[[Event], None]
 """Called with each event of one episode, in the thread that records it; it can change nothing."""
-
-REMEMBERED_CALLS = 64
-"""How many answered idempotency keys are kept: more than the calls that a transport sends at the same time."""
 
 
 class Ledger:
@@ -58,7 +54,8 @@ class Ledger:
         self.is_privileged = self.has_shown_pictures = False
         self.names_pictures_by_pixels = config.observation != "text"
         """Whether the record says so, which those do not that were written before pictures had these names."""
-        self._answered: OrderedDict[str, tuple[tuple[str, str], ToolResult]] = OrderedDict()
+        self._answered: dict[str, tuple[tuple[str, str], ToolResult]] = {}
+        """The calls and answers of all idempotency keys: copies of a call may come as long as the episode lives."""
         self._begun = self._step_is_unrecorded = False
 
     @property
@@ -109,13 +106,15 @@ class Ledger:
         """Answer one call of a turn and record it; `complete_turn` follows the last one.
 
         `host` says what the host did to the call: changed its arguments, or refused it with the text `refusal`.
-        `is_foreign` says that the call is one of the host's own tools, which did not run.
+        `is_foreign` says that the call is one of the host's own tools, which did not run. `key` is the transport's
+        idempotency key (`recall`).
         """
         with self.lock:
             self._step_is_unrecorded = True
-            if is_foreign and not self.is_over:
-                answer = self.session.answer_foreign(arguments, refusal)
-            elif refusal is not None and not self.is_over:
+            was_over = self.is_over
+            if is_foreign and not was_over:
+                answer = self.session.answer_foreign(name, arguments, refusal)
+            elif refusal is not None and not was_over:
                 answer = self.session.say(refusal, "host")
             else:
                 answer = self.session.answer(name, arguments, may_act=may_act)
@@ -129,8 +128,8 @@ class Ledger:
                 event["call_id"] = key  # a transport's keys outlive this process
             self.record(event)
             self._step_is_unrecorded = False
-            if key:
-                self._remember(key, name, arguments, result)
+            if key and not was_over:  # afterwards every call has the same answer, and hosts may go on calling
+                self.remember(key, name, arguments, result)
             if self.on_step is not None and "reward" in answer.data:
                 self.on_step(self.game)
             return result
@@ -140,10 +139,14 @@ class Ledger:
         if not key or key not in self._answered:
             return None
         asked, result = self._answered[key]
-        if asked == (name, arguments.canonical):
+        if asked == (name, meaning(arguments)):
             return replace(result, data={**result.data, "replayed": True})
         answer = self.session.refuse(self.session.words("call_id_was_used"))
         return ToolResult(answer.text, True, self.is_over, answer.data)
+
+    def remember(self, key: str, name: str, arguments: Arguments, result: ToolResult) -> None:
+        """Keep an answer for the copies of a call that come with its key."""
+        self._answered[key] = ((name, meaning(arguments)), result)
 
     def record(self, *events: Mapping[str, Any]) -> None:
         """Write events to the transcript, if there is one, and count them. After the end nothing is recorded."""
@@ -210,11 +213,6 @@ class Ledger:
             "data": answer.data,
             "cut": answer.cut,
         }
-
-    def _remember(self, key: str, name: str, arguments: Arguments, result: ToolResult) -> None:
-        self._answered[key] = ((name, arguments.canonical), result)
-        if len(self._answered) > REMEMBERED_CALLS:
-            self._answered.popitem(last=False)
 
     def _deviations(self) -> dict[str, Any]:
         configured = deviations(self.config, self.session.spec, self.session.budget, is_privileged=self.is_privileged)

@@ -131,7 +131,8 @@ class Driver:
             case "call" if isinstance(conversation, Conversation | AgentSession):
                 edited = event["arguments"] if event.get("host") == "edited" else None
                 refusal = event["refusal"] if event.get("host") == "refused" else None
-                conversation.answer_at(event["position"], refusal=refusal, edited=edited)
+                key = event.get("call_id", "")
+                conversation.answer_at(event["position"], refusal=refusal, edited=edited, key=key)
             case "end":
                 if not self.episode.done:
                     self._end(event["result"])

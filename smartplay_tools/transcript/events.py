@@ -174,7 +174,7 @@ class CallEvent(TypedDict):
     refusal: NotRequired[str]
     """What the host said in place of an answer, before it was cut to its cap."""
     call_id: NotRequired[str]
-    """The idempotency key that the transport sent, if any; only where the host owns the context."""
+    """The idempotency key that the transport sent, if any."""
 
 
 class SentEvent(TypedDict):

@@ -26,6 +26,7 @@ __all__ = [
     "canonical_text",
     "encoder",
     "is_strict",
+    "meaning",
     "number_as_text",
     "object_in",
     "read",
@@ -176,6 +177,11 @@ def well_formed(text: str) -> str:
 
 _read_again = functools.lru_cache(1_024)(_read)
 """`_read` with a cache: the arguments of a call are often those of an earlier one."""
+
+
+def meaning(arguments: Arguments) -> str:
+    """Return a text that two calls share if their arguments are equal, however their JSON is written."""
+    return arguments.text if arguments.values is None else canonical_text(arguments.values)
 
 
 def as_text(arguments: Any) -> str:

@@ -26,6 +26,12 @@ __all__ = ["bind_episode", "mcp_route"]
 HOSTED = "smartplay_hosted_episode"
 """The key of the episode in a request's scope."""
 
+APPENDED = (
+    "No such episode: an address ends with the handle, /mcp/HANDLE. A client that appends /mcp by itself, as the first "
+    "versions of the MCP Inspector do, takes /mcp?episode=HANDLE."
+)
+"""The refusal of an address with the old path of clients behind the handle."""
+
 STATUS = {mcp.METHOD_NOT_FOUND: 404}
 """Since 2026-07-28 errors also have a status: 404 for unknown methods, 400 for everything else."""
 
@@ -33,6 +39,8 @@ STATUS = {mcp.METHOD_NOT_FOUND: 404}
 async def bind_episode(request: Request, store: Store[Any]) -> Response | None:
     """Bind a request to the episode that it names, for the route; return a refusal if there is none."""
     handle = request.url.path.lstrip("/").partition("/")[2]
+    if handle.endswith("/mcp"):
+        return PlainTextResponse(APPENDED, 404)
     handle = handle or request.query_params.get("episode") or request.headers.get("x-episode") or ""
     hosted = store.opened(handle) or await hosted_or_refusal(store.find, handle)
     if isinstance(hosted, Response):
@@ -62,9 +70,12 @@ async def _answer(request: Request) -> Response:
         return _json(error.body(request_id), 400)
     except (ValueError, RecursionError):
         return _json(ProtocolError(mcp.PARSE_ERROR, "The body is not JSON.").body(None), 400)
-    answer = await respond(hosted, message)
+    takes_batches = request.headers.get("mcp-protocol-version", mcp.BATCHES) == mcp.BATCHES
+    answer = await respond(hosted, message, takes_batches=takes_batches)
     if answer is None:
         return Response(status_code=202)
+    if isinstance(answer, list):
+        return _json(answer, 200)
     code = answer.get("error", {}).get("code")
     is_refused = code is not None and (stateless or answer["id"] is None)
     return _json(answer, STATUS.get(code, 400) if is_refused else 200)
@@ -104,6 +115,6 @@ def _decoded(value: str | None) -> str | None:
         return None
 
 
-def _json(answer: dict[str, Any], status: int) -> Response:
+def _json(answer: Any, status: int) -> Response:
     # ASCII, because a message may contain a lone surrogate, which UTF-8 cannot encode.
     return Response(json.dumps(answer), status, media_type="application/json")

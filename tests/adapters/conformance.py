@@ -9,6 +9,7 @@ call. Nothing else is said of an adapter, so nothing else can be asked of it: ev
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import re
 import threading
@@ -302,6 +303,25 @@ def judge_memory(row: Window) -> None:
     assert (result.end_reason, result.recalls, result.pages, result.malformed_calls) == ("terminated", 3, 1, 2)
 
 
+def judge_mistakes_without_end(row: Window) -> None:
+    """A model that makes one mistake for ever is asked until its turns have stalled, however often its host asks."""
+    words, unknown, broken = calling(say="Hm."), calling(("jump", {})), calling(("act", '{"act'))
+    mistakes: list[tuple[Script, str, int]] = [
+        ([words], "no_tool_call", 3),
+        ([calling()], "no_tool_call", 3),
+        ([unknown], "stalled_turns", 10),
+        ([words, words, unknown], "stalled_turns", 10),
+        *([([broken], "stalled_turns", 10), ([unknown, broken], "stalled_turns", 10)] if row.broken_json else []),
+    ]
+    for replies, end, turns in mistakes:
+        episode, events = fresh()
+        with episode:
+            sent, *_ = row.hold(episode, itertools.islice(itertools.cycle(replies), 99))
+        assert episode.result is not None
+        assert (episode.result.end_reason, episode.result.turns, len(sent)) == (end, turns, turns)
+        assert sp.replay(events).identical
+
+
 def judge_caps(row: Window) -> None:
     """Of a user's own cap on replies and the budget's, the smaller one applies; either may be missing."""
     script = [calling(act(short)) for short in WAY]
@@ -408,6 +428,9 @@ class WindowConformance:
         if not self.row.broken_json:
             pytest.skip("its wire cannot carry them")
         judge(self.row, BROKEN, BUDGETS["tight"])
+
+    def test_mistakes_without_end_are_asked_for_ten_times(self):
+        judge_mistakes_without_end(self.row)
 
     def test_prompts_for_a_summary_are_answered_in_between(self):
         judge_summaries(self.row)

@@ -86,6 +86,26 @@ def broken_calls(row: Window, log: pytest.LogCaptureFixture) -> None:
         assert sp.replay(events).identical
 
 
+def withdrawn(row: Window, log: pytest.LogCaptureFixture) -> None:
+    """A tool of the agent's own is offered for the first reply only: calling it later is a mistake, and stalls."""
+    withdrawn = calling((WEATHER.name, {"city": "Bern"}))
+    episode, events = fresh()
+    with episode:
+        held = row.hold(episode, [MOVES[0], withdrawn, *MOVES[1:]], situation="withdrawn")
+    result = episode.result
+    assert result is not None
+    assert (result.score, result.end_reason, result.malformed_calls, result.refused_calls) == (3.0, "terminated", 1, 0)
+    assert WEATHER.name in [tool[0] for tool in held.sent[0].tools]
+    assert sp.replay(events).identical
+    episode, events = fresh()
+    with episode:
+        held = row.hold(episode, [MOVES[0], *[withdrawn] * 99], situation="withdrawn")
+    result = episode.result
+    assert result is not None
+    assert (result.end_reason, result.malformed_calls, len(held.sent)) == ("stalled_turns", 10, 11)
+    assert sp.replay(events).identical
+
+
 def picture(row: Window, log: pytest.LogCaptureFixture) -> None:
     """A tool of the agent's own gives a picture, which cannot be counted: it is named, and that is logged once."""
     _, held = played(row, [calling(("camera", {})), calling(("camera", {})), *MOVES], "picture")
@@ -168,6 +188,7 @@ SITUATIONS: dict[str, Callable[[Window, pytest.LogCaptureFixture], None]] = {
     "schema": another_purpose("schema"),
     "sub-agent": sub_agent,
     "usage": usage,
+    "withdrawn": withdrawn,
 }
 
 

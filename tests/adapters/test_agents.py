@@ -389,3 +389,12 @@ async def test_a_run_goes_on_from_its_record():
     assert (resumed.episode.result.completed, resumed.episode.result.turns) == (True, 7)
     assert len([event for event in record if event["event"] == "head"]) == 1
     assert sp.replay(record).identical
+
+
+async def test_another_tool_with_the_name_of_one_of_the_games_is_refused():
+    """The SDK would run one of the two, whichever comes last."""
+    mine = function_tool(lambda action: "Mine.", name_override="act", description_override="Act.")
+    episode, events = fresh()
+    with episode, pytest.raises(sp.InvalidArgumentError, match="Two tools have the name act; rename yours"):
+        await run(episode, [], tools=(mine,))
+    assert not [event for event in events if event["event"] == "usage"]

@@ -62,6 +62,13 @@ def test_what_hosts_do(row, situation, caplog):
     situations.SITUATIONS[situation](WINDOW[row], caplog)
 
 
+@pytest.mark.parametrize(
+    "row", [pytest.param(row, marks=() if row == "Agents SDK" else pytest.mark.slow) for row in WINDOW]
+)
+def test_mistakes_without_end_are_asked_for_ten_times(row):
+    conformance.judge_mistakes_without_end(WINDOW[row])
+
+
 @pytest.mark.parametrize("row", ROWS)
 def test_prompts_for_a_summary_are_answered_in_between(row):
     conformance.judge_summaries(WINDOW[row])

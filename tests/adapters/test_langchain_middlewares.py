@@ -553,3 +553,12 @@ class TestAnAgentWithoutACheckpointer:
 def forbidden_weather() -> str:
     """Tell the weather."""
     raise AssertionError("a tool that is hidden is not run")
+
+
+def test_another_tool_with_the_name_of_one_of_the_games_is_refused():
+    """LangChain's agent would run the other."""
+    mine = tool("act", description="Act.")(lambda action: "Mine.")
+    episode, events = fresh()
+    with episode, pytest.raises(sp.InvalidArgumentError, match="Two tools have the name act; rename yours"):
+        create_agent(ScriptedModel([]), [mine], middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
+    assert not [event for event in events if event["event"] == "usage"]

@@ -106,12 +106,17 @@ def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | No
     others: dict[str, list[AbstractCapability[Any]]] = {
         "forgets": [ProcessHistory(lambda messages: messages[-2:])],
         "no tools": [PrepareTools(lambda context, tools: [])],
+        "withdrawn": [
+            PrepareTools(lambda context, tools: [t for t in tools if t.name != WEATHER.name or not model.received])
+        ],
     }
     agent = Agent(
         model.model,
         capabilities=[*others.get(situation, []), capability],
         model_settings=ModelSettings(**own),
-        tools={"broken call": [described], "picture": [camera], "sub-agent": [helper]}.get(situation, []),
+        tools={"broken call": [described], "withdrawn": [described], "picture": [camera], "sub-agent": [helper]}.get(
+            situation, []
+        ),
         output_type=dict[str, int] if situation == "schema" else str,
     )
     result = agent.run_sync("", usage_limits=NO_LIMIT)

@@ -251,11 +251,18 @@ INTERFACES: dict[str, type[ByChat]] = {"chat": ByChat, "responses": ByResponses,
 
 
 def play_through(
-    asks: ByChat, tools: dict[str, Any], offered: list[Any] = TOOLS, *, forgets: bool = False, **extra: Any
+    asks: ByChat,
+    tools: dict[str, Any],
+    offered: list[Any] = TOOLS,
+    later: list[Any] | None = None,
+    *,
+    forgets: bool = False,
+    **extra: Any,
 ) -> tuple[str, sp.Usage]:
     """Play an episode through a client to the end; return the last words and the usage of all answers.
 
-    A host that `forgets` keeps no more than its first messages and the latest reply with its results.
+    `later` are the tools of all requests but the first, by default the same. A host that `forgets` keeps no more than
+    its first messages and the latest reply with its results.
     """
     messages, usage = [*asks.begin], sp.Usage(requests=0)
     for _ in range(60):
@@ -264,6 +271,7 @@ def play_through(
         if not answer.calls:
             return answer.text, usage
         results = asks.results([(call_id, tools[name](**arguments)) for call_id, name, arguments in answer.calls])
+        offered = offered if later is None else later
         messages = [*(asks.begin if forgets else messages), *answer.items, *results]
     raise AssertionError("the game does not end")
 

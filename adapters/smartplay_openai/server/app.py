@@ -16,7 +16,7 @@ import asyncio
 import itertools
 import json
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar, cast
@@ -27,10 +27,10 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from smartplay_openai.chat import CHAT
-from smartplay_openai.interface import Event, Interface
+from smartplay_openai.interface import Event, Interface, Streaming
 from smartplay_openai.problems import RequestError, bad
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.tool_choice import ToolChoice
@@ -118,11 +118,91 @@ def json_response(body: Mapping[str, Any], status: int = 200, headers: Mapping[s
     return Response(json.dumps(body), status, headers, media_type="application/json")
 
 
-def event_stream(events: Iterator[Event]) -> Iterator[str]:
-    """Yield events as server-sent events."""
-    for name, data in events:
-        text = data if isinstance(data, str) else json.dumps(data)
-        yield f"event: {name}\ndata: {text}\n\n" if name else f"data: {text}\n\n"
+HEAD_AFTER = 0.1
+"""Seconds after which the head of a stream is sent. An error that comes before it has a status."""
+
+SILENCE = 5.0
+"""Seconds after which a stream has a sign of life; load balancers close connections that are silent for 60 s."""
+
+GONE = 499
+"""The status of a request whose client has gone, as web servers log it; nobody receives it."""
+
+
+async def respond(
+    request: Request,
+    form: Streaming,
+    answering: Coroutine[Any, Any, dict[str, Any]],
+    body: Mapping[str, Any],
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """Return the response to a request, whole or as a stream, as it asks; without a client, nothing is answered.
+
+    The head of a stream does not wait for the answer.
+    """
+    answer = asyncio.create_task(answering)
+    if body.get("stream"):
+        await asyncio.wait({answer}, timeout=HEAD_AFTER)
+        if not answer.done() or answer.exception() is None:
+            return _Stream(answer, form, body, headers)
+    else:
+        gone = asyncio.create_task(_disconnect(request))
+        try:
+            await asyncio.wait({answer, gone}, return_when=asyncio.FIRST_COMPLETED)
+            if not answer.done():
+                return Response(status_code=GONE)
+        finally:
+            answer.cancel()
+            gone.cancel()
+    return json_response(answer.result(), 200, headers)
+
+
+async def _disconnect(request: Request) -> None:
+    """Wait until the client has gone."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+class _Stream(StreamingResponse):
+    """An answer as server-sent events, with signs of life until it is there."""
+
+    def __init__(
+        self,
+        answer: asyncio.Task[dict[str, Any]],
+        form: Streaming,
+        body: Mapping[str, Any],
+        headers: Mapping[str, str] | None,
+    ) -> None:
+        self._answer, self._form, self._body = answer, form, body
+        super().__init__(self._parts(), media_type="text/event-stream", headers=headers)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the stream; the request ends with it, when its client has gone, too."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._answer.cancel()
+
+    async def _parts(self) -> AsyncIterator[str]:
+        while not self._answer.done():
+            yield self._form.alive
+            await asyncio.wait({self._answer}, timeout=SILENCE)
+        try:
+            answer = self._answer.result()
+        except Exception as error:
+            is_refusal = isinstance(error, RequestError)
+            yield event_text(self._form.failure(error if is_refusal else unexpected(error)))
+            if not is_refusal:
+                raise
+            return
+        for event in self._form.stream(answer, self._body):
+            yield event_text(event)
+
+
+def event_text(event: Event) -> str:
+    """Return an event as a server-sent event."""
+    name, data = event
+    text = data if isinstance(data, str) else json.dumps(data)
+    return f"event: {name}\ndata: {text}\n\n" if name else f"data: {text}\n\n"
 
 
 async def refuse(request: Request, error: RequestError) -> Response:
@@ -130,9 +210,14 @@ async def refuse(request: Request, error: RequestError) -> Response:
     return json_response(error.body(), error.status, error.headers)
 
 
+def unexpected(error: Exception) -> RequestError:
+    """Return the refusal of a request at which the server failed."""
+    return RequestError(500, f"{type(error).__name__}: {error}")
+
+
 async def fail(request: Request, error: Exception) -> Response:
     """Answer a request at which the server failed."""
-    return json_response(RequestError(500, f"{type(error).__name__}: {error}").body(), 500)
+    return json_response(unexpected(error).body(), 500)
 
 
 async def refuse_http(request: Request, error: HTTPException) -> Response:
@@ -210,17 +295,16 @@ class _Endpoint:
         async def handle(request: Request) -> Response:
             self._limits.check_rate()
             asked = await read_request(request, partial(self._read, interface))
-            reply = await _ask(asked.player, asked.prompt)
-            message = asked.choice.apply(assistant_message(reply.message), asked.prompt.tools)
-            counted = Usage(prompt=asked.tokens, reply=self._counter.message(message))
-            usage = counted.replaced_by(reply.usage)
-            answer = interface.write(with_fresh_ids(message), asked.player.name, usage)
-            if asked.body.get("stream"):
-                events = event_stream(interface.stream(answer, asked.body))
-                return StreamingResponse(events, media_type="text/event-stream")
-            return json_response(answer)
+            return await respond(request, interface, self._answer(interface, asked), asked.body)
 
         return handle
+
+    async def _answer(self, interface: Interface, asked: _CompletionRequest) -> dict[str, Any]:
+        reply = await _ask(asked.player, asked.prompt)
+        message = asked.choice.apply(assistant_message(reply.message), asked.prompt.tools)
+        counted = Usage(prompt=asked.tokens, reply=self._counter.message(message))
+        usage = counted.replaced_by(reply.usage)
+        return interface.write(with_fresh_ids(message), asked.player.name, usage)
 
     async def list_models(self, request: Request) -> Response:
         """Answer GET /v1/models."""

@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from starlette.applications import Starlette
-from starlette.requests import ClientDisconnect, Request
-from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
@@ -27,10 +27,10 @@ from smartplay_openai.problems import RequestError, bad
 from smartplay_openai.server.app import (
     HANDLERS,
     WRONG_KEY,
-    event_stream,
     json_response,
     model_object,
     read_request,
+    respond,
 )
 from smartplay_openai.window.episode import WindowEpisode
 from smartplay_openai.window.formats import CHAT_FORMAT, HostFormat
@@ -41,8 +41,6 @@ from smartplay_openai.window.store import PlayerOf, WindowStore
 from smartplay_tools import AsyncPlayer, Episode, EpisodeResult, Player, SmartPlayError
 from smartplay_tools.web import LARGEST_REQUEST, FullError, Server, carries, check_address, guarded
 from smartplay_tools.web.mcp_http import bind_episode, mcp_route
-
-T = TypeVar("T")
 
 PREFIX = "smartplay/"
 """The prefix of the handle in the name of a model."""
@@ -59,9 +57,6 @@ RETRY_COUNT = "x-stainless-retry-count"
 
 SHORT_REQUEST = 16 * 1024
 """Bytes of a request that are read in less time than it takes to switch to a thread and back."""
-
-GONE = 499
-"""The status of a request whose client has gone, as web servers log it; nobody receives it."""
 
 LONGEST_HEADER = 4_000
 """Characters of a header; servers and clients take few more. The log has the whole text."""
@@ -196,40 +191,18 @@ def _handler(store: WindowStore, form: HostFormat) -> Any:
             request, lambda body: (body, form.read(body, request.headers)), at_once=SHORT_REQUEST
         )
         episode = await _episode(store, body.get("model"))
-        try:
-            reply = await _while_connected(request, episode.reply(completion, is_retry=_is_retry(request)))
-        except SmartPlayError as error:
-            raise RequestError(400, str(error), code="episode_refused") from error
-        except ClientDisconnect:
-            return Response(status_code=GONE)
-        answer = form.write(reply.message, reply.usage, body)
         ignored = _header_value(episode.ignored_of(completion))
-        headers = {"x-smartplay-ignored": ignored} if ignored else {}
-        if body.get("stream"):
-            events = event_stream(form.stream(answer, body))
-            return StreamingResponse(events, media_type="text/event-stream", headers=headers)
-        return json_response(answer, 200, headers)
+
+        async def answer() -> dict[str, Any]:
+            try:
+                reply = await episode.reply(completion, is_retry=_is_retry(request))
+            except SmartPlayError as error:
+                raise RequestError(400, str(error), code="episode_refused") from error
+            return form.write(reply.message, reply.usage, body)
+
+        return await respond(request, form, answer(), body, {"x-smartplay-ignored": ignored} if ignored else {})
 
     return handle
-
-
-async def _while_connected(request: Request, answering: Coroutine[Any, Any, T]) -> T:
-    """Return what a coroutine returns; it is cancelled, with a `ClientDisconnect`, when the client has gone."""
-    answer, gone = asyncio.create_task(answering), asyncio.create_task(_disconnect(request))
-    try:
-        await asyncio.wait({answer, gone}, return_when=asyncio.FIRST_COMPLETED)
-        if not answer.done():
-            raise ClientDisconnect
-        return answer.result()
-    finally:
-        answer.cancel()
-        gone.cancel()
-
-
-async def _disconnect(request: Request) -> None:
-    """Wait until the client has gone."""
-    while (await request.receive())["type"] != "http.disconnect":
-        pass
 
 
 def _header_value(text: str) -> str:

@@ -11,7 +11,7 @@ Calls of an episode's tools from threads that are not the server's, in which an 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -20,7 +20,7 @@ from typing import Any
 from smartplay_openai.problems import RequestError
 from smartplay_openai.window.formats import CompletionRequest, known_by
 from smartplay_openai.window.names import HostTools, Notices, Shown, tell_apart
-from smartplay_openai.window.pending_reply import PendingReply, Slot, call_id
+from smartplay_openai.window.pending_reply import PendingReply, call_id
 from smartplay_openai.window.side_requests import SideRequests, in_schema
 from smartplay_tools import (
     AgentSession,
@@ -39,6 +39,7 @@ from smartplay_tools.conversation import AttachedPlayer, HostChat, HostHistory, 
 from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.episode import tool_functions
 from smartplay_tools.errors import PlayerLeftError
+from smartplay_tools.types.arguments import meaning, read
 from smartplay_tools.types.messages import assistant_message
 
 
@@ -55,6 +56,12 @@ SUMMARIES = (
     "which you pay for and the budget does not count."
 )
 """What the summaries of a host's own messages cost."""
+
+WAS_PLAYED = (
+    "Error: This call was played as the model sent it, before its change arrived; what was played cannot be changed. "
+    "Call the tool with the model's arguments for its result."
+)
+"""The answer to a call with other arguments than those with which it was played."""
 
 
 class WindowEpisode:
@@ -97,12 +104,14 @@ class WindowEpisode:
         self._spent = Usage(requests=0)
         """What the replies of this turn have taken."""
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._latest = self._of_record(episode.tools)
+        own = {tool.name: tool.name for tool in episode.tools}
+        self._latest = self._of_record(HostTools(own, (), None))
+        self._before: PendingReply | None = None
+        """The reply before the latest."""
         self._turn: asyncio.Task[PendingReply] | None = None
         self._is_awaited = asyncio.Event()
         """Set while a request waits for the turn; without one, the model is not asked."""
         self._asking, self._calling = asyncio.Lock(), asyncio.Lock()
-        self._by_key: dict[str, Slot] = {}
         self._failure: RequestError | None = None
 
     @property
@@ -125,21 +134,23 @@ class WindowEpisode:
         tools = self._tell_apart(request)
         if (words := self._side.answer(request, tools, self._call_id(-2, 0))) is not None:
             return words
-        if self._latest is not None:
-            request.ignored.kinds.update(f"edited result of {name}" for name in self._latest.edited(request.results))
         self._notices.note(request, tools)
         self._loop = asyncio.get_running_loop()
         async with self._asking:
             if self._turn is not None:
                 await self._finish_turn()
             if self._is_resumed:
-                self._latest, self._is_resumed = self._of_record((*self.episode.tools, *tools.foreign)), False
+                self._latest, self._is_resumed = self._of_record(tools), False
             if self._failure is not None:
                 raise self._failure
-            if self._latest is not None and not self._goes_on_from(self._latest, request):
-                self._history.begin_again()
-                self._latest.count_repeat(is_retry=is_retry)
-                return self._latest
+            if (latest := self._latest) is not None:
+                if not self._goes_on_from(latest, request):
+                    self._history.begin_again()
+                    latest.count_repeat(is_retry=is_retry)
+                    return latest
+                latest.check_played(request.calls)
+                if (rest := await self._rest(latest, request)) is not None:
+                    return self._keep(rest)
             if request.messages:
                 self._history.see(request.messages)
             self._turn = asyncio.create_task(self._next(request, tools))
@@ -162,19 +173,26 @@ class WindowEpisode:
         """Play a call of the latest reply that the host's agent runs; one that is played already is answered again.
 
         Calls are told apart by the transport's `call_id`, if there is one, then by name and arguments. A call with
-        other arguments than the model's is recorded as edited by the host.
+        other arguments than the model's is recorded as edited by the host, unless it has been played.
         """
         async with self._calling:
-            slot = self._by_key.get(call_id or "") or (self._latest.called(name, arguments) if self._latest else None)
+            given, ledger = read(arguments), self.episode.ledger
+            if (recorded := ledger.recall(call_id or "", name, given)) is not None:
+                return recorded
+            slot = self._latest.called(name, arguments, self._before) if self._latest else None
             session = self._chat.session
             if slot is None or session is None:
                 return self._error(self.episode.words("not_called"))
-            if call_id:
-                self._by_key[call_id] = slot
             if slot.result is None:
-                edited = None if slot.has(arguments) else arguments
-                slot.result = await session.aanswer(slot.call.id, edited)
+                if not slot.has(arguments):
+                    if slot.call not in session.open_calls:  # a later call of the message was run before it
+                        return self._error(WAS_PLAYED)
+                    slot.edited = meaning(given)
+                edited = None if slot.edited is None else arguments
+                slot.result = await session.aanswer(slot.call.id, edited, key=call_id or "")
             slot.is_delivered = True
+            if call_id:
+                ledger.remember(call_id, name, given, slot.result)
             return slot.result
 
     def functions(self) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
@@ -214,21 +232,31 @@ class WindowEpisode:
     async def _next(self, request: CompletionRequest, tools: HostTools) -> PendingReply:
         """Close the latest turn, ask the model until it makes a call that the host can run, and keep that reply."""
         session = self._chat.session or self._begin(request, tools)
-        async with self._calling:
-            await self._settle(self._latest.slots if self._latest else (), request.results)
+        if self._latest is not None:
+            await self._settle(self._latest, request.results)
         self._spent = Usage(requests=0)
         while (reply := await self._ask(session)) is not None:
             await session.areceive(reply.message, reply.usage)
             assert session.latest_turn is not None
-            foreign = {tool.name for tool in tools.foreign}
-            pending = self._pending(session.latest_turn, self._spent, tools.names, foreign)
+            pending = self._pending(session.latest_turn, self._spent, tools, one_call=request.one_call)
             if pending.sent:
-                self._latest, self._by_key = pending, {}
-                self._sent |= {slot.host_id for slot in pending.sent}
-                return pending
-            await self._settle(pending.slots)
-        self._latest = self._last_words(request, tools)
-        return self._latest
+                return self._keep(pending)
+            await self._settle(pending)
+        return self._keep(self._last_words(request, tools))
+
+    def _keep(self, reply: PendingReply) -> PendingReply:
+        """Take note of a reply that the host is sent."""
+        self._before, self._latest = self._latest, reply
+        self._sent |= {slot.host_id for slot in reply.sent}
+        return reply
+
+    async def _rest(self, latest: PendingReply, request: CompletionRequest) -> PendingReply | None:
+        """Return the calls that a host is still to be sent, because it takes one at a time; None if there are none."""
+        rest = latest.rest(one_call=request.one_call)
+        if rest is None or self.episode.done:
+            return None
+        await self._settle(latest, request.results, latest.end)
+        return None if self.episode.done else rest
 
     def _begin(self, request: CompletionRequest, tools: HostTools) -> AgentSession:
         is_shown = self._shown.system and bool(request.system)
@@ -238,20 +266,28 @@ class WindowEpisode:
             self.player.attach(session)
         return session
 
-    async def _settle(self, slots: Sequence[Slot], results: Mapping[str, Any] = MappingProxyType({})) -> None:
-        """Answer what is open of a reply, in the order of the message: with the host's results, or in its name."""
-        slots = [slot for slot in slots if slot.result is None]
-        if slots:
-            await asyncio.to_thread(self._settle_open, slots, results)
+    async def _settle(
+        self, reply: PendingReply, results: Mapping[str, Any] = MappingProxyType({}), end: int | None = None
+    ) -> None:
+        """Answer what is open of a reply, in the order of the message: with the host's results, or in its name.
 
-    def _settle_open(self, slots: Sequence[Slot], results: Mapping[str, Any]) -> None:
+        `end` is the position of the first call that stays open, by default none.
+        """
+        async with self._calling:
+            if any(slot.result is None for slot in reply.slots[:end]):
+                await asyncio.to_thread(self._settle_open, reply, results, end)
+
+    def _settle_open(self, reply: PendingReply, results: Mapping[str, Any], end: int | None) -> None:
+        slots, unsent = [slot for slot in reply.slots[:end] if slot.result is None], reply.slots[reply.end :]
         messages: list[Message] = []
         for slot in slots:
             if slot.host_id in results:
                 messages.append({"role": "tool", "tool_call_id": slot.call.id, "content": results[slot.host_id]})
             slot.is_delivered = True
-        play = {slot.call.id: None for slot in slots if not slot.is_sent and not slot.is_foreign}
-        answers = self._chat.settle(messages, play=play)
+        ours = [slot for slot in slots if not slot.is_foreign and (slot.name is None or slot in unsent)]
+        play = dict.fromkeys(slot.call.id for slot in ours)
+        offered = {slot.call.name for slot in slots if slot.name is not None}
+        answers = self._chat.settle(messages, play=play, offered=offered, end=end)
         for slot in slots:
             slot.result = answers.get(slot.call.id)
 
@@ -287,17 +323,19 @@ class WindowEpisode:
 
     # What the host is sent.
 
-    def _pending(self, turn: Turn, usage: Usage, names: Mapping[str, str], foreign: Set[str]) -> PendingReply:
-        return PendingReply.of(turn, usage, names=names, foreign=foreign, call_id=self._call_id)
+    def _pending(self, turn: Turn, usage: Usage, tools: HostTools, *, one_call: bool = False) -> PendingReply:
+        session = self._chat.session
+        assert session is not None
+        foreign = {tool.name: tools.foreign_names.get(tool.name) for tool in session.foreign_tools}
+        return PendingReply.of(turn, usage, own=tools.names, foreign=foreign, call_id=self._call_id, one_call=one_call)
 
-    def _of_record(self, tools: Sequence[ToolSpec]) -> PendingReply | None:
+    def _of_record(self, tools: HostTools) -> PendingReply | None:
         """Return the latest reply of a session that continues from its record, if the host was sent it."""
         session = self._chat.session
         if session is None or session.latest_turn is None:
             return None
-        own = {tool.name: tool.name for tool in self.episode.tools}
         usage = self._counted(session.latest_turn.assistant)
-        pending = self._pending(session.latest_turn, usage, own, {tool.name for tool in tools} - own.keys())
+        pending = self._pending(session.latest_turn, usage, tools)
         self._sent |= {slot.host_id for slot in pending.sent}
         return pending if pending.sent else None
 
@@ -313,6 +351,8 @@ class WindowEpisode:
 
     def ignored_of(self, request: CompletionRequest) -> str:
         """Say which parts of a request do not reach the model."""
+        if self._latest is not None:
+            request.ignored.kinds.update(f"edited result of {name}" for name in self._latest.edited(request.results))
         return self._notices.of(request, self._tell_apart(request))
 
     @property

@@ -11,14 +11,14 @@ that is new, or with a history that a provider would refuse is as good as any ot
 from __future__ import annotations
 
 import json
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from smartplay_openai.chat import CHAT
-from smartplay_openai.interface import Event
+from smartplay_openai.interface import Event, Streaming
 from smartplay_openai.problems import RequestError, bad, read_tools
 from smartplay_tools import Message, ToolSpec, Usage
 from smartplay_tools.types.messages import words_of
@@ -59,6 +59,10 @@ class CompletionRequest:
     """The host's instructions."""
     left_out: Sequence[str] = ()
     """Tools that no host runs or that take no JSON, which the model is not shown."""
+    calls: Mapping[str, tuple[str, Any]] = field(default_factory=dict)
+    """The calls in the host's own messages: name and arguments by call id."""
+    one_call: bool = False
+    """Whether the host takes one call at a time."""
     forbids_calls: bool = False
     """Whether the reply has to be words, as for a summary of the agent's own."""
     answer_schema: Mapping[str, Any] | None = None
@@ -104,7 +108,7 @@ SUB_AGENT_HEADERS = ("x-claude-code-agent-id", "x-openai-subagent")
 """Headers that Claude Code and Codex send with the requests of sub-agents only."""
 
 
-class HostFormat(ABC):
+class HostFormat(Streaming):
     """An interface at which hosts ask for the model's reply."""
 
     path: ClassVar[str]
@@ -116,10 +120,6 @@ class HostFormat(ABC):
     @abstractmethod
     def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:
         """Return the answer to a request that says a message."""
-
-    @abstractmethod
-    def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
-        """Yield an answer's events."""
 
     def refusal(self, error: RequestError) -> dict[str, Any]:
         """Return the body of an error."""
@@ -138,8 +138,8 @@ class ChatFormat(HostFormat):
         if body.get("n") not in (None, 1):
             raise bad("This endpoint gives one choice: n is 1.", "n")
         functions, left_out = functions_of(body)
-        ignored = Ignored(fields=fields_of(body, {"messages", "tools", "stream_options"}))
-        results, system = dict[str, Any](), list[str]()
+        ignored = Ignored(fields=fields_of(body, {"messages", "tools", "stream_options", "parallel_tool_calls"}))
+        results, system, calls = dict[str, Any](), list[str](), dict[str, tuple[str, Any]]()
         for message in objects(body["messages"]):
             role, content = str(message.get("role")), message.get("content")
             if role == "tool":
@@ -147,6 +147,10 @@ class ChatFormat(HostFormat):
             elif role != "assistant" or not message.get("tool_calls"):
                 text = ignored.hear(role, content)
                 system += [text] if role in ("system", "developer") else []
+            for call in objects(message.get("tool_calls")):
+                function = call.get("function")
+                if isinstance(function, Mapping):
+                    calls[str(call.get("id"))] = str(function.get("name")), function.get("arguments")
         return CompletionRequest(
             read_tools({"tools": functions}, "function"),
             results,
@@ -154,6 +158,8 @@ class ChatFormat(HostFormat):
             ignored,
             "\n\n".join(system),
             left_out,
+            calls,
+            one_call=body.get("parallel_tool_calls") is False,
             forbids_calls=body.get("tool_choice") == "none",
             answer_schema=json_schema(body.get("response_format")),
             is_of_sub_agent=any(name in headers for name in SUB_AGENT_HEADERS),
@@ -186,9 +192,18 @@ def functions_of(body: Mapping[str, Any]) -> tuple[list[Any], list[str]]:
     return functions, left_out
 
 
+FALSE_ANYWAY = {"background", "logprobs", "store"}
+"""Fields that are as good as absent if they are false; of any other, false is a wish."""
+
+
 def fields_of(body: Mapping[str, Any], used: set[str]) -> list[str]:
     """Return the names of a request's fields that have no effect."""
-    unused = {field for field, value in body.items() if value is not None and value is not False}
+    choice = body.get("tool_choice")
+    if (choice.get("type") if isinstance(choice, Mapping) else choice) in ("auto", "none"):
+        used = {*used, "tool_choice"}
+    unused = {
+        name for name, value in body.items() if value is not None and (value is not False or name not in FALSE_ANYWAY)
+    }
     return sorted(unused - used - {"model", "stream"})
 
 

@@ -25,6 +25,7 @@ from smartplay_openai.window.formats import (
     objects,
 )
 from smartplay_tools import Message, ToolSpec, Usage
+from smartplay_tools.conversation.host_chat import check_names
 from smartplay_tools.types.messages import calls_of, encodable, halves, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"
@@ -61,6 +62,7 @@ class MessagesFormat(HostFormat):
     """Anthropic's Messages."""
 
     path = "/v1/messages"
+    alive = 'event: ping\ndata: {"type": "ping"}\n\n'
 
     def read(self, body: Mapping[str, Any], headers: Mapping[str, str]) -> CompletionRequest:
         """Return what a request says."""
@@ -68,12 +70,14 @@ class MessagesFormat(HostFormat):
             raise bad("messages is a list.", "messages")
         ignored = Ignored(fields=fields_of(body, USED))
         system = [ignored.hear("system", body["system"])] if body.get("system") else []
-        results: dict[str, Any] = {}
+        results, calls = dict[str, Any](), dict[str, tuple[str, Any]]()
         for message in objects(body["messages"]):
             role, content = str(message.get("role")), message.get("content")
             blocks = content if isinstance(content, list) else [{"type": "text", "text": content or ""}]
             kept = [block for block in objects(blocks) if not _is_result(block, results)]
-            if kept and not any(block.get("type") == "tool_use" for block in kept):
+            used = [block for block in kept if block.get("type") == "tool_use"]
+            calls |= {_ours(str(block.get("id"))): (str(block.get("name")), block.get("input")) for block in used}
+            if kept and not used:
                 text = ignored.hear(role, kept)
                 system += [text] if role == "system" else []
         tools, left_out = _tools(body)
@@ -81,7 +85,7 @@ class MessagesFormat(HostFormat):
         if "cache_control" in text:
             ignored.fields = sorted({*ignored.fields, "cache_control"})
         thread = body.get("thread")
-        output = body.get("output_config")
+        output, choice = body.get("output_config"), body.get("tool_choice")
         continues = isinstance(thread, Mapping) and thread.get("type") == "continue"
         return CompletionRequest(
             tools,
@@ -90,6 +94,8 @@ class MessagesFormat(HostFormat):
             ignored,
             "\n\n".join(system),
             left_out,
+            calls,
+            one_call=isinstance(choice, Mapping) and choice.get("disable_parallel_tool_use") is True,
             forbids_calls=_forbids_calls(body),
             answer_schema=json_schema(
                 output.get("format") if isinstance(output, Mapping) else body.get("output_format")
@@ -144,6 +150,10 @@ class MessagesFormat(HostFormat):
         yield _event("message_delta", delta=end, usage=answer["usage"])
         yield _event("message_stop")
 
+    def failure(self, error: RequestError) -> Event:
+        """Return the event of a stream that ends without a message."""
+        return "error", self.refusal(error)
+
     def refusal(self, error: RequestError) -> dict[str, Any]:
         """Return the body of an error; its code is where the client looks for one."""
         details = {"details": {"error_code": error.code}} if error.code else {}
@@ -168,6 +178,7 @@ def _tools(body: Mapping[str, Any]) -> tuple[list[ToolSpec], list[str]]:
             tools.append(ToolSpec(name, str(tool.get("description") or ""), schema))
         elif name != PLACEHOLDER:
             left_out.append(f"{name} ({tool.get('type') or 'no schema'})")
+    check_names(tools)
     return tools, left_out
 
 

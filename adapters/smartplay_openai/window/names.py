@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from smartplay_openai.tool_choice import plainest_value
@@ -32,6 +32,8 @@ class HostTools:
 
     hidden: tuple[str, ...] = ()
     """Names of other tools that the model is not shown."""
+    foreign_names: Mapping[str, str] = field(default_factory=dict)
+    """The foreign tools: the name that the model is shown -> the host's."""
 
     def close(self, call_id: str, text: str) -> MessageToolCall:
         """Return the call that closes the host's run."""
@@ -56,29 +58,36 @@ def tell_apart(
 ) -> HostTools:
     """Tell the tools of a request apart; `own` are the game's, `closing` names the tool that closes a run.
 
-    With `only_game_tools` the others are hidden.
+    A tool of the host's with the name of one of the game's is shown to the model as `host_NAME`. With `only_game_tools`
+    all of the host's tools are hidden.
     """
     names: dict[str, str] = {}
-    foreign = []
-    for tool in tools:
-        ours = next((spec for spec in own if _is_same(tool, spec)), None)
-        if ours is not None:
-            names.setdefault(ours.name, tool.name)
-        elif tool.name != closing:
-            foreign.append(tool)
+    ours: set[str] = set()
+    for spec in own:
+        named = [tool.name for tool in tools if tool.name == spec.name]
+        if found := [tool.name for tool in tools if _is_described(tool, spec)] or named:
+            names[spec.name] = found[0]
+            ours.update(found)
+    foreign = [tool for tool in tools if tool.name not in ours and tool.name != closing]
     closes = next((tool for tool in tools if tool.name == closing), None)
     if only_game_tools:
         return HostTools(names, (), closes, tuple(tool.name for tool in foreign))
-    return HostTools(names, tuple(foreign), closes)
+    taken, foreign_names = {spec.name for spec in own}, dict[str, str]()
+    for tool in foreign:
+        shown = tool.name
+        while shown in taken:
+            shown = f"host_{shown}"
+        taken.add(shown)
+        foreign_names[shown] = tool.name
+    renamed = (replace(tool, name=shown) for tool, shown in zip(foreign, foreign_names, strict=True))
+    return HostTools(names, tuple(renamed), closes, foreign_names=foreign_names)
 
 
-def _is_same(tool: ToolSpec, own: ToolSpec) -> bool:
-    """Whether a tool is the game's: by its name, or by the end of its name and the beginning of its description."""
-    if tool.name == own.name:
-        return True
+def _is_described(tool: ToolSpec, own: ToolSpec) -> bool:
+    """Whether a tool is the game's by its name, or the end of it, and the beginning of its description."""
     before = tool.name.removesuffix(own.name)
-    first_words = own.description[:40]
-    return before != tool.name and before[-1] in "_-" and first_words in tool.description
+    has_name = not before or (before != tool.name and before[-1] in "_-")
+    return has_name and own.description[:40] in tool.description
 
 
 log = logging.getLogger("smartplay_openai.window")

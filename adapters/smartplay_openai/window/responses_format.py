@@ -13,7 +13,7 @@ from itertools import groupby
 from typing import Any
 
 from smartplay_openai.interface import Event
-from smartplay_openai.problems import bad, read_tools
+from smartplay_openai.problems import RequestError, bad, read_tools
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.window.formats import (
     SUB_AGENT_HEADERS,
@@ -30,7 +30,7 @@ from smartplay_tools import Message, Usage
 BETWEEN = "__"
 """The separator between a namespace and the name of its function."""
 
-USED = {"input", "instructions", "tools", "previous_response_id", "conversation"}
+USED = {"input", "instructions", "tools", "previous_response_id", "conversation", "parallel_tool_calls"}
 SILENT = ("function_call", "function_call_output", "message")
 """Items that are read, or told of as messages."""
 
@@ -52,6 +52,7 @@ class ResponsesFormat(HostFormat):
         ignored = Ignored(fields=fields_of(body, USED))
         system = [ignored.hear("system", body["instructions"])] if body.get("instructions") else []
         system += _hear(items, ignored)
+        calls = [item for item in objects(items) if item.get("type") == "function_call"]
         text = body.get("text")
         return CompletionRequest(
             read_tools({"tools": functions}, None),
@@ -64,6 +65,8 @@ class ResponsesFormat(HostFormat):
             ignored,
             "\n\n".join(system),
             left_out,
+            {str(call.get("call_id")): (_flat_name(call), call.get("arguments")) for call in calls},
+            one_call=body.get("parallel_tool_calls") is False,
             forbids_calls=body.get("tool_choice") == "none",
             answer_schema=json_schema(text.get("format") if isinstance(text, Mapping) else None),
             is_of_sub_agent=any(name in headers for name in SUB_AGENT_HEADERS),
@@ -85,6 +88,15 @@ class ResponsesFormat(HostFormat):
     def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
         """Yield the response's events."""
         return RESPONSES.stream(answer, body)
+
+    def failure(self, error: RequestError) -> Event:
+        """Return the event of a stream that ends without a response."""
+        return RESPONSES.failure(error)
+
+
+def _flat_name(function: Mapping[str, Any]) -> str:
+    """The name of a function or a call, with that of its namespace before it."""
+    return BETWEEN.join(str(function[part]) for part in ("namespace", "name") if function.get(part))
 
 
 def flat_tools(body: Mapping[str, Any]) -> tuple[Any, dict[str, tuple[str, str]]]:

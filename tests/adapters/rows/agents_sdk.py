@@ -59,7 +59,13 @@ def agents_sdk(
         description=WEATHER.description,
         params_json_schema=dict(WEATHER.parameters),
     )
-    own: dict[str, list[Tool]] = {"broken call": [weather_tool], "picture": [camera], "sub-agent": [helper]}
+    for_now = replace(weather_tool, is_enabled=lambda *_: not inner.received)
+    own: dict[str, list[Tool]] = {
+        "broken call": [weather_tool],
+        "withdrawn": [for_now],
+        "picture": [camera],
+        "sub-agent": [helper],
+    }
     tools = [] if situation == "no tools" else [*model.tools, *own.get(situation, [])]
     output = AgentOutputSchema(dict[str, int], strict_json_schema=False) if situation == "schema" else None
     agent = Agent("player", model=model, tools=tools, model_settings=settings, output_type=output)

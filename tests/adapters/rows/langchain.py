@@ -51,8 +51,9 @@ class LangChainAgent:
         match situation:
             case "again":
                 self.runs = 2
-            case "broken call":
+            case "broken call" | "withdrawn":
                 self.tools = [StructuredTool(**self.described(), args_schema=dict(WEATHER.parameters), func=weather)]
+                self.others = [Withdraws()] if situation == "withdrawn" else []
             case "forgets":
                 self.others = [Forgets()]
             case "no calls":
@@ -99,6 +100,20 @@ class LangChainAgent:
         counts = callback.usage_metadata.get("scripted")
         usage = None if counts is None else usage_of(AIMessage("", usage_metadata=counts))
         return Held(self.model.received, usage, words or str(state["messages"][-1].text if state["messages"] else ""))
+
+
+class Withdraws(AgentMiddleware[Any, Any, Any]):
+    """Offers the weather for the first reply only."""
+
+    def override(self, request: Any) -> Any:
+        kept = [tool for tool in request.tools if tool.name != WEATHER.name or not request.messages]
+        return request.override(tools=kept)
+
+    def wrap_model_call(self, request: Any, handler: Any) -> Any:
+        return handler(self.override(request))
+
+    async def awrap_model_call(self, request: Any, handler: Any) -> Any:
+        return await handler(self.override(request))
 
 
 class Forgets(AgentMiddleware[Any, Any, Any]):
@@ -197,7 +212,9 @@ def through_toolkit_in_an_agent(episode: sp.Episode) -> Send:
 
 
 TOOLKIT = "LangChain `SmartPlayToolkit` alone"
-ONE_NODE = lacking("the graph's node asks with the game's tools, in messages", "no calls", "no tools", "schema")
+ONE_NODE = lacking(
+    "the graph's node asks with the same tools, in messages", "no calls", "no tools", "schema", "withdrawn"
+)
 agent = partial(Window, through="LangChain `SmartPlayMiddleware`")
 player = partial(Window, through="`play`, `aplay`", lacks=LOOP)
 

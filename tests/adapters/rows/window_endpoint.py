@@ -39,7 +39,12 @@ def window_endpoint(
             asks = INTERFACES[interface](client, endpoint.model(handle), True)
             play = partial(play_through, asks, tools)
             tools |= {"camera": lambda: asks.picture, "helper": lambda: play()[0]}
-            own_tools = {"broken call": WEATHER, "picture": nothing("camera"), "sub-agent": nothing("helper")}
+            own_tools = {
+                "broken call": WEATHER,
+                "withdrawn": WEATHER,
+                "picture": nothing("camera"),
+                "sub-agent": nothing("helper"),
+            }
             offered = [*TOOLS, *[sp.schema(tool, "openai") for name, tool in own_tools.items() if name == situation]]
             aside = ""
             if situation == "no tools":
@@ -47,7 +52,8 @@ def window_endpoint(
             elif situation == "no calls":
                 aside = asks.ask([*asks.begin], offered, tool_choice=asks.no_calls).text
             extra = asks.schema(SCHEMA) if situation == "schema" else {}
-            words, usage = play(offered, forgets=situation == "forgets", **extra)
+            later = TOOLS if situation == "withdrawn" else offered
+            words, usage = play(offered, later, forgets=situation == "forgets", **extra)
             words = play(offered)[0] if situation == "again" else words
     return Held(stub.received, usage, aside or words)
 
