@@ -1,4 +1,4 @@
-"""The tables of `docs/servers.md`, made of the rules: `python -m tests.dialects.page` writes them, a test compares them."""
+"""The tables of `docs/servers.md`, made of the rules: `python -m tests.dialects.page` writes them."""
 
 from __future__ import annotations
 

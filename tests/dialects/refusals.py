@@ -98,11 +98,6 @@ def blank_text(turns: Turns, body: Json, given: Given) -> Refusal:
     return (400, "messages: text content blocks must contain non-whitespace text") if blank else None
 
 
-def turns_alternate(turns: Turns, body: Json, given: Given) -> Refusal:
-    is_right = all(turn.role == ("user", "assistant")[at % 2] for at, turn in enumerate(turns))
-    return None if is_right else (400, "messages: first message must use the user role, and roles must alternate")
-
-
 def instructions(turns: Turns, body: Json, given: Given, *, most: int, status: int, words: str) -> Refusal:
     """System messages that are not at the beginning, or more of them than a template has a place for."""
     places = [at for at, turn in enumerate(turns) if turn.role in ("system", "developer")]

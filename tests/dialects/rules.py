@@ -56,10 +56,8 @@ class Dialect:
     """The form of its errors."""
     ids: str = "call_{0}x{1}"
     """The ids of its calls, of the numbers of the reply and of the call."""
-    repeats_ids: bool = True
-    """Whether its calls may have one id; without an index they would be one call."""
-    thinks: bool = True
-    """Whether its models show thoughts."""
+    cannot: Sequence[str] = ()
+    """What its replies cannot be: `plainer` of `said` says what there is."""
 
     def rules(self, kind: Kind) -> list[Rule]:
         return [rule for rule in RULES if rule.kind == kind and self.name in rule.dialects]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -39,9 +39,23 @@ class Turn:
     raw: Any = None
 
 
-def without_broken_json(said: Said) -> Said:
-    """The reply in a format whose arguments are an object: what is none is an empty one."""
-    return replace(said, calls=tuple((name, text if is_object(text) else "{}") for name, text in said.calls))
+def plainer(said: Said, without: Collection[str]) -> Said:
+    """The reply without what a format or a framework cannot transport.
+
+    Without "broken" arguments, what is no object is an empty one; without "values", what is JSON and no object is
+    broken JSON; without "cuts", every reply is whole.
+    """
+    calls = [(name, text if is_object(text) else _plainer(text, without)) for name, text in said.calls]
+    thoughts = "" if "thoughts" in without else said.thoughts
+    end = "" if "cuts" in without and said.end in (CUT, FILTERED) else said.end
+    same_ids = said.same_ids and "repeated" not in without
+    return replace(said, thoughts=thoughts, calls=tuple(calls), end=end, same_ids=same_ids)
+
+
+def _plainer(arguments: str, without: Collection[str]) -> str:
+    if "broken" in without:
+        return "{}"
+    return arguments[:-1] if arguments and "values" in without and parsed(arguments, constants=True) is not ValueError else arguments
 
 
 def is_object(arguments: Any) -> bool:

@@ -10,13 +10,12 @@ import random
 import socket
 import threading
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Self
 
 from tests.dialects import speech
 from tests.dialects.rules import Dialect, Kind, Rule
-from tests.dialects.said import Json, Said, Turn, read_chat, read_messages, read_responses, without_broken_json
+from tests.dialects.said import Json, Said, Turn, plainer, read_chat, read_messages, read_responses
 
 Answers = Callable[[Said, int, str], Json]
 Streams = Callable[[Json, random.Random], Sequence[Any]]
@@ -46,10 +45,7 @@ def rules_of(dialect: Dialect, kind: Kind, without: Collection[str] = ()) -> lis
 
 def whole_answer(dialect: Dialect, said: Said, number: int, without: Collection[str] = ()) -> Json:
     """A reply as a dialect says it whole."""
-    if "thoughts" in without or not dialect.thinks:
-        said = replace(said, thoughts="")
-    said = replace(said, same_ids=said.same_ids and dialect.repeats_ids)
-    said = without_broken_json(said) if dialect.interface == "messages" else said
+    said = plainer(said, {*dialect.cannot, *without})
     whole = INTERFACES[dialect.interface][2](said, number, dialect.ids)
     for rule in rules_of(dialect, "says", without):
         rule.act(whole, said, number)
