@@ -14,7 +14,8 @@ from itertools import compress, count
 from operator import ne
 from typing import Any
 
-from tests.counting import Count, message_tokens, plain_text, reasoning_text, tools_tokens
+from tests.counting import Count, message_tokens, plain_text, tools_tokens
+from tests.model_from_docs.counting import thoughts
 
 Json = dict[str, Any]
 Tokens = list[tuple[str, int]]
@@ -83,7 +84,7 @@ def asked(sent: Sequence[Json], replies: Sequence[Json], times: Sequence[float |
 def message_blocks(message: Json) -> int:
     blocks = len(message.get("tool_calls") or [])
     blocks += 1 if plain_text(message["content"]) else 0
-    blocks += 1 if reasoning_text(message) else 0
+    blocks += 1 if thoughts(message) else 0
     return blocks or 1
 
 

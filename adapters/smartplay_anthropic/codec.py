@@ -14,7 +14,7 @@ from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.context.prompts import CacheMarks
-from smartplay_tools.players import BrokenAnswerError, count_in, error_in, plain_answer
+from smartplay_tools.players import BrokenAnswerError, count_in, error_in, plain_answer, reported_in, with_end
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import (
     SYSTEM,
@@ -44,9 +44,6 @@ NOTHING = "..."
 
 LONGEST_NAME = 128
 """The most characters of a tool's name."""
-
-AT_ITS_LENGTH = ("max_tokens", "model_context_window_exceeded")
-"""The stop reasons of answers that were cut."""
 
 
 def request(
@@ -105,8 +102,7 @@ def reply(answer: Any) -> Reply:
     blocks = sent.get("content")
     if not isinstance(blocks, list) or not all(isinstance(block, Mapping) and "type" in block for block in blocks):
         raise BrokenAnswerError(error_in(sent, "The answer has no content blocks"), usage)
-    if sent.get("stop_reason") in AT_ITS_LENGTH:
-        usage = (usage or Usage()).model_copy(update={"cut": 1})
+    usage = with_end(usage, sent.get("stop_reason"))
     calls = [_call(block) for block in blocks if block["type"] == "tool_use"]
     text = _joined(blocks, "text")
     if all(block["type"] in ("text", "tool_use") for block in blocks):
@@ -174,12 +170,11 @@ def _usage(usage: Any) -> Usage | None:
     """The usage of an answer; tokens read from and written to the cache, counted separately, are part of the prompt."""
     if not isinstance(usage, Mapping):
         return None
-    fresh, cached, written, reply = (
-        count_in(usage, f"{kind}_tokens") for kind in ("input", "cache_read_input", "cache_creation_input", "output")
-    )
+    fresh, written, reply = (count_in(usage, f"{kind}_tokens") for kind in ("input", "cache_creation_input", "output"))
+    cached = reported_in(usage, "cache_read_input_tokens")
     written_1h = count_in(usage.get("cache_creation"), "ephemeral_1h_input_tokens")
     return Usage(
-        prompt=fresh + cached + written,
+        prompt=fresh + (cached or 0) + written,
         reply=reply,
         cached=cached,
         written=written,

@@ -28,6 +28,7 @@ from inspect_ai.model import (
 from inspect_ai.tool import ToolCall, ToolInfo, ToolParams
 
 from smartplay_tools import InvalidArgumentError, Message, Reply, ToolSpec, Usage
+from smartplay_tools.players import with_end
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import calls_of, encodable, function_call, kept_item, reply_message, shown, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
@@ -37,10 +38,6 @@ ITEM = "inspect_content"
 
 PARSE_ERROR = ("Error parsing the following tool call arguments:\n\n", "\n\nError details: ")
 """What Inspect writes before and after arguments that it could not parse."""
-
-
-AT_ITS_LENGTH = ("max_tokens", "model_length")
-"""The stop reasons of replies that were cut."""
 
 
 class InspectChat:
@@ -119,19 +116,16 @@ def from_inspect(message: ChatMessage) -> Message:
 
 def from_output(output: ModelOutput) -> Reply:
     """Return the reply that a model's output holds, with the usage that its provider reported."""
-    usage = read_usage(output.usage)
-    if output.stop_reason in AT_ITS_LENGTH:
-        usage = (usage or Usage()).model_copy(update={"cut": 1})
-    return Reply(_read_reply(output.message), usage)
+    return Reply(_read_reply(output.message), with_end(read_usage(output.usage), output.stop_reason))
 
 
 def read_usage(usage: ModelUsage | None) -> Usage | None:
     """Return the provider's usage. Inspect's `input_tokens` are those outside of the provider's cache."""
     if usage is None:
         return None
-    cached, written = usage.input_tokens_cache_read or 0, usage.input_tokens_cache_write or 0
+    cached, written = usage.input_tokens_cache_read, usage.input_tokens_cache_write or 0
     return Usage(
-        prompt=usage.input_tokens + cached + written,
+        prompt=usage.input_tokens + (cached or 0) + written,
         reply=usage.output_tokens,
         cached=cached,
         written=written,

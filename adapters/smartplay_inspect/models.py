@@ -98,7 +98,7 @@ class PlayerModel(ModelAPI):
             model=self.model_name,
             choices=[ChatCompletionChoice(message=answer, stop_reason=ended)],
             usage=ModelUsage(
-                input_tokens=usage.prompt - usage.cached - usage.written,
+                input_tokens=usage.prompt - (usage.cached or 0) - usage.written,
                 input_tokens_cache_read=usage.cached,
                 input_tokens_cache_write=usage.written,
                 output_tokens=usage.reply,

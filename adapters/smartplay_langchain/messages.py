@@ -7,7 +7,7 @@ recorded and sent back to the model with their turn.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from langchain_core.messages import (
@@ -23,6 +23,7 @@ from langchain_core.messages import (
 from langchain_core.messages.ai import UsageMetadata
 
 from smartplay_tools import Message, Usage
+from smartplay_tools.players import with_end
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import (
     SYSTEM,
@@ -52,11 +53,6 @@ NOTHING = "..."
 
 ENDS = ("finish_reason", "stop_reason", "stopReason", "done_reason")
 """The fields of a reply's metadata in which providers' packages keep why it ended."""
-
-AT_ITS_LENGTH = frozenset(
-    {"length", "max_output_tokens", "max_tokens", "model_context_window_exceeded", "model_length"}
-)
-"""What providers say there of a reply that they ended at its length, in small letters."""
 
 CALL_PARTS = {"tool_use": "id", "function_call": "call_id"}
 """The types of parts that are calls, at Anthropic and OpenAI, with the name of the field that has the call's id."""
@@ -117,28 +113,28 @@ def from_langchain(message: BaseMessage) -> Message:
 
 
 def usage_of(message: AIMessage) -> Usage | None:
-    """Return the usage that the provider reported with a reply, and whether it was cut at its length."""
-    usage, cut = message.usage_metadata, int(_is_cut(message.response_metadata))
+    """Return the usage that the provider reported with a reply, and why it ended."""
+    usage = message.usage_metadata
     if usage is None:
-        return Usage(cut=cut) if cut else None
+        return with_end(None, *_reasons(message))
     parts: Mapping[str, Any] = usage.get("input_token_details", {})
     # Anthropic's writes are split by how long they are kept, and its sum is then 0.
     short, written_1h = (parts.get(f"ephemeral_{kept}_input_tokens") or 0 for kept in ("5m", "1h"))
-    return Usage(
+    read = Usage(
         prompt=usage["input_tokens"],
         reply=usage["output_tokens"],
-        cached=parts.get("cache_read") or 0,
+        cached=parts.get("cache_read"),
         written=parts.get("cache_creation") or short + written_1h,
         written_1h=written_1h,
         reasoning=usage.get("output_token_details", {}).get("reasoning") or 0,
-        cut=cut,
     )
+    return with_end(read, *_reasons(message))
 
 
 def usage_metadata_of(usage: Usage) -> UsageMetadata:
     """Return a player's usage as LangChain's."""
     details: Any = {  # the last is Anthropic's alone
-        "cache_read": usage.cached,
+        "cache_read": usage.cached or 0,
         "cache_creation": usage.written,
         "ephemeral_1h_input_tokens": usage.written_1h,
     }
@@ -151,11 +147,13 @@ def usage_metadata_of(usage: Usage) -> UsageMetadata:
     }
 
 
-def _is_cut(metadata: Mapping[str, Any]) -> bool:
-    """Whether a reply was ended at its length, wherever its provider says so."""
+def _reasons(message: AIMessage) -> Iterator[Any]:
+    """Why a reply ended, wherever its provider says so."""
+    metadata = message.response_metadata
     details = metadata.get("incomplete_details")  # of OpenAI's Responses
-    reasons = [details.get("reason") if isinstance(details, Mapping) else None, *map(metadata.get, ENDS)]
-    return any(isinstance(reason, str) and reason.lower() in AT_ITS_LENGTH for reason in reasons)
+    yield details.get("reason") if isinstance(details, Mapping) else None
+    yield from map(metadata.get, ENDS)
+    yield "refusal" if message.additional_kwargs.get("refusal") else None
 
 
 def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessage:

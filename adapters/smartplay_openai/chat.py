@@ -25,7 +25,7 @@ from smartplay_openai.thinking_parts import added, put_together, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end, with_pictures_below
-from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
+from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer, with_end
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import (
     MessageToolCall,
@@ -72,9 +72,6 @@ CALL_FIELDS = "chat_call_fields"
 OF_CALLS = {"id", "index", "type", "function"}
 """The fields of a call that have their own meaning."""
 
-AT_ITS_LENGTH = ("length", "model_length")
-"""The finish reasons of replies that were cut, the second at Mistral."""
-
 ROLES = ("system", "developer", "user", "assistant", "tool")
 
 
@@ -117,31 +114,32 @@ class ChatCompletions(Interface):
             reply = assistant_message(_received(message))
         except InvalidArgumentError as error:
             raise BrokenAnswerError(str(error), usage) from error
-        if ended in AT_ITS_LENGTH:
-            usage = (usage or Usage()).model_copy(update={"cut": 1})
+        usage = with_end(usage, ended, "refusal" if message.get("refusal") else None)
         return Reply(reply, usage, sampled_tokens(choice, sent.get("prompt_token_ids")))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the completion that consists of a stream's chunks."""
         message: dict[str, Any] = {"role": "assistant", "content": None}
         calls: list[tuple[int, dict[str, Any]]] = []
-        usage, finished = None, None
+        usage, finished, is_over = None, None, False
         for chunk in map(plain_answer, parts):
             usage = chunk.get("usage") or usage
-            # The chunk with the usage has no choices.
+            # The chunk with the usage has no choices, and comes after the reply.
+            is_over = is_over or bool(chunk.get("usage") and not chunk.get("choices"))
             for choice in _objects(chunk.get("choices")):
                 if choice.get("index"):
                     continue  # of several choices the first is the reply
                 usage = choice.get("usage") or usage  # Kimi has it here
-                if finished is None or choice.get("finish_reason") in ("error", *AT_ITS_LENGTH):
-                    finished = choice.get("finish_reason") or None
+                if finished in (None, "stop", "tool_calls"):  # of two reasons the one that says more
+                    finished = choice.get("finish_reason") or finished
                 for delta in _objects([choice.get("delta")]):
                     for part in _objects(delta.get("tool_calls")):
                         _add_call(calls, part)
                     _add_fields(message, delta)
         if calls:
             message["tool_calls"] = [call for _, call in sorted(calls, key=itemgetter(0))]
-        if not finished and not (calls and all(_is_whole(call) for _, call in calls)):
+        is_whole = bool(calls) and all(_is_whole(call) for _, call in calls)
+        if not (finished or is_over or is_whole):
             raise BrokenAnswerError("The stream ended before the reply did.", read_usage(usage, "prompt", "completion"))
         return {"choices": [{"message": message, "finish_reason": finished}], "usage": usage}
 
@@ -349,6 +347,6 @@ def _usage(usage: Usage) -> dict[str, Any]:
         "prompt_tokens": usage.prompt,
         "completion_tokens": usage.reply,
         "total_tokens": usage.prompt + usage.reply,
-        "prompt_tokens_details": {"cached_tokens": usage.cached, "cache_write_tokens": usage.written},
+        "prompt_tokens_details": {"cached_tokens": usage.cached or 0, "cache_write_tokens": usage.written},
         "completion_tokens_details": {"reasoning_tokens": usage.reasoning},
     }

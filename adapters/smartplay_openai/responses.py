@@ -20,7 +20,7 @@ from smartplay_openai.text_calls import read_usage
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end
-from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer
+from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer, with_end
 from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of, halves, shown, text_of
 from smartplay_tools.types.pictures import Picture
 
@@ -67,9 +67,7 @@ class Responses(Interface):
         except InvalidArgumentError as error:
             raise BrokenAnswerError(str(error), usage) from error
         why = sent.get("incomplete_details")
-        if isinstance(why, Mapping) and why.get("reason") == "max_output_tokens":
-            usage = (usage or Usage()).model_copy(update={"cut": 1})
-        return Reply(message, usage)
+        return Reply(message, with_end(usage, why.get("reason") if isinstance(why, Mapping) else None, *_parts(output)))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the response that ends a stream of events."""
@@ -128,7 +126,7 @@ class Responses(Interface):
             "store": False,
             "usage": {
                 "input_tokens": usage.prompt,
-                "input_tokens_details": {"cached_tokens": usage.cached, "cache_write_tokens": usage.written},
+                "input_tokens_details": {"cached_tokens": usage.cached or 0, "cache_write_tokens": usage.written},
                 "output_tokens": usage.reply,
                 "output_tokens_details": {"reasoning_tokens": usage.reasoning},
                 "total_tokens": usage.prompt + usage.reply,
@@ -167,6 +165,13 @@ def read_items(items: Iterable[Mapping[str, Any]]) -> Message:
     return assistant_message(
         {"role": "assistant", "content": _content(texts), "tool_calls": calls, "provider_items": kept}
     )
+
+
+def _parts(output: Iterable[Any]) -> Iterator[Any]:
+    """The types of the parts of an output's messages, of which one is a refusal."""
+    for item in output:
+        content = item.get("content") if isinstance(item, Mapping) and item.get("type") == "message" else None
+        yield from (part.get("type") for part in content or () if isinstance(part, Mapping))
 
 
 def _text_of(content: Any) -> str:

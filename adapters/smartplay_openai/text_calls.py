@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from smartplay_tools import InvalidArgumentError, Message, SampledTokens, Usage
-from smartplay_tools.players import count_in
+from smartplay_tools.players import count_in, reported_in
 from smartplay_tools.types.messages import function_call
 
 WordsAndCalls = tuple[str, list[tuple[str, str]]]
@@ -114,17 +114,25 @@ def _values(text: str, separator: str) -> Iterator[Any]:
         at += len(text[at:]) - len(text[at:].lstrip(f"{separator} \n\t"))
 
 
+READ = ("cached_tokens", "prompt_cache_hit_tokens", "cache_read_input_tokens", "num_cached_tokens")
+"""The names of the tokens read from a cache: OpenAI's and Kimi's, DeepSeek's, LiteLLM's, Mistral's."""
+
+WRITTEN = ("cache_write_tokens", "cache_creation_tokens", "cache_creation_input_tokens")
+"""The names of the tokens written to a cache: OpenAI's, and LiteLLM's two."""
+
+
 def read_usage(usage: Any, prompt: str, reply: str) -> Usage | None:
     """Return the provider's usage; `prompt` and `reply` are the interface's names, such as `input` and `output`."""
     if not isinstance(usage, Mapping):
         return None
-    parts = usage.get(f"{prompt}_tokens_details")
+    parts, drawn = usage.get(f"{prompt}_tokens_details"), usage.get(f"{reply}_tokens_details")
+    cached = [count for count in (reported_in(parts, *READ), reported_in(usage, *READ)) if count is not None]
     return Usage(
         prompt=count_in(usage, f"{prompt}_tokens"),
         reply=count_in(usage, f"{reply}_tokens"),
-        cached=count_in(parts, "cached_tokens"),
-        written=count_in(parts, "cache_write_tokens"),
-        reasoning=count_in(usage.get(f"{reply}_tokens_details"), "reasoning_tokens"),
+        cached=max(cached, default=None),
+        written=max(reported_in(parts, *WRITTEN) or 0, reported_in(usage, *WRITTEN) or 0),
+        reasoning=max(count_in(drawn, "reasoning_tokens"), count_in(usage, "reasoning_tokens")),
     )
 
 

@@ -163,7 +163,8 @@ class _EpisodeSpans:
         self._chat.set_attribute("gen_ai.usage.input_tokens", counted.prompt)
         self._chat.set_attribute("gen_ai.usage.output_tokens", counted.reply)
         if reported is not None:
-            self._chat.set_attribute("gen_ai.usage.cache_read.input_tokens", reported.cached)
+            if reported.cached is not None:
+                self._chat.set_attribute("gen_ai.usage.cache_read.input_tokens", reported.cached)
             self._chat.set_attribute("gen_ai.usage.cache_creation.input_tokens", reported.written)
             self._chat.set_attribute("gen_ai.usage.reasoning.output_tokens", reported.reasoning)
         if "reply" in usage:

@@ -355,7 +355,7 @@ class PlayerModel(FunctionModel):
             response.usage = RequestUsage(
                 input_tokens=usage.prompt,
                 output_tokens=usage.reply,
-                cache_read_tokens=usage.cached,
+                cache_read_tokens=usage.cached or 0,
                 cache_write_tokens=usage.written,
                 details={"reasoning_tokens": usage.reasoning},
             )

@@ -34,6 +34,7 @@ from pydantic_ai.tools import ToolDefinition
 from pydantic_ai.usage import RequestUsage
 
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec, Usage
+from smartplay_tools.players import with_end
 from smartplay_tools.types.messages import (
     SYSTEM,
     MessageToolCall,
@@ -153,8 +154,7 @@ def known_by(message: ModelMessage) -> tuple[str, str]:
 
 def usage_of(response: ModelResponse) -> Usage | None:
     """Return the usage of a response, and whether it was cut at its length; None if its provider said nothing."""
-    usage = read_usage(response.usage)
-    return (usage or Usage()).model_copy(update={"cut": 1}) if response.finish_reason == "length" else usage
+    return with_end(read_usage(response.usage), response.finish_reason)
 
 
 def read_usage(usage: RequestUsage) -> Usage | None:

@@ -25,6 +25,7 @@ from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Progress, SampledTokens, ToolResult, ToolSpec, Usage
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import Call, Message, head_messages, host_message, text_of
+from smartplay_tools.types.result import UNUSUAL_ENDS
 
 IDLE_REPLIES = 3
 """The number of replies in a row without a tool call that ends an episode."""
@@ -138,7 +139,7 @@ class ToolConversation(BaseConversation):
             self._results, self._edits = {}, {}
             self._idle_in_a_row = 0 if calls else self._idle_in_a_row + 1
             if not calls:
-                self._answer_idle_reply()
+                self._answer_idle_reply(reply.usage or {})
             return calls
 
     def _take_summary(self, pending: Pending, reply: CheckedReply) -> None:
@@ -302,8 +303,9 @@ class ToolConversation(BaseConversation):
         self._ledger.record(event)
         self._builder.add(message, position)
 
-    def _answer_idle_reply(self) -> None:
+    def _answer_idle_reply(self, usage: Mapping[str, Any]) -> None:
         self._add({"role": "user", "content": self.episode.words("idle")}, "library", None)
         if self._idle_in_a_row == IDLE_REPLIES:
-            self.episode.end("no_tool_call")
+            why = next((words for name, words in UNUSUAL_ENDS.items() if usage.get(name)), None)
+            self.episode.end("no_tool_call", detail=None if why is None else f"The last reply was {why}.")
         self._ledger.complete_turn()

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
         count_in as count_in,
         error_in as error_in,
         plain_answer as plain_answer,
+        reported_in as reported_in,
+        with_end as with_end,
     )
     from smartplay_tools.players.environment import (
         check_key as check_key,
@@ -42,7 +44,8 @@ if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.players.attempts": "BrokenAnswerError ModelCallError count_in error_in plain_answer",
+            "smartplay_tools.players.attempts": "BrokenAnswerError ModelCallError count_in error_in plain_answer "
+            "reported_in with_end",
             "smartplay_tools.players.environment": "check_key readable_proxies",
             "smartplay_tools.players.model": "ModelPlayer",
             "smartplay_tools.players.optional_fields": "OptionalFields",

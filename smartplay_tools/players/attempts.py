@@ -10,6 +10,7 @@ import math
 import random
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from email.utils import parsedate_to_datetime
 from typing import Any
 from urllib.parse import urlsplit
@@ -81,10 +82,41 @@ def error_in(answer: Mapping[str, Any], problem: str) -> str:
     return f"{problem}: {reason.rstrip('.')}." if reason and isinstance(reason, str) else f"{problem}."
 
 
+_ENDS: Mapping[str, str] = {
+    **dict.fromkeys(("length", "model_length", "max_tokens", "max_output_tokens"), "cut"),
+    "model_context_window_exceeded": "cut",
+    **dict.fromkeys(("refusal", "content_filter", "safety", "recitation", "prohibited_content"), "refused"),
+    "malformed_function_call": "broken_calls",
+    "pause_turn": "paused",
+}
+"""The count of `Usage` for each reason for which a reply ended, in small letters."""
+
+
+def with_end(usage: Usage | None, *reasons: Any) -> Usage | None:
+    """Return a usage that counts for which reasons its reply ended, wherever its provider says so.
+
+    Gemini's endpoint joins two in one text: "function_call_filter: MALFORMED_FUNCTION_CALL".
+    """
+    said = [part for reason in reasons if isinstance(reason, str) for part in reason.lower().split(": ")]
+    counts = dict.fromkeys((_ENDS[part] for part in said if part in _ENDS), 1)
+    return (usage or Usage()).model_copy(update=counts) if counts else usage
+
+
+def reported_in(counts: Any, *names: str) -> int | None:
+    """Return the largest number of tokens that a server's usage has under these names; None if it has none.
+
+    Some servers write a number as text.
+    """
+    reported: list[int] = []
+    for count in map(counts.get, names) if isinstance(counts, Mapping) else ():
+        with suppress(TypeError, ValueError, OverflowError):  # anything else, NaN, infinity
+            reported.append(int(float(count)))
+    return max(reported, default=None)
+
+
 def count_in(counts: Any, name: str) -> int:
     """Return a number of tokens from a server's usage; 0 for anything that is not a number."""
-    count = counts.get(name) if isinstance(counts, Mapping) else None
-    return int(count) if isinstance(count, int | float) and math.isfinite(count) else 0
+    return reported_in(counts, name) or 0
 
 
 class Attempts:

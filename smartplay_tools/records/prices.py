@@ -94,10 +94,10 @@ class Price:
 
     def cost(self, usage: Usage) -> float:
         """Return the cost of a usage in US dollars."""
-        prompt, write = usage.prompt, self.write or self.input
+        prompt, write, cached = usage.prompt, self.write or self.input, usage.cached or 0
         dollars = (
-            (prompt - usage.cached - usage.written) * _rate(self.input, prompt)
-            + usage.cached * _rate(self.cached, prompt)
+            (prompt - cached - usage.written) * _rate(self.input, prompt)
+            + cached * _rate(self.cached, prompt)
             + (usage.written - usage.written_1h) * _rate(write, prompt)
             + usage.written_1h * _rate(self.write_1h or write, prompt)
             + usage.reply * _rate(self.output, prompt)

@@ -318,13 +318,13 @@ class _Units:
         return self._partly[key]
 
     def replies(self) -> dict[Key, Unit]:
-        """Return the units of the replies, as they are shown again."""
+        """Return the units of the replies as they were said, which is mostly how they are shown again."""
         record = self._record
         edited = {call["turn"] for call in record.calls if call.get("host") == "edited"}
         sent = {event["turn"]: event for event in record.messages if event["by"] == "player"}
         replies: dict[Key, Unit] = {}
         for number, event in sent.items():
-            if record.is_paper or number in edited:
+            if record.is_paper or number in edited or record.turns[number].sent is not None:
                 ids = event.get("ids") or [call["id"] for call in calls_of(event["message"])]
                 replies[number, "play"] = self._of(with_ids(event["message"], ids))
             else:

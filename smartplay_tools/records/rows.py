@@ -25,6 +25,7 @@ from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
 from smartplay_tools.types import EpisodeResult, RecordedBudget, ResolvedBudget, Usage
+from smartplay_tools.types.result import UNUSUAL_ENDS
 
 __all__ = [
     "grouped",
@@ -145,6 +146,9 @@ def warnings(row: Row) -> list[str]:
         )
     if cut := (tokens["provider"] or {}).get("cut", 0):
         sentences.append(f"{cut} of {row['turns']} replies were cut at their length (finish_reason); {MORE_TOKENS}.")
+    for name, words in UNUSUAL_ENDS.items():
+        if count := (tokens["provider"] or {}).get(name, 0):
+            sentences.append(f"{count} of {row['turns']} replies were {words}.")
     return sentences
 
 
@@ -156,6 +160,9 @@ def is_unplayed(row: Row) -> bool:
 def _cause(row: Row) -> str:
     if row["turns"] and 2 * (row["tokens"]["provider"] or {}).get("cut", 0) > row["turns"]:
         return f"its replies were cut at their length before they called a tool; {MORE_TOKENS}"
+    for name, words in UNUSUAL_ENDS.items():
+        if row["turns"] and 2 * (row["tokens"]["provider"] or {}).get(name, 0) > row["turns"]:
+            return f"its replies were {words}"
     if row["turns"] and row["idle_replies"] == row["turns"]:
         return (
             "its replies contain no tool calls, so the server may pass them on as text (vLLM needs "

@@ -101,11 +101,14 @@ class Usage(Recorded):
     `cached`, read from its cache, and `written` to it are parts of `prompt`, `reasoning` is a part of `reply`.
     """
 
-    later: ClassVar[Mapping[str, Any]] = {"written": 0, "written_1h": 0, "cut": 0}
+    later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
+        ("written", "written_1h", "cut", "refused", "broken_calls", "paused"), 0
+    )
 
     prompt: int = 0
     reply: int = 0
-    cached: int = 0
+    cached: int | None = 0
+    """None if the provider does not say; then they cost as any other."""
     written: int = 0
     written_1h: int = 0
     """The part of `written` that is kept for an hour, where a provider reports it separately."""
@@ -114,6 +117,12 @@ class Usage(Recorded):
     """The attempts made for one reply, each of which is billed."""
     cut: int = 0
     """Replies that the provider cut at their length limit, by their `finish_reason`."""
+    refused: int = 0
+    """Replies that were refusals, or that a filter of the provider took away."""
+    broken_calls: int = 0
+    """Replies whose malformed call the provider kept to itself, as Gemini does."""
+    paused: int = 0
+    """Replies in the middle of which the provider paused, as Anthropic does in long turns."""
 
     @classmethod
     def reported(cls, event: Mapping[str, Any]) -> Usage | None:
@@ -124,8 +133,8 @@ class Usage(Recorded):
     @property
     def is_possible(self) -> bool:
         """Whether the numbers can be tokens: none is negative or beyond 10^12, and no part is larger than its whole."""
-        numbers = [getattr(self, name) for name in Usage.model_fields]
-        parts = self.cached + self.written <= self.prompt and self.written_1h <= self.written
+        numbers = [getattr(self, name) or 0 for name in Usage.model_fields]
+        parts = (self.cached or 0) + self.written <= self.prompt and self.written_1h <= self.written
         return parts and min(numbers) >= 0 and max(numbers) <= MOST_TOKENS
 
     @property
@@ -142,11 +151,23 @@ class Usage(Recorded):
             return self
         if reported.has_tokens and reported.is_possible:
             return reported
-        return self.model_copy(update={"requests": reported.requests, "cut": reported.cut})
+        return self.model_copy(update={name: getattr(reported, name) for name in ("requests", "cut", *UNUSUAL_ENDS)})
 
     def __add__(self, other: Usage) -> Usage:
-        return Usage(**{name: getattr(self, name) + getattr(other, name) for name in Usage.model_fields})
+        """Return the sum; what one of the two does not know is unknown, unless it has no tokens."""
+        counts = [name for name in Usage.model_fields if name != "cached"]
+        cached = [usage.cached for usage in (self, other) if usage.has_tokens]
+        known = [count for count in cached if count is not None]
+        total = {name: getattr(self, name) + getattr(other, name) for name in counts}
+        return Usage(**total, cached=sum(known) if len(known) == len(cached) else None)
 
+
+UNUSUAL_ENDS: Mapping[str, str] = {
+    "refused": "refused by the model or a filter of its provider",
+    "broken_calls": "kept back by the provider for a malformed call",
+    "paused": "paused by the provider",
+}
+"""The counts of a `Usage` that tell why a reply has no calls, in words."""
 
 CarriedStore = Literal["notes", "memory"]
 """What a trial of a run can leave to the next one: the agent's notes, or the files of its tool `memory`."""
@@ -263,7 +284,7 @@ class EpisodeResult(Recorded):
     error: str | None = None
     """The exception's type and message for an end whose name ends in `_error`; its traceback is in the transcript."""
     detail: str | None = None
-    """The host's name for the limit that ended the episode (`host`)."""
+    """The host's name for the limit that ended the episode (`host`); why no call came (`no_tool_call`), if known."""
     state_hash: str
     context: Literal["window", "host"]
     deviations: dict[str, Any]

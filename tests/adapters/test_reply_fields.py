@@ -118,7 +118,7 @@ def chunks(rng: random.Random, whole: dict[str, Any]) -> list[dict[str, Any]]:
         deltas.insert(rng.randrange(len(deltas)), rng.choice([None, {}, {"content": None, "tool_calls": None}]))
     sent = [{"choices": [{"index": 0, "delta": delta, "finish_reason": None}]} for delta in deltas]
     ends = [choice["finish_reason"]] * rng.choice([1, 1, 2])
-    if message.get("tool_calls") and rng.random() < 0.2:
+    if choice["finish_reason"] != "length" and rng.random() < 0.2:
         ends = []
     sent += [{"choices": [{"index": 0, "delta": rng.choice([{}, None]), "finish_reason": end}]} for end in ends]
     if rng.random() < 0.5 or not ends:

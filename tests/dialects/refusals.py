@@ -67,7 +67,7 @@ def name_or_id(turns: Turns, body: Json, given: Given, *, place: int, shape: str
     """Ids (place 0) or names (place 1) of calls of another shape."""
     said = [call[place] or "" for turn in turns for call in turn.calls]
     wrong = [text for text in said if not re.fullmatch(shape, text)]
-    return (400, words.format(it=wrong[0])) if wrong else None
+    return (400, words.replace("{it}", wrong[0])) if wrong else None
 
 
 def repeated_ids(turns: Turns, body: Json, given: Given, *, words: str) -> Refusal:

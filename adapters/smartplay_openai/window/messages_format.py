@@ -128,9 +128,9 @@ class MessagesFormat(HostFormat):
             "stop_reason": "tool_use" if calls else "end_turn",
             "stop_sequence": None,
             "usage": {
-                "input_tokens": usage.prompt - usage.cached - usage.written,
+                "input_tokens": usage.prompt - (usage.cached or 0) - usage.written,
                 "cache_creation_input_tokens": usage.written,
-                "cache_read_input_tokens": usage.cached,
+                "cache_read_input_tokens": usage.cached or 0,
                 "output_tokens": usage.reply,
             },
         }

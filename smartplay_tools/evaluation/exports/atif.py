@@ -96,7 +96,8 @@ def _reply(turn: Turn, usage: Mapping[str, Any], view: Mapping[str, Any]) -> dic
     if usage:
         step["metrics"] = {"prompt_tokens": usage["prompt"], "completion_tokens": usage["reply"]}
         if (reported := Usage.reported(usage)) is not None:
-            step["metrics"]["cached_tokens"] = reported.cached
+            if reported.cached is not None:
+                step["metrics"]["cached_tokens"] = reported.cached
             step["metrics"]["extra"] = {"provider": usage["provider"]}
     shown = {name: view[name] for name in ("tokens", "turns", "masked", "shown_steps", "sha256") if name in view}
     step["extra"] = {"smartplay": {"turn": turn.number, "prompt": shown}}

@@ -1,0 +1,117 @@
+"""What servers report beside a reply: tokens under every provider's name, and why the reply ended."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import smartplay_openai as so
+from smartplay_anthropic.codec import reply as anthropic_reply
+
+import smartplay_tools as sp
+from smartplay_tools.records.prices import Price
+from smartplay_tools.records.rows import warnings
+from tests.evaluation.runs import play_row
+
+
+def chat(usage: Any = None, finish: str = "stop", **message: Any) -> sp.Reply:
+    said = {"role": "assistant", "content": None, **message}
+    return so.chat_reply({"choices": [{"message": said, "finish_reason": finish}], "usage": usage})
+
+
+COUNTS = {"prompt_tokens": 100, "completion_tokens": 5}
+
+
+@pytest.mark.parametrize(
+    ("reported", "cached", "written"),
+    [
+        ({}, None, 0),
+        ({"prompt_tokens_details": None}, None, 0),
+        ({"prompt_tokens_details": {"cached_tokens": None}}, None, 0),
+        ({"prompt_tokens_details": {"cached_tokens": 0}}, 0, 0),
+        ({"prompt_tokens_details": {"cached_tokens": "80"}}, 80, 0),
+        ({"prompt_cache_hit_tokens": 80, "prompt_cache_miss_tokens": 20}, 80, 0),
+        ({"cached_tokens": 80}, 80, 0),
+        ({"num_cached_tokens": 80}, 80, 0),
+        ({"cache_read_input_tokens": 80, "cache_creation_input_tokens": 10}, 80, 10),
+        ({"prompt_tokens_details": {"cached_tokens": 80, "cache_creation_tokens": 10}}, 80, 10),
+        ({"prompt_tokens_details": {"cached_tokens": "many"}}, None, 0),
+    ],
+)
+def test_cached_tokens_are_read_under_every_name_and_unknown_is_not_nothing(reported, cached, written):
+    usage = chat({**COUNTS, **reported}).usage
+    assert (usage.prompt, usage.reply, usage.cached, usage.written) == (100, 5, cached, written)
+
+
+def test_numbers_may_be_texts():
+    usage = chat({"prompt_tokens": "100", "completion_tokens": "5", "total_tokens": "105"}).usage
+    assert (usage.prompt, usage.reply) == (100, 5)
+
+
+def test_a_sum_with_an_unknown_part_is_unknown_and_costs_as_if_nothing_was_cached():
+    known, unknown = sp.Usage(prompt=100, cached=80), sp.Usage(prompt=100, cached=None)
+    assert (known + known).cached == 160
+    assert (known + unknown).cached is (unknown + known).cached is None
+    assert (sp.Usage(requests=1) + unknown + sp.Usage(requests=1)).cached is None
+    assert (sp.Usage(requests=1) + known).cached == 80
+    price = Price.per_million(2, 8, cached=0.2)
+    assert price.cost(unknown) == price.cost(sp.Usage(prompt=100)) > price.cost(known)
+    assert sp.Usage(**unknown.model_dump()) == unknown
+
+
+def blocks(reason: str) -> sp.Reply:
+    text = [{"type": "text", "text": "No."}]
+    return anthropic_reply({"content": text, "stop_reason": reason, "usage": {"input_tokens": 9, "output_tokens": 4}})
+
+
+def items(status: str = "completed", reason: str | None = None, kind: str = "output_text") -> sp.Reply:
+    part = {"type": kind, "refusal" if kind == "refusal" else "text": "No."}
+    output = [{"type": "message", "role": "assistant", "content": [part]}]
+    return so.responses_reply({"status": status, "incomplete_details": reason and {"reason": reason}, "output": output})
+
+
+@pytest.mark.parametrize(
+    ("reply", "count"),
+    [
+        (chat(finish="length"), "cut"),
+        (chat(finish="content_filter"), "refused"),
+        (chat(refusal="No."), "refused"),
+        (chat(finish="content_filter: SAFETY"), "refused"),
+        (chat(finish="function_call_filter: MALFORMED_FUNCTION_CALL"), "broken_calls"),
+        (chat(finish="MALFORMED_FUNCTION_CALL"), "broken_calls"),
+        (blocks("refusal"), "refused"),
+        (blocks("pause_turn"), "paused"),
+        (blocks("max_tokens"), "cut"),
+        (items(kind="refusal"), "refused"),
+        (items("incomplete", "content_filter"), "refused"),
+        (items("incomplete", "max_output_tokens"), "cut"),
+    ],
+)
+def test_why_a_reply_ended_is_counted(reply, count):
+    ends = ("cut", "refused", "broken_calls", "paused")
+    assert {name: getattr(reply.usage, name) for name in ends} == dict.fromkeys(ends, 0) | {count: 1}
+
+
+class Refusing:
+    """A player whose model refuses to play."""
+
+    name = "refusing"
+
+    def reply(self, prompt: sp.Prompt) -> sp.Reply:
+        return chat(COUNTS, refusal="No.")
+
+
+def test_an_episode_that_ends_in_refusals_says_so():
+    """In its result, in the warnings of its row, and again in a replay."""
+    events: list[Any] = []
+    with sp.Episode("RockPaperScissorBasic-v0", seed=1, transcript=events) as episode:
+        result = sp.play(episode, Refusing())
+    assert (result.end_reason, result.tokens.provider.refused) == ("no_tool_call", 3)
+    assert result.detail == "The last reply was refused by the model or a filter of its provider."
+    assert sp.replay(events).identical
+
+
+def test_the_table_names_the_refusals():
+    unplayed, count = warnings(play_row("RockPaperScissorBasic-v0", Refusing()))
+    assert "its replies were refused by the model or a filter of its provider" in unplayed
+    assert count == "3 of 3 replies were refused by the model or a filter of its provider."
