@@ -8,6 +8,7 @@ import re
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.records import Record
 from smartplay_tools.types import Budget, EpisodeResult
 from tests import scripts
@@ -39,7 +40,8 @@ def steps_in(text):
 def later():
     """A conversation whose next prompt shows the observations 5 and 6 of six."""
     conversation = begin()
-    for hand in ("Rock", "Paper", " Scissor ", "1", "Paper.", "Rock"):
+    number = 1 if Wording.of(VERSION).takes_numbers else "1"
+    for hand in ("Rock", "Paper", " Scissor ", number, "Paper.", "Rock"):
         conversation.receive(calling(("act", json.dumps({"action": hand}))))
     return conversation
 

@@ -14,6 +14,7 @@ A runner manages the context, so the episode needs `context="host"`. The model g
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 from collections.abc import Mapping
@@ -29,6 +30,9 @@ from smartplay_anthropic import codec
 from smartplay_tools import Episode, InvalidArgumentError, Prompt, Reply, ToolResult, ToolSpec, schema
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.players import BrokenAnswerError, ModelPlayer, OptionalFields, check_key, readable_proxies
+
+_transport = importlib.import_module(anthropic.DefaultHttpxClient.__mro__[1].__module__)
+"""The HTTP library of the client, whose default client uses the environment's proxies whatever it is told."""
 
 LONGEST_CONNECT = 10.0
 """Seconds that a server may take to accept a connection, however long its answers may take."""
@@ -110,7 +114,7 @@ class AnthropicPlayer(ModelPlayer):
     def new_client(self) -> anthropic.Anthropic:
         """Return a synchronous client."""
         with readable_proxies():
-            http_client = anthropic.DefaultHttpxClient(**self._http)
+            http_client = _transport.Client(**self._http) if self._http else anthropic.DefaultHttpxClient()
         return anthropic.Anthropic(**self._settings, http_client=http_client)
 
     def check_ready(self) -> None:
@@ -121,7 +125,7 @@ class AnthropicPlayer(ModelPlayer):
     def new_async_client(self) -> anthropic.AsyncAnthropic:
         """Return a client for one event loop."""
         with readable_proxies():
-            http_client = anthropic.DefaultAsyncHttpxClient(**self._http)
+            http_client = _transport.AsyncClient(**self._http) if self._http else anthropic.DefaultAsyncHttpxClient()
         return anthropic.AsyncAnthropic(**self._settings, http_client=http_client)
 
     def send(self, client: anthropic.Anthropic, request: dict[str, Any]) -> Reply:

@@ -102,6 +102,11 @@ class LangChainPlayer(ModelPlayer):
         with readable_proxies():
             return read_reply(await model.ainvoke(messages))
 
+    def check_ready(self) -> None:
+        """Raise an `InvalidArgumentError` if the model's client cannot be made; Anthropic's is made when it is used."""
+        with readable_proxies():
+            getattr(self._model, "_client", None)
+
     def failed(self, error: Exception) -> bool:
         """Whether the provider refused or the connection failed: LangChain passes on the client's own errors."""
         kinds = {

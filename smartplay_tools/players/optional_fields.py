@@ -24,7 +24,7 @@ log = logging.getLogger("smartplay_tools.players")
 OPTIONAL = ("include", "parallel_tool_calls", "prompt_cache_key", "store", "stream_options")
 """Fields of a request that it may do without."""
 
-OPTIONAL_INSIDE = ("cache_control", "prompt_cache_breakpoint", "strict")
+OPTIONAL_INSIDE = ("cache_control", "prompt_cache_breakpoint")
 """The same inside of its messages and tools."""
 
 LIMITS = {"max_tokens": "max_completion_tokens", "max_completion_tokens": "max_tokens"}

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, Protocol
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.transcript.file import comparable
 from tests import checker
@@ -143,7 +144,7 @@ BASIC: Script = [
     calling(("observe", {})),
     calling(act(WAY[0]), ("observe", {}), act(WAY[1]), act(WAY[2])),
     calling(("act", {"action": "Fly"})),
-    calling(("act", {"action": 3}), ("act", {"actoin": "Rock"}), ("act", {"action": "1", "now": True}), say="Oops."),
+    calling(("act", {"action": True}), ("act", {"actoin": "Rock"}), ("act", {"action": "1", "now": True}), say="Oops."),
     calling(("observe", {"deep": {"list": [1, "ä", None]}})),
     calling(("jump", {"how": "high"}), ("observe", {})),
     with_one_id(calling(*map(act, WAY[3:5]))),
@@ -151,6 +152,18 @@ BASIC: Script = [
     calling(*map(act, WAY[5:]), act(WAY[0])),
 ]
 """Every kind of call; the last act comes after the end."""
+
+TAKES_NUMBERS = Wording.of(VERSION).takes_numbers
+"""Whether new episodes take an action's number as a number."""
+
+NO_NUMBERS = [True, 1.0, 1.5, None]
+"""What stands where an action belongs, and is neither text nor a whole number."""
+
+NUMBERS: Script = [
+    *(calling(("act", {"action": sent})) for sent in (*NO_NUMBERS, 0, 99, -1)),
+    *(calling(("act", {"action": sent})) for sent in (2, "1", 6, 2, 3, "4.", 2)),
+]
+"""An action's number as a number and as a text; the last seven calls solve the game."""
 
 IDLE: Script = [calling(("observe", {})), calling(say="Let me think."), *BASIC[2:]]
 """A script with a reply without calls."""
@@ -274,6 +287,19 @@ def judge_end(row: Window, budget: str) -> None:
     result = judge(row, BASIC, BUDGETS[budget])
     assert result.end_reason == ENDS.get(budget, "terminated")
     assert result.refused_calls == (budget not in ENDS), "the last act comes after the end"
+
+
+def judge_numbers(row: Window) -> None:
+    """An action's number may be a number, which is recorded as it was said; booleans and fractions are mistakes."""
+    if not TAKES_NUMBERS:
+        pytest.skip("under version 1 of the prompts a number is a mistake")
+    check_numbers(judge(row, NUMBERS, BUDGETS["free"]))
+
+
+def check_numbers(result: sp.EpisodeResult) -> None:
+    """Check the result of an episode that was played with `NUMBERS`."""
+    assert (result.end_reason, result.score) == ("terminated", 3)
+    assert (result.malformed_calls, result.illegal_actions, result.steps) == (len(NO_NUMBERS), 3, 7)
 
 
 def judge_summaries(row: Window) -> None:
@@ -421,6 +447,9 @@ class WindowConformance:
     def test_the_tools_of_memory(self):
         judge_memory(self.row)
 
+    def test_numbers_of_actions(self):
+        judge_numbers(self.row)
+
     def test_words_without_a_call(self):
         judge(self.row, IDLE, BUDGETS["tight"])
 
@@ -487,14 +516,16 @@ def is_of_the_game(name: str, arguments: Any) -> bool:
 
 
 async def judge_hosts(row: Host, folder: Path) -> None:
-    """Play two episodes, a call of one after a call of the other, and each once more without the adapter."""
+    """Play three episodes, their calls in turn, and each once more without the adapter."""
     plays = {7: calls_of(BASIC), 8: calls_of(IDLE)}
+    if TAKES_NUMBERS:
+        plays[9] = [*calls_of(NUMBERS), ("observe", {})]
     carried = {seed: [call for call in calls if row.carries(*call)] for seed, calls in plays.items()}
     shown: dict[int, list[tuple[str, bool | None]]] = {seed: [] for seed in plays}
     async with row.open([*plays], folder) as senders:
         send = dict(zip(plays, senders, strict=True))
-        for pair in zip_longest(*carried.values()):
-            for seed, call in zip(carried, pair, strict=True):
+        for calls in zip_longest(*carried.values()):
+            for seed, call in zip(carried, calls, strict=True):
                 if call is not None:
                     shown[seed].append(await send[seed](*call))
     records = [sp.read_transcript(path) for path in folder.glob("*.jsonl")]
@@ -512,3 +543,7 @@ async def judge_hosts(row: Host, folder: Path) -> None:
         assert end["result"] == expected_episode.result.model_dump()
         assert end["result"]["end_reason"] == "terminated"
         assert expected[-1].is_error, "the last call comes after the end"
+        if seed == 9:
+            check_numbers(expected_episode.result)
+            said = [event["arguments"] for event in by_seed[seed] if event["event"] == "call"]
+            assert said == [json.dumps(arguments) for _, arguments in calls[:-1]]

@@ -41,6 +41,11 @@ def test_the_tools_of_memory(row):
 
 
 @pytest.mark.parametrize("row", ROWS)
+def test_numbers_of_actions(row):
+    conformance.judge_numbers(WINDOW[row])
+
+
+@pytest.mark.parametrize("row", ROWS)
 def test_words_without_a_call(row):
     conformance.judge(WINDOW[row], IDLE, BUDGETS["tight"])
 

@@ -86,7 +86,7 @@ def test_the_page_shows_the_prompt_of_a_model_and_the_record_is_that_of_a_player
     assert first["budget_bars"][0]["share"] == pytest.approx(sum_of_prompt(first) / 900)
     page.answer(tool="read_manual")
     page.answer(tool="act", action="1", say="left first")
-    over = page.answer(tool="act", action="2")
+    over = page.answer(tool="act", action=2)
     assert (over["state"], over["over"]["end_reason"]) == ("over", "tool_calls")
     (row,) = RunFolder(play.folder.path).rows()
     assert (row["player"], row["steps"], row["seed"]) == ("human", 2, episode.seed)
@@ -141,6 +141,9 @@ def test_what_is_no_answer_is_refused_and_not_played(playing):
         ({"number": number, "tool": "jump"}, "one of its tools"),
         ({"number": number, "tool": "act"}, "lacks action"),
         ({"number": number, "tool": "act", "action": "99"}, "not an action of this game"),
+        ({"number": number, "tool": "act", "action": 99}, "not an action of this game"),
+        ({"number": number, "tool": "act", "action": True}, "lacks action"),
+        ({"number": number, "tool": "act", "action": 1.0}, "lacks action"),
         ({"number": number, "tool": "act", "action": "1", "say": 5}, "lacks say"),
         ({"number": number, "tool": "take_notes"}, "lacks text"),
         ({"number": number, "tool": "recall", "arguments": "1"}, "lacks arguments, an object, for recall"),

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 
 import pytest
 
@@ -53,18 +51,7 @@ def test_other_keys_are_sent_as_they_are(player, key):
     sp.get_player(player, base_url="http://127.0.0.1:9/v1", api_key=key).check_ready()
 
 
-PROGRAM = """
-import sys
-import smartplay_tools as sp
-try:
-    with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
-        player = sp.get_player(sys.argv[1], base_url="http://model.invalid/v1", api_key="k", retries=0)
-        print(sp.play(episode, player).error)
-except sp.InvalidArgumentError as error:
-    print("InvalidArgumentError:", error)
-"""
-
-
+@pytest.mark.filterwarnings("ignore")  # a client that could not be made complains when it is collected
 @pytest.mark.parametrize("player", PLAYERS)
 @pytest.mark.parametrize(
     ("name", "value"),
@@ -75,14 +62,18 @@ except sp.InvalidArgumentError as error:
         ("HTTP_PROXY", "htp://user:password@host"),
     ],
 )
-def test_a_proxy_that_a_client_cannot_read_is_named_and_not_printed(player, name, value):
-    """Clients differ in what they can read; what they cannot is never their own error."""
-    others = {key: kept for key, kept in os.environ.items() if not key.lower().endswith("_proxy")}
-    command = [sys.executable, "-c", PROGRAM, player]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**others, name: value})
-    (said,) = done.stdout.splitlines()
-    if "Error: No reply from the model" not in said or "ConnectError" not in said:
-        assert f"InvalidArgumentError: The client of this model cannot read the proxies of the environment, {name}" in (
-            said
-        ) or "Connection error" in said
-    assert "password" not in done.stdout + done.stderr
+def test_a_proxy_that_a_client_cannot_read_is_named_and_not_printed(player, name, value, monkeypatch):
+    for other in os.environ:
+        if other.lower().endswith("_proxy"):
+            monkeypatch.delenv(other)
+    monkeypatch.setenv(name, value)
+    if name == "NO_PROXY" and "openai" in player:  # its client can read them
+        sp.get_player(player, base_url="http://model.invalid/v1", api_key="k").check_ready()
+        return
+    with pytest.raises(sp.InvalidArgumentError, match=f"cannot read the proxies of the environment, {name}") as refused:
+        # LangChain keeps the clients of an address.
+        sp.get_player(player, base_url=f"http://{name.lower()}.invalid/v1", api_key="k").check_ready()
+    assert "password" not in str(refused.value)
+    # A server on this machine is asked without a proxy.
+    if "langchain" not in player:
+        sp.get_player(player, base_url="http://127.0.0.1:9/v1", api_key="k").check_ready()
