@@ -25,6 +25,8 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import ToolResult, ToolSpec
 from smartplay_tools.types.messages import Message, text_of, words_of
 
+__all__ = ["HostChat", "HostHistory", "check_names"]
+
 log = logging.getLogger("smartplay_tools.conversation")
 
 

@@ -189,9 +189,9 @@ class _Stream(StreamingResponse):
         try:
             answer = self._answer.result()
         except Exception as error:
-            is_refusal = isinstance(error, RequestError)
-            yield event_text(self._form.failure(error if is_refusal else unexpected(error)))
-            if not is_refusal:
+            told = error if isinstance(error, RequestError) else unexpected(error)
+            yield event_text(self._form.failure(told))
+            if told is not error:
                 raise
             return
         for event in self._form.stream(answer, self._body):

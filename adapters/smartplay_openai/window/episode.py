@@ -140,7 +140,7 @@ class WindowEpisode:
             if self._turn is not None:
                 await self._finish_turn()
             if self._is_resumed:
-                self._latest, self._is_resumed = self._of_record(tools), False
+                self._latest, self._is_resumed = self._of_record(tools, one_call=request.one_call), False
             if self._failure is not None:
                 raise self._failure
             if (latest := self._latest) is not None:
@@ -329,13 +329,13 @@ class WindowEpisode:
         foreign = {tool.name: tools.foreign_names.get(tool.name) for tool in session.foreign_tools}
         return PendingReply.of(turn, usage, own=tools.names, foreign=foreign, call_id=self._call_id, one_call=one_call)
 
-    def _of_record(self, tools: HostTools) -> PendingReply | None:
+    def _of_record(self, tools: HostTools, *, one_call: bool = False) -> PendingReply | None:
         """Return the latest reply of a session that continues from its record, if the host was sent it."""
         session = self._chat.session
         if session is None or session.latest_turn is None:
             return None
         usage = self._counted(session.latest_turn.assistant)
-        pending = self._pending(session.latest_turn, usage, tools)
+        pending = self._pending(session.latest_turn, usage, tools, one_call=one_call)
         self._sent |= {slot.host_id for slot in pending.sent}
         return pending if pending.sent else None
 

@@ -198,13 +198,9 @@ FALSE_ANYWAY = {"background", "logprobs", "store"}
 
 def fields_of(body: Mapping[str, Any], used: set[str]) -> list[str]:
     """Return the names of a request's fields that have no effect."""
-    choice = body.get("tool_choice")
-    if (choice.get("type") if isinstance(choice, Mapping) else choice) in ("auto", "none"):
-        used = {*used, "tool_choice"}
-    unused = {
-        name for name, value in body.items() if value is not None and (value is not False or name not in FALSE_ANYWAY)
-    }
-    return sorted(unused - used - {"model", "stream"})
+    said = {name for name, value in body.items() if value is not None}
+    said -= {name for name in FALSE_ANYWAY if body.get(name) is False}
+    return sorted(said - used - {"model", "stream"})
 
 
 CHAT_FORMAT = ChatFormat()
