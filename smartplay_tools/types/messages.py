@@ -442,6 +442,14 @@ def encodable(value: Any) -> Any:
     return copy[0]
 
 
+def sendable(message: Message) -> Message:
+    """Return a copy of a message as requests can hold it: without half characters, its tools by accepted names."""
+    copy: Message = encodable(message)
+    for call in calls_of(copy):
+        call["function"]["name"] = accepted_name(call["function"]["name"])
+    return copy
+
+
 def accepted_name(name: str, longest: int = 64) -> str:
     """Return the name of a tool as providers accept it in requests; the record keeps the name that a model invented."""
     return _REFUSED.sub("_", name)[:longest] or "_"

@@ -55,7 +55,11 @@ def plainer(said: Said, without: Collection[str]) -> Said:
 def _plainer(arguments: str, without: Collection[str]) -> str:
     if "broken" in without:
         return "{}"
-    return arguments[:-1] if arguments and "values" in without and parsed(arguments, constants=True) is not ValueError else arguments
+    return (
+        arguments[:-1]
+        if arguments and "values" in without and parsed(arguments, constants=True) is not ValueError
+        else arguments
+    )
 
 
 def is_object(arguments: Any) -> bool:
