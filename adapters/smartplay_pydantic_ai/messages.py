@@ -173,9 +173,14 @@ def read_usage(usage: RequestUsage) -> Usage | None:
 
 
 def with_calls(response: ModelResponse, message: Message) -> ModelResponse:
-    """Return a response whose calls have the ids, the names and the arguments of those in a message."""
+    """Return a response whose calls have the ids, the names and the arguments of those in a message.
+
+    One that has nothing but thoughts, which providers refuse, has the words of the message after them.
+    """
     new = iter(calls_of(message))
     parts = [_with_call(part, next(new)) if isinstance(part, ToolCallPart) else part for part in response.parts]
+    if (text := text_of(message)) and all(isinstance(part, ThinkingPart) for part in parts):
+        parts.append(TextPart(text))
     return replace(response, parts=parts)
 
 
