@@ -175,8 +175,8 @@ def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessa
             valid.append(ToolCall(name=name, args=arguments, id=call["id"], type="tool_call"))
     item = kept_item(message, ITEM) or {}
     kept = {"content": text, **item.get("message", {})}
-    sent = zip(item.get("calls", ()), message.get("tool_calls", ()), strict=False)
-    kept["content"] = _with_calls(kept["content"], sent)
+    pairs = zip(item.get("calls", ()), message.get("tool_calls", ()), strict=False)
+    kept["content"] = _with_calls(kept["content"], pairs)
     return AIMessage(**kept, tool_calls=valid, invalid_tool_calls=invalid)
 
 

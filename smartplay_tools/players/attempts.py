@@ -108,9 +108,9 @@ def reported_in(counts: Any, *names: str) -> int | None:
     Some servers write a number as text.
     """
     reported: list[int] = []
-    for count in map(counts.get, names) if isinstance(counts, Mapping) else ():
+    for name in names if isinstance(counts, Mapping) else ():
         with suppress(TypeError, ValueError, OverflowError):  # anything else, NaN, infinity
-            reported.append(int(float(count)))
+            reported.append(int(float(counts.get(name))))
     return max(reported, default=None)
 
 
