@@ -63,3 +63,6 @@ MIXED = [
     act(6),
 ]
 """Everything that may happen in one game: every reply that plays nothing, a number as an action, and the solution."""
+
+SHORT = [HOSTILE["broken JSON"], act(0), HOSTILE["nothing"], ODD["empty arguments"], *(act(at) for at in range(1, 7))]
+"""The solution with three replies in between that servers do not take back as they were said."""
